@@ -4,18 +4,18 @@
 mod certificates;
 mod index;
 mod linearisation;
-mod memory;
 mod passivity;
 mod reduction;
 mod reversal;
 mod uniqueness;
+mod volterra;
 
 pub use certificates::Certificates;
 pub use index::{Index, index};
 pub use linearisation::Linearisation;
-pub use memory::analyse_memory;
 pub use reversal::Reversal;
 pub use uniqueness::{Uniqueness, uniqueness};
+pub use volterra::analyse_memory;
 
 use problem::{Dvi, FaceEquations, Mass};
 use reversal::reversal;

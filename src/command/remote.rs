@@ -65,18 +65,18 @@ const GLANCE: Duration = Duration::from_millis(500);
 const MOST: usize = 16 << 20;
 
 /// Why there is no result.
-enum Trouble {
+enum RemoteError {
     /// The service could not be reached or broke off.
     Lost(String),
     /// It says no.
-    Refused(Refusal),
+    Refused(ProblemDetails),
     /// Standard output does not take the result.
     Unwritable(io::Error),
 }
 
 /// What of a problem (RFC 9457) is told.
 #[derive(Deserialize)]
-struct Refusal {
+struct ProblemDetails {
     title: String,
     detail: String,
     #[serde(default)]
@@ -118,19 +118,19 @@ pub fn run(
             eprint!("{}", status.verdict.as_ref().map(verdict::lines).unwrap_or_default());
             verdict::exit_code(reached_end, status.verdict.as_ref())
         }
-        Err(Trouble::Refused(refusal)) if !refusal.errors.is_empty() => {
+        Err(RemoteError::Refused(refusal)) if !refusal.errors.is_empty() => {
             eprint!("{}", report(file, &refusal.errors));
             ExitCode::from(BAD_SPECIFICATION)
         }
-        Err(Trouble::Refused(refusal)) => {
+        Err(RemoteError::Refused(refusal)) => {
             eprintln!("dvi: {}: {}: {}", server.authority, refusal.title, refusal.detail);
             ExitCode::from(UNANSWERED)
         }
-        Err(Trouble::Lost(why)) => {
+        Err(RemoteError::Lost(why)) => {
             eprintln!("dvi: {}: {why}", server.authority);
             ExitCode::from(UNANSWERED)
         }
-        Err(Trouble::Unwritable(error)) => {
+        Err(RemoteError::Unwritable(error)) => {
             eprintln!("dvi: cannot write the result: {error}");
             ExitCode::from(UNWRITABLE)
         }
@@ -148,13 +148,13 @@ impl Server {
         specification: Vec<u8>,
         media_type: &'static str,
         output: Option<&Path>,
-    ) -> Result<Status, Trouble> {
+    ) -> Result<Status, RemoteError> {
         let request = Request::builder()
             .header(header::CONTENT_TYPE, "application/json")
             .header(header::ACCEPT, media_type)
             .header("prefer", MOMENT);
         let (status, headers, body) = self.send(request, Method::POST, "/solve", Body::from(specification)).await?;
-        let job = job_of(&headers).ok_or_else(|| Trouble::Lost("the answer names no job".to_owned()))?;
+        let job = job_of(&headers).ok_or_else(|| RemoteError::Lost("the answer names no job".to_owned()))?;
         if status != StatusCode::ACCEPTED {
             // Before the result, while the service is sure to know it.
             let ended = self.status(&job).await?;
@@ -169,7 +169,7 @@ impl Server {
     }
 
     /// Waits for the end of a job.
-    async fn follow(&self, job: &str) -> Result<Status, Trouble> {
+    async fn follow(&self, job: &str) -> Result<Status, RemoteError> {
         let mut interrupted = pin!(ctrl_c());
         let mut cancelled = false;
         let drawn = io::stderr().is_terminal();
@@ -195,7 +195,7 @@ impl Server {
         }
     }
 
-    async fn status(&self, job: &str) -> Result<Status, Trouble> {
+    async fn status(&self, job: &str) -> Result<Status, RemoteError> {
         let (.., body) = self.send(Request::builder(), Method::GET, job, Body::empty()).await?;
         read(body).await
     }
@@ -207,7 +207,7 @@ impl Server {
         method: Method,
         path: &str,
         body: Body,
-    ) -> Result<(StatusCode, HeaderMap, Incoming), Trouble> {
+    ) -> Result<(StatusCode, HeaderMap, Incoming), RemoteError> {
         let stream = TcpStream::connect(&self.address).await.map_err(lost)?;
         let (mut sender, connection) = handshake(TokioIo::new(stream)).await.map_err(lost)?;
         tokio::spawn(connection);
@@ -225,17 +225,17 @@ impl Server {
         if parts.status.is_success() {
             return Ok((parts.status, parts.headers, body));
         }
-        let refusal = read(body).await.unwrap_or_else(|_| Refusal {
+        let refusal = read(body).await.unwrap_or_else(|_| ProblemDetails {
             title: parts.status.to_string(),
             detail: "the answer does not say why".to_owned(),
             errors: Vec::new(),
         });
-        Err(Trouble::Refused(refusal))
+        Err(RemoteError::Refused(refusal))
     }
 }
 
-fn lost(error: impl std::fmt::Display) -> Trouble {
-    Trouble::Lost(error.to_string())
+fn lost(error: impl std::fmt::Display) -> RemoteError {
+    RemoteError::Lost(error.to_string())
 }
 
 /// The path of the job, from `Location` or the link that monitors it.
@@ -245,24 +245,24 @@ fn job_of(headers: &HeaderMap) -> Option<String> {
     text(header::LOCATION).or_else(link).map(str::to_owned)
 }
 
-async fn read<T: for<'a> Deserialize<'a>>(body: Incoming) -> Result<T, Trouble> {
+async fn read<T: for<'a> Deserialize<'a>>(body: Incoming) -> Result<T, RemoteError> {
     let bytes = to_bytes(Body::new(body), MOST).await.map_err(lost)?;
     serde_json::from_slice(&bytes).map_err(lost)
 }
 
 /// Passes a result on to standard output.
-async fn write(mut body: Incoming, output: Option<&Path>) -> Result<(), Trouble> {
-    let mut out = destination(output).map_err(Trouble::Unwritable)?;
+async fn write(mut body: Incoming, output: Option<&Path>) -> Result<(), RemoteError> {
+    let mut out = destination(output).map_err(RemoteError::Unwritable)?;
     while let Some(frame) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
         let frame = frame.map_err(lost)?;
         let Some(data) = frame.data_ref() else { continue };
         match out.write_all(data) {
             // The reader has seen enough, as `head` does.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
-            written => written.map_err(Trouble::Unwritable)?,
+            written => written.map_err(RemoteError::Unwritable)?,
         }
     }
-    out.flush().map_err(Trouble::Unwritable)
+    out.flush().map_err(RemoteError::Unwritable)
 }
 
 #[cfg(test)]

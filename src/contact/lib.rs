@@ -5,26 +5,26 @@
 //! - [`law`]: impact and friction of all contacts of one step at once, in contact coordinates. It knows neither `M` nor
 //!   where contacts come from.
 //! - [`energy`]: where the energy of a step goes.
-//! - [`Located`]: smooth motion by Radau IIA from impact to impact, a [`Leg`] for each mode.
+//! - [`EventDriven`]: smooth motion by Radau IIA from impact to impact, a [`SmoothPhase`] for each mode.
 //! - [`islands`]: contacts that share no moving body are solved apart.
 //! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: one after the other.
 
+mod active_contacts;
+mod contact_event;
 mod delassus;
 mod elapsed;
 pub mod energy;
-mod happening;
 pub mod islands;
 pub mod law;
 mod locate;
-mod near;
 mod settings;
 mod time_stepping;
 mod velocity_step;
 mod violations;
 
+pub use contact_event::ContactEvent;
 pub use elapsed::Elapsed;
-pub use happening::Happening;
-pub use locate::{Flights, Grazed, Leg, Located, Passed, Screening};
+pub use locate::{EventDriven, Grazed, ModeEvaluators, Passed, Screening, SmoothPhase};
 pub use settings::{ContactError, ImpactLaw, Settings};
 pub use time_stepping::TimeStepping;
 pub use velocity_step::{Contacted, Forces, State, VelocityStep, Work};

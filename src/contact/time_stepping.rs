@@ -1,13 +1,13 @@
 //! Time stepping over impacts (Moreau 1988; Stewart and Trinkle 1996): steps of one size, none of which is cut at an
 //! impact, so that any number of them, even infinitely many, costs nothing. First order.
 
+use super::contact_event::ContactEvent;
 use super::energy::Energy;
-use super::happening::Happening;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, State, VelocityStep};
 use super::violations::Violations;
 use nalgebra::Vector3;
-use problem::{Control, Mechanical};
+use problem::{Control, EventKind, Mechanical};
 
 /// A run of steps of one size.
 pub struct TimeStepping<'p> {
@@ -26,7 +26,7 @@ pub struct TimeStepping<'p> {
     /// Where it had gone where the last step began.
     pub energy_before: Energy,
     /// What happened in the last step.
-    pub happenings: Vec<Happening>,
+    pub new_events: Vec<ContactEvent>,
     /// Steps made.
     pub accepted: u64,
     /// How far joints and gaps were off.
@@ -77,7 +77,7 @@ impl<'p> TimeStepping<'p> {
             impulses_before: vec![Vector3::zeros(); contacts],
             energy: Energy::new(energies.kinetic, energies.potential),
             energy_before: Energy::new(energies.kinetic, energies.potential),
-            happenings: Vec::new(),
+            new_events: Vec::new(),
             accepted: 0,
             touching: vec![Touch::Open; contacts],
             before: None,
@@ -157,7 +157,7 @@ impl<'p> TimeStepping<'p> {
 
     /// Notes which contacts were struck, let go, stuck or slipped: what is told must be more than rounding.
     fn look(&mut self, h: f64) {
-        self.happenings.clear();
+        self.new_events.clear();
         let State { t, q, v } = &self.state;
         let (t, step) = (*t, &self.step);
         let (contacted, constraints) = (&step.contacted, &step.constraints);
@@ -176,22 +176,24 @@ impl<'p> TimeStepping<'p> {
                 Touch::Struck { steps, slips } if !apart => Touch::Struck { steps: steps + 1, slips },
                 _ => Touch::Open,
             };
-            let happening = match (*touch, now) {
+            let event = match (*touch, now) {
                 (Touch::Open, Touch::Struck { .. })
                     if is_more(-contacted.before[k].x, constraints.terms(normal, v)) =>
                 {
-                    Some(Happening::Impact { t, contact: k })
+                    Some(ContactEvent { t, kind: EventKind::Impact, contact: k })
                 }
-                (Touch::Struck { steps, .. }, Touch::Open) if steps > 1 => Some(Happening::LiftOff { t, contact: k }),
+                (Touch::Struck { steps, .. }, Touch::Open) if steps > 1 => {
+                    Some(ContactEvent { t, kind: EventKind::LiftOff, contact: k })
+                }
                 (Touch::Struck { slips: true, .. }, Touch::Struck { slips: false, .. }) => {
-                    Some(Happening::Stick { t, contact: k })
+                    Some(ContactEvent { t, kind: EventKind::Stick, contact: k })
                 }
                 (Touch::Struck { slips: false, .. }, Touch::Struck { slips: true, .. }) => {
-                    Some(Happening::Slip { t, contact: k })
+                    Some(ContactEvent { t, kind: EventKind::Slip, contact: k })
                 }
                 _ => None,
             };
-            self.happenings.extend(happening);
+            self.new_events.extend(event);
             *touch = now;
         }
     }

@@ -16,9 +16,9 @@ mod probe;
 pub use contacted::Contacted;
 pub use probe::Probed;
 
+use super::active_contacts::{ActiveContacts, rows};
 use super::delassus::{Delassus, dot};
 use super::law::{Law, Report, sequential};
-use super::near::{Near, rows};
 use super::settings::{ContactError, ImpactLaw};
 use nalgebra::{DMatrix, Vector3};
 use problem::{Constraints, Control, Mechanical, MechanicalStructure};
@@ -49,7 +49,7 @@ pub enum Forces {
 /// Gaps below this fraction of the largest terms that they had are closed at an event: several contacts close at once. So
 /// are those below this fraction of what tolerances leave open of their coordinates, where bodies rest at zero; and
 /// velocities below this fraction of what they leave open of those are none.
-const CLOSED: f64 = 1e-10;
+const GAP_TOL: f64 = 1e-10;
 const OPEN: f64 = 1e-3;
 
 /// What rounding leaves of a joint or a gap, as a fraction of the largest terms that it had.
@@ -222,7 +222,7 @@ impl<'p> VelocityStep<'p> {
 
     /// The gap below which a contact, or a joint, is closed at an event.
     pub(super) fn closed(&self, row: usize) -> f64 {
-        CLOSED * self.sizes[row] + OPEN * self.open[row]
+        GAP_TOL * self.sizes[row] + OPEN * self.open[row]
     }
 
     /// What rounding leaves of a joint or a gap.
@@ -332,7 +332,8 @@ impl<'p> VelocityStep<'p> {
             near.extend(joined);
             near.sort_unstable();
             let lost = ContactError::Singular { t: state.t };
-            let scene = Near::new(&self.structure, &self.constraints, &mut self.delassus, &near).ok_or(lost)?;
+            let scene =
+                ActiveContacts::new(&self.structure, &self.constraints, &mut self.delassus, &near).ok_or(lost)?;
             let mut r: Vec<Vector3<f64>> = near.iter().map(|&k| start[k]).collect();
             let mut before = scene.velocities(&self.structure, &self.constraints, &state.v);
             let mut without = scene.velocities(&self.structure, &self.constraints, &free);

@@ -23,5 +23,5 @@ pub mod stepper;
 pub mod weights;
 
 pub use kernel::{Function, Kernel, Term};
-pub use segments::{Place, SegmentSettings, Segments, Switch};
+pub use segments::{Activity, SegmentSettings, Segments, Switch};
 pub use stepper::{Convolution, Settings, StepError};

@@ -1,5 +1,6 @@
 //! Names in a text, and calls of functions and tables with their arguments.
 
+use super::discontinuous::{Discontinuous, OutOfRange};
 use super::error::ExpressionError;
 use super::function::{Function, synonym};
 use super::grammar::{
@@ -8,7 +9,6 @@ use super::grammar::{
 use super::graph::Node;
 use super::remedies;
 use super::scope::{PI, Scope, WORDS, excerpt, nearest};
-use super::stepped::{OutOfRange, Stepped};
 use super::table::Table;
 use super::vectors;
 use std::f64::consts;
@@ -126,11 +126,11 @@ fn call(input: &mut Input, start: usize, name: &str, function: Function) -> Resu
         let message = format!("`{name}` takes {}, found {}", function.arity(), nodes.len());
         let error = ExpressionError::new("wrong_arity", start, message);
         return Err(failure(match function {
-            Function::Stepped(stepped) => error.expected(stepped.usage()),
+            Function::Discontinuous(stepped) => error.expected(stepped.usage()),
             _ => error,
         }));
     }
-    if let Function::Stepped(stepped) = function {
+    if let Function::Discontinuous(stepped) = function {
         check_stepped(input, start, name, stepped, &arguments)?;
     }
     keep(input, start, |graph| function.apply(graph, &nodes))
@@ -159,10 +159,10 @@ fn check_stepped(
     input: &mut Input,
     start: usize,
     name: &str,
-    stepped: Stepped,
+    stepped: Discontinuous,
     arguments: &[Read],
 ) -> Result<(), Failure> {
-    if stepped == Stepped::If {
+    if stepped == Discontinuous::If {
         // What is compared was refused already if it jumps with an unknown.
         return conditions("if", [arguments[0]]).map(|_| ());
     }

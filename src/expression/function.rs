@@ -1,8 +1,8 @@
 //! The functions of the language by name.
 
+use super::discontinuous::Discontinuous;
 use super::graph::{Graph, Node};
 use super::operator::Operator;
-use super::stepped::Stepped;
 
 /// How a function makes a term of its arguments.
 #[derive(Clone, Copy, Debug)]
@@ -14,7 +14,7 @@ pub(super) enum Function {
     /// `min` or `max` of two or more arguments.
     Extremum(Operator),
     /// One that jumps, of time and parameters.
-    Stepped(Stepped),
+    Discontinuous(Discontinuous),
 }
 
 const FUNCTIONS: [(&str, Function); 30] = [
@@ -39,15 +39,15 @@ const FUNCTIONS: [(&str, Function); 30] = [
     ("max", Function::Extremum(Operator::Max)),
     ("heaviside", Function::Unary(Operator::Heaviside)),
     ("pow", Function::Power),
-    ("floor", Function::Stepped(Stepped::Floor)),
-    ("ceil", Function::Stepped(Stepped::Ceil)),
-    ("round", Function::Stepped(Stepped::Round)),
-    ("mod", Function::Stepped(Stepped::Modulo)),
-    ("if", Function::Stepped(Stepped::If)),
-    ("pwm", Function::Stepped(Stepped::Pwm)),
-    ("sawtooth", Function::Stepped(Stepped::Sawtooth)),
-    ("triangle", Function::Stepped(Stepped::Triangle)),
-    ("pulse", Function::Stepped(Stepped::Pulse)),
+    ("floor", Function::Discontinuous(Discontinuous::Floor)),
+    ("ceil", Function::Discontinuous(Discontinuous::Ceil)),
+    ("round", Function::Discontinuous(Discontinuous::Round)),
+    ("mod", Function::Discontinuous(Discontinuous::Modulo)),
+    ("if", Function::Discontinuous(Discontinuous::If)),
+    ("pwm", Function::Discontinuous(Discontinuous::Pwm)),
+    ("sawtooth", Function::Discontinuous(Discontinuous::Sawtooth)),
+    ("triangle", Function::Discontinuous(Discontinuous::Triangle)),
+    ("pulse", Function::Discontinuous(Discontinuous::Pulse)),
 ];
 
 /// What other languages call a function, and what is written here.
@@ -105,7 +105,7 @@ impl Function {
     /// Whether its name cannot be one of the user's. Those that jump came later: a name before a parenthesis is theirs, and
     /// else the user's.
     pub(super) fn is_reserved(self) -> bool {
-        !matches!(self, Self::Stepped(_))
+        !matches!(self, Self::Discontinuous(_))
     }
 
     /// The number of arguments, in words.
@@ -114,7 +114,7 @@ impl Function {
             Self::Unary(_) => "one argument",
             Self::Binary(_) | Self::Power => "two arguments",
             Self::Extremum(_) => "two or more arguments",
-            Self::Stepped(stepped) => stepped.arity().0,
+            Self::Discontinuous(stepped) => stepped.arity().0,
         }
     }
 
@@ -124,7 +124,7 @@ impl Function {
             Self::Unary(_) => arguments == 1,
             Self::Binary(_) | Self::Power => arguments == 2,
             Self::Extremum(_) => arguments >= 2,
-            Self::Stepped(stepped) => arguments == stepped.arity().1,
+            Self::Discontinuous(stepped) => arguments == stepped.arity().1,
         }
     }
 
@@ -138,7 +138,7 @@ impl Function {
             Self::Extremum(operator) => {
                 arguments[1..].iter().fold(a, |extremum, &b| graph.extremum(operator, extremum, b))
             }
-            Self::Stepped(stepped) => stepped.apply(graph, arguments),
+            Self::Discontinuous(stepped) => stepped.apply(graph, arguments),
         }
     }
 }

@@ -25,7 +25,7 @@ pub struct Pace {
 
 /// What is known of a term.
 #[derive(Clone, Copy)]
-struct Course {
+struct Variation {
     /// The degree of its polynomials.
     degree: u32,
     /// Its pace; `None` stands for zero.
@@ -61,12 +61,12 @@ impl Graph {
     fn pace(&mut self, nodes: &[Node]) -> Option<Option<Node>> {
         let mut terms = self.terms_below(nodes);
         terms.sort_unstable();
-        let mut courses: FxHashMap<Node, Course> = FxHashMap::default();
+        let mut courses: FxHashMap<Node, Variation> = FxHashMap::default();
         // Operands stand before the terms that use them.
         for node in terms {
             let course = match (self.terms[node.place()], self.operation(node)) {
-                (Term::Input(0), _) => Some(Course { degree: 1, pace: None }),
-                (_, None) => Some(Course { degree: 0, pace: None }),
+                (Term::Input(0), _) => Some(Variation { degree: 1, pace: None }),
+                (_, None) => Some(Variation { degree: 0, pace: None }),
                 (_, Some(operation)) => self.course(operation, &courses),
             };
             if let Some(course) = course {
@@ -81,15 +81,19 @@ impl Graph {
         Some(fastest)
     }
 
-    fn course(&mut self, (operator, a, b): (Operator, Node, Node), known: &FxHashMap<Node, Course>) -> Option<Course> {
+    fn course(
+        &mut self,
+        (operator, a, b): (Operator, Node, Node),
+        known: &FxHashMap<Node, Variation>,
+    ) -> Option<Variation> {
         let of_a = *known.get(&a)?;
-        let of_b = if operator.is_unary() { Course { degree: 0, pace: None } } else { *known.get(&b)? };
-        let is_still = |course: Course| course.degree == 0 && course.pace.is_none();
+        let of_b = if operator.is_unary() { Variation { degree: 0, pace: None } } else { *known.get(&b)? };
+        let is_still = |course: Variation| course.degree == 0 && course.pace.is_none();
         match operator {
             Operator::Negate | Operator::Expanded => Some(of_a),
             Operator::Add | Operator::Subtract => {
                 let degree = of_a.degree.max(of_b.degree);
-                Some(Course { degree, pace: self.faster(of_a.pace, of_b.pace) })
+                Some(Variation { degree, pace: self.faster(of_a.pace, of_b.pace) })
             }
             Operator::Multiply => {
                 let degree = of_a.degree.saturating_add(of_b.degree);
@@ -97,7 +101,7 @@ impl Graph {
                     (Some(a), Some(b)) => Some(self.add(a, b)),
                     (a, b) => a.or(b),
                 };
-                Some(Course { degree, pace })
+                Some(Variation { degree, pace })
             }
             Operator::Divide if is_still(of_b) => Some(of_a),
             Operator::Sin | Operator::Cos | Operator::Exp if of_a.degree == 1 && of_a.pace.is_none() => {
@@ -105,7 +109,7 @@ impl Graph {
                 let (_, slope) = gradient.into_iter().find(|(input, _)| *input == 0)?;
                 // Known once parameters are.
                 let is_fixed = self.inputs(slope).is_empty();
-                is_fixed.then(|| Course { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
+                is_fixed.then(|| Variation { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
             }
             // Breaks in time alone, the one where an argument of first degree is zero, or all where it is a whole number:
             // steps end there.
@@ -120,12 +124,12 @@ impl Graph {
                 if self.inputs_of(&[a, b]) == [0] && of_a.degree.max(of_b.degree) == 1 =>
             {
                 let is_smooth = of_a.pace.or(of_b.pace).is_none();
-                is_smooth.then_some(Course { degree: 1, pace: None })
+                is_smooth.then_some(Variation { degree: 1, pace: None })
             }
             Operator::Lookup if self.inputs(a) == [0] && of_a.degree == 1 && of_a.pace.is_none() => {
-                Some(Course { degree: self.table_of(operator, b)?.degree(), pace: None })
+                Some(Variation { degree: self.table_of(operator, b)?.degree(), pace: None })
             }
-            _ => (is_still(of_a) && is_still(of_b)).then_some(Course { degree: 0, pace: None }),
+            _ => (is_still(of_a) && is_still(of_b)).then_some(Variation { degree: 0, pace: None }),
         }
     }
 

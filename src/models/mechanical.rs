@@ -37,7 +37,7 @@ pub struct MechanicalRows {
 
 /// A row that could not be differentiated.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Underivable {
+pub enum DifferentiationError {
     /// `M`, `V` or `Q`.
     Dynamics(ExpressionError),
     /// A joint.
@@ -151,15 +151,15 @@ impl SymbolicMechanics {
     ///
     /// # Errors
     /// The first part whose derivative passes the bounds of `graph`.
-    pub fn new(graph: &mut Graph, rows: &MechanicalRows) -> Result<Self, Underivable> {
+    pub fn new(graph: &mut Graph, rows: &MechanicalRows) -> Result<Self, DifferentiationError> {
         let n = rows.forces.len();
         let inputs = Inputs { n };
         let wide = 1 + 2 * n;
         let momenta = momenta(graph, &rows.mass, n);
-        let forces = lagrange(graph, rows, &momenta).map_err(Underivable::Dynamics)?;
+        let forces = lagrange(graph, rows, &momenta).map_err(DifferentiationError::Dynamics)?;
         let mut stiffness = Vec::new();
         for (i, &f) in forces.iter().enumerate() {
-            let by = derivatives(graph, f, wide).map_err(Underivable::Dynamics)?;
+            let by = derivatives(graph, f, wide).map_err(DifferentiationError::Dynamics)?;
             stiffness.extend((0..2 * n).map(|j| ((i, j), by[1 + j])));
         }
 
@@ -168,8 +168,8 @@ impl SymbolicMechanics {
         let holonomic = rows.joints.iter().map(|&node| (node, true)).chain(rows.gaps.iter().map(|&node| (node, false)));
         for (row, (node, is_joint)) in holonomic.enumerate() {
             let refuse = |error| match is_joint {
-                true => Underivable::Joint(row, error),
-                false => Underivable::Gap(row - rows.joints.len(), error),
+                true => DifferentiationError::Joint(row, error),
+                false => DifferentiationError::Gap(row - rows.joints.len(), error),
             };
             let by = derivatives(graph, node, wide).map_err(refuse)?;
             velocities.push(along(graph, &by, n));
@@ -178,7 +178,7 @@ impl SymbolicMechanics {
         }
         for (k, &node) in rows.slips.iter().enumerate() {
             let row = velocities.len();
-            let by = derivatives(graph, node, wide).map_err(|error| Underivable::Slip(k, error))?;
+            let by = derivatives(graph, node, wide).map_err(|error| DifferentiationError::Slip(k, error))?;
             let mut still = node;
             for j in 0..n {
                 let v = graph.input(inputs.v(j));
@@ -190,7 +190,7 @@ impl SymbolicMechanics {
             jacobian.extend((0..n).map(|j| ((j, row), by[inputs.v(j)])));
         }
 
-        let lost = Underivable::Dynamics;
+        let lost = DifferentiationError::Dynamics;
         let mut bias = Vec::new();
         let mut sensitivity = Vec::new();
         let rate = |graph: &mut Graph, u: Node| -> Result<(Node, Node, Vec<Node>), ExpressionError> {

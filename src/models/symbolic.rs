@@ -39,7 +39,7 @@ impl Rows {
 
 /// Why rows are no differential variational inequality.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Refusal {
+pub enum LoweringError {
     /// The derivative of a rate by a variable depends on the variables.
     #[error("rate {rate} is not affine in variable {variable}")]
     NotAffine {
@@ -89,7 +89,7 @@ struct Gradients {
 }
 
 impl Gradients {
-    fn new(graph: &mut Graph, rows: &Rows) -> Result<Self, Vec<Refusal>> {
+    fn new(graph: &mut Graph, rows: &Rows) -> Result<Self, Vec<LoweringError>> {
         let (n, m) = (rows.rates.len(), rows.inequality.len());
         let bounds = rows.moving.iter().map(|&(_, node)| node);
         let outputs: Vec<Node> = rows.rates.iter().chain(&rows.inequality).copied().chain(bounds).collect();
@@ -101,7 +101,7 @@ impl Gradients {
             let gradient = match graph.gradient(output) {
                 Ok(gradient) => gradient,
                 Err(error) => {
-                    refusals.push(Refusal::Derivative { row, error });
+                    refusals.push(LoweringError::Derivative { row, error });
                     continue;
                 }
             };
@@ -113,7 +113,7 @@ impl Gradients {
                     continue;
                 };
                 if row < n && column >= n && graph.inputs(derivative).iter().any(|&input| input > n) {
-                    refusals.push(Refusal::NotAffine { rate: row, variable: column - n });
+                    refusals.push(LoweringError::NotAffine { rate: row, variable: column - n });
                 }
                 if !graph.vanishes(derivative) {
                     pattern.push((row, column));
@@ -169,7 +169,7 @@ impl Equations {
     ///
     /// # Errors
     /// Every rate that is not affine in the variables, and every row whose derivative passes the bounds of `graph`.
-    pub fn new(graph: &mut Graph, rows: Rows) -> Result<Self, Vec<Refusal>> {
+    pub fn new(graph: &mut Graph, rows: Rows) -> Result<Self, Vec<LoweringError>> {
         let gradients = Gradients::new(graph, &rows)?;
         if let Some(affine) = gradients.affine(graph, &rows)
             && let Ok(linear) = Linear::new(graph, affine)

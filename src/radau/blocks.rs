@@ -1,6 +1,6 @@
 //! The equations of the blocks of `K` on their faces, as rows of a [`System`].
 
-use super::face::Place;
+use super::face::Activity;
 use super::newton_control::NewtonControl;
 use super::system::System;
 use problem::{Face, FaceEquations, Shape};
@@ -38,7 +38,7 @@ impl System<'_> {
 
     /// Has the equations of each cone on its boundary solved for `G` instead of `z`, or the other way round; whether there
     /// is one.
-    pub fn turn_cones(&mut self) -> bool {
+    pub fn swap_primal_dual_form(&mut self) -> bool {
         let mut turned = false;
         for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
             if let (Shape::SecondOrderCone, Face::Boundary(form)) = (&block.shape, face) {
@@ -68,7 +68,7 @@ impl System<'_> {
     }
 
     /// Has each sphere solved for a member that is far from zero at `y`; whether that changed anything.
-    pub fn turn_spheres(&mut self, y: &[f64]) -> bool {
+    pub fn repivot_spheres(&mut self, y: &[f64]) -> bool {
         let mut turned = false;
         for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
             if let (Shape::Ball { .. }, Face::Boundary(pivot)) = (&block.shape, face) {
@@ -92,8 +92,8 @@ impl System<'_> {
     /// Whether the face has an equation for variable `k` that is more than the bound it rests on, or what is given.
     pub fn has_equation(&self, k: usize) -> bool {
         match self.face.places[k] {
-            Place::Inside => true,
-            Place::Held => false,
+            Activity::Inactive => true,
+            Activity::Fixed => false,
             _ => self.set.block_of(k).is_some(),
         }
     }

@@ -16,7 +16,7 @@
 //! The ends of steps satisfy it. Between them the collocation polynomial does not, and no error estimate sees that: a state
 //! that constraints determine has no error at the stages, whatever the step.
 
-use super::face::{ActiveFace, Place};
+use super::face::{ActiveFace, Activity};
 use super::layout::Storage;
 use super::newton_control::NewtonControl;
 use super::system::System;
@@ -176,7 +176,9 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     let mut of_free = DMatrix::<f64>::zeros(rows.len(), columns);
     let mut of_states = DMatrix::<f64>::zeros(rows.len(), n);
     let mut rates = DMatrix::<f64>::zeros(n, columns);
-    let rests = |j: usize| j >= n && matches!(system.face.places[j - n], Place::Lower | Place::Upper | Place::Held);
+    let rests = |j: usize| {
+        j >= n && matches!(system.face.places[j - n], Activity::AtLower | Activity::AtUpper | Activity::Fixed)
+    };
     system.visit_derivatives(&system.face, |i, j, _, value| {
         match (place[i], free[j]) {
             (usize::MAX, usize::MAX) => {}

@@ -10,28 +10,28 @@ use problem::{self, ConvexSet, Face, Shape};
 
 /// Where one variable stands in its interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum Activity {
     /// `z = l`, and `G >= 0`.
-    Lower,
+    AtLower,
     /// `z = u`, and `G <= 0`.
-    Upper,
+    AtUpper,
     /// `l <= z <= u`, and `G = 0`.
-    Inside,
+    Inactive,
     /// `z` is given from outside the stage equations.
-    Held,
+    Fixed,
     /// On the boundary of a block, where it may still move: on so many rows of a polyhedron; positive, in a simplex.
     Boundary(usize),
     /// At a vertex of a block, or zero in a simplex.
     Vertex,
 }
 
-impl Place {
+impl Activity {
     /// How many equations hold the variable; one that is given has the most.
     pub fn equations(self) -> usize {
         match self {
-            Self::Lower | Self::Upper | Self::Held | Self::Vertex => usize::MAX,
+            Self::AtLower | Self::AtUpper | Self::Fixed | Self::Vertex => usize::MAX,
             Self::Boundary(count) => count,
-            Self::Inside => 0,
+            Self::Inactive => 0,
         }
     }
 }
@@ -40,7 +40,7 @@ impl Place {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ActiveFace {
     /// A place a variable.
-    pub places: Vec<Place>,
+    pub places: Vec<Activity>,
     /// A face a block.
     pub blocks: Vec<Face>,
 }
@@ -51,17 +51,17 @@ impl ActiveFace {
         let block = &set.blocks()[b];
         for (i, &k) in block.members.iter().enumerate() {
             self.places[k] = match (&face, &block.shape) {
-                (Face::Interior, _) => Place::Inside,
-                (Face::Vertex, _) => Place::Vertex,
-                (Face::Boundary(_), _) => Place::Boundary(1),
-                (Face::Edge(zeros), Shape::Simplex) if zeros.contains(&i) => Place::Vertex,
+                (Face::Interior, _) => Activity::Inactive,
+                (Face::Vertex, _) => Activity::Vertex,
+                (Face::Boundary(_), _) => Activity::Boundary(1),
+                (Face::Edge(zeros), Shape::Simplex) if zeros.contains(&i) => Activity::Vertex,
                 (Face::Edge(rows), Shape::Polyhedron(polyhedron)) => {
                     match rows.iter().filter(|&&row| polyhedron.normal(row)[i] != 0.0).count() {
-                        0 => Place::Inside,
-                        count => Place::Boundary(count),
+                        0 => Activity::Inactive,
+                        count => Activity::Boundary(count),
                     }
                 }
-                (Face::Edge(_), _) => Place::Boundary(1),
+                (Face::Edge(_), _) => Activity::Boundary(1),
             };
         }
         self.blocks[b] = face;
@@ -91,18 +91,18 @@ impl ActiveFace {
 
     /// Whether the members of a block are given from outside.
     pub fn holds(&self, members: &[usize]) -> bool {
-        members.first().is_some_and(|&k| self.places[k] == Place::Held)
+        members.first().is_some_and(|&k| self.places[k] == Activity::Fixed)
     }
 }
 
 /// The place of a variable of which `z` solves `VI([l, u], G)` with value `g`.
-pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Place {
+pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Activity {
     if z - g <= set.lower[k] {
-        Place::Lower
+        Activity::AtLower
     } else if z - g >= set.upper[k] {
-        Place::Upper
+        Activity::AtUpper
     } else {
-        Place::Inside
+        Activity::Inactive
     }
 }
 
@@ -155,12 +155,12 @@ fn of_place(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -
     let (z, g) = (y[system.states + k], system.values[system.states + k]);
     let finite = |distance: f64| Some(distance).filter(|distance| distance.is_finite());
     let (values, noise) = match system.face.places[k] {
-        Place::Lower => ([Some(g), None], control.noise_of_g(system, k, y)),
-        Place::Upper => ([Some(-g), None], control.noise_of_g(system, k, y)),
-        Place::Inside => {
+        Activity::AtLower => ([Some(g), None], control.noise_of_g(system, k, y)),
+        Activity::AtUpper => ([Some(-g), None], control.noise_of_g(system, k, y)),
+        Activity::Inactive => {
             ([finite(z - system.set.lower[k]), finite(system.set.upper[k] - z)], control.noise_of_z(system, k, y))
         }
-        Place::Held | Place::Boundary(_) | Place::Vertex => ([None; 2], 0.0),
+        Activity::Fixed | Activity::Boundary(_) | Activity::Vertex => ([None; 2], 0.0),
     };
     values.into_iter().flatten().map(move |value| Monitor { value, noise })
 }
@@ -171,7 +171,7 @@ pub fn monitors(system: &mut System<'_>, control: &NewtonControl, y: &[f64], out
     for &k in &system.intervals {
         out.extend(of_place(system, control, k, y));
         let width = system.set.upper[k] - system.set.lower[k];
-        if width.is_finite() && matches!(system.face.places[k], Place::Lower | Place::Upper) {
+        if width.is_finite() && matches!(system.face.places[k], Activity::AtLower | Activity::AtUpper) {
             out.push(Monitor { value: width, noise: control.noise_of_width(system, k, y) });
         }
     }

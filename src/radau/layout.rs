@@ -1,7 +1,7 @@
 //! Where the entries of `diag(M, 0)` and `-Phi_y` stand in memory: column after column where the system is small or
 //! full, else by the union of both patterns, which holds for every face and is analysed once.
 
-use super::memory::check_memory;
+use super::footprint::check_memory;
 use super::settings::StepError;
 use factorisation::Analysis;
 use faer::sparse::{Pair, SymbolicSparseColMat};

@@ -12,7 +12,7 @@ use super::stepper::Radau;
 use super::switches::{Switching, turned};
 
 /// Where a violated monitor changes sign.
-pub(super) enum Located {
+pub(super) enum EventTime {
     /// At the end of a step of size `h`, whose stages are solved, with what screening found before it.
     At { h: f64, between: Between },
     /// At the beginning of the step: the face there is changed, and the step should be tried again.
@@ -38,9 +38,9 @@ const APART: f64 = 1e-7;
 impl Radau<'_> {
     /// Finds where the first violated monitor of the present step, of size `h`, changes sign; `dip` is a fraction of the
     /// step at which one is violated though at no stage.
-    pub(super) fn locate(&mut self, h: f64, mut dip: Option<f64>) -> Result<Located, StepError> {
+    pub(super) fn locate(&mut self, h: f64, mut dip: Option<f64>) -> Result<EventTime, StepError> {
         if !self.switching.locates() {
-            return Ok(Located::Nowhere);
+            return Ok(EventTime::Nowhere);
         }
         let mut size = h;
         let (mut solves, mut rounds) = (0, 0);
@@ -55,7 +55,9 @@ impl Radau<'_> {
             } else if crossing.theta * size <= least {
                 0.0
             } else {
-                let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else { return Ok(Located::Nowhere) };
+                let Some(end) = self.solve_for_end(&crossing, size, &mut solves)? else {
+                    return Ok(EventTime::Nowhere);
+                };
                 end
             };
             if end <= least {
@@ -64,12 +66,12 @@ impl Radau<'_> {
                     || self.choose_face_beyond_noise(size);
                 self.switching.record(self.clock.t, &self.system.set, &self.system.face, &[]);
                 self.restart();
-                return Ok(if changed { Located::Now } else { Located::Nowhere });
+                return Ok(if changed { EventTime::Now } else { EventTime::Nowhere });
             }
             size = end;
             rounds += 1;
             if rounds == ROUNDS {
-                return Ok(Located::Nowhere);
+                return Ok(EventTime::Nowhere);
             }
             if dip.is_some() {
                 solves = solves.min(1);
@@ -84,16 +86,16 @@ impl Radau<'_> {
                     dip = Some(theta * size / h);
                 }
                 Between::ProvenUpTo(theta) if self.settings.step.is_none() => {
-                    return Ok(Located::Behind(theta * size / h));
+                    return Ok(EventTime::Behind(theta * size / h));
                 }
                 between => {
                     self.switching.remember(&self.system.face);
                     self.switching.pending = true;
-                    return Ok(Located::At { h: size, between });
+                    return Ok(EventTime::At { h: size, between });
                 }
             }
         }
-        Ok(Located::Nowhere)
+        Ok(EventTime::Nowhere)
     }
 
     /// Solves the step again with its size as the unknown, so that one monitor is zero at its end; the size, or `None`

@@ -2,7 +2,7 @@
 //! than what Newton's method lets pass. Then nothing that a step might do wrong is seen by any test of it, and where a solution
 //! ends, as one whose force grows beyond all bounds does, a run could go on over the end with steps as short as that.
 
-use super::settings::{Cause, StepError};
+use super::settings::{RejectionCause, StepError};
 use super::stepper::Radau;
 
 /// A step that is shorter than this part of what was tried was cut.
@@ -15,13 +15,13 @@ const MOST: u32 = 256;
 #[derive(Debug, Default)]
 pub(super) struct Progress {
     count: u32,
-    cause: Option<Cause>,
+    cause: Option<RejectionCause>,
     was_rejected: bool,
 }
 
 impl Progress {
     /// Takes a rejection into account.
-    pub(super) fn rejected(&mut self, cause: Cause) {
+    pub(super) fn rejected(&mut self, cause: RejectionCause) {
         self.cause = Some(cause);
         self.was_rejected = true;
     }
@@ -42,7 +42,7 @@ impl Radau<'_> {
         if self.progress.count < MOST {
             return Ok(());
         }
-        let cause = self.progress.cause.unwrap_or(Cause::Slow);
+        let cause = self.progress.cause.unwrap_or(RejectionCause::Slow);
         self.check_evaluation()?;
         self.check_contradiction(cause)?;
         Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause })

@@ -7,7 +7,7 @@
 //! have kept their face; twice as many each time. Where that does not end them either, and at their pace the end would take
 //! millions of steps, the run fails: what follows is not determined to the tolerance.
 
-use super::face::Place;
+use super::face::Activity;
 use super::settings::StepError;
 use super::stepper::Radau;
 
@@ -114,7 +114,7 @@ impl Radau<'_> {
         for (k, is_clear) in is_clear.iter_mut().enumerate().filter(|(_, is_clear)| !**is_clear) {
             let (z, g) = (y[system.states + k], system.values[system.states + k]);
             *is_clear = match last.face.places[k] {
-                Place::Inside => {
+                Activity::Inactive => {
                     let distance = (z - system.set.lower[k]).min(system.set.upper[k] - z);
                     distance > NEAR * control.noise_of_z(system, k, y)
                 }

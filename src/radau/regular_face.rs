@@ -27,7 +27,7 @@ pub(super) struct Member {
 /// Where a member is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rests {
-    Inside,
+    FreeVariables,
     Lower,
     Upper,
 }
@@ -46,7 +46,7 @@ struct End {
 pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool {
     let mut changed = false;
     for _ in 0..members.len() {
-        let inside: Vec<usize> = (0..members.len()).filter(|&i| members[i].rests == Rests::Inside).collect();
+        let inside: Vec<usize> = (0..members.len()).filter(|&i| members[i].rests == Rests::FreeVariables).collect();
         let Some((u, v)) = null_vectors(matrix, members, &inside) else { return changed };
         let slope = |row: usize| -> f64 { inside.iter().zip(&v).map(|(&j, v)| matrix[(row, members[j].at)] * v).sum() };
         let mut ends: Vec<End> = Vec::new();
@@ -56,10 +56,15 @@ pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool 
             ends.push(End { tau: (lower - z) / v, member: i, rests: Rests::Lower, pivot });
             ends.push(End { tau: (upper - z) / v, member: i, rests: Rests::Upper, pivot });
         }
-        for (i, member) in members.iter().enumerate().filter(|(_, member)| member.rests != Rests::Inside) {
+        for (i, member) in members.iter().enumerate().filter(|(_, member)| member.rests != Rests::FreeVariables) {
             let slope = slope(member.at);
             let column: f64 = inside.iter().zip(&u).map(|(&j, u)| u * matrix[(members[j].at, member.at)]).sum();
-            ends.push(End { tau: -member.g / slope, member: i, rests: Rests::Inside, pivot: (slope * column).abs() });
+            ends.push(End {
+                tau: -member.g / slope,
+                member: i,
+                rests: Rests::FreeVariables,
+                pivot: (slope * column).abs(),
+            });
         }
         let most = ends.iter().map(|end| end.pivot).fold(0.0, f64::max);
         let usable = ends.into_iter().filter(|end| end.tau.is_finite() && end.pivot > RANK * most);
@@ -69,7 +74,8 @@ pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool 
             return changed;
         };
         let slopes: Vec<f64> = members.iter().map(|member| slope(member.at)).collect();
-        for (member, slope) in members.iter_mut().zip(slopes).filter(|(member, _)| member.rests != Rests::Inside) {
+        for (member, slope) in members.iter_mut().zip(slopes).filter(|(member, _)| member.rests != Rests::FreeVariables)
+        {
             member.g += tau * slope;
         }
         inside.iter().zip(&v).for_each(|(&i, v)| members[i].z += tau * v);
@@ -78,7 +84,7 @@ pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool 
         match rests {
             Rests::Lower => moved.z = moved.lower,
             Rests::Upper => moved.z = moved.upper,
-            Rests::Inside => moved.g = 0.0,
+            Rests::FreeVariables => moved.g = 0.0,
         }
         changed = true;
     }
@@ -112,13 +118,16 @@ mod tests {
     fn a_shared_voltage_ends_where_one_diode_has_none() {
         // z = (the current of the first, the voltage of the second), G = (3 - z_2 - .., z_1).
         let matrix = DMatrix::from_row_slice(2, 2, &[0.0, -1.0, 1.0, 0.0]);
-        let mut members = [member(0, 0.0, 2.0, Rests::Lower), member(1, 1.0, 0.0, Rests::Inside)];
+        let mut members = [member(0, 0.0, 2.0, Rests::Lower), member(1, 1.0, 0.0, Rests::FreeVariables)];
         assert!(regularise(&matrix, &mut members));
         // The second has no voltage left: it rests on its bound, and nothing is inside.
         assert_eq!((members[1].rests, members[1].z, members[0].g), (Rests::Lower, 0.0, 3.0));
-        let mut members = [member(0, 0.0, 0.5, Rests::Lower), member(1, 2.5, 0.0, Rests::Inside)];
+        let mut members = [member(0, 0.0, 0.5, Rests::Lower), member(1, 2.5, 0.0, Rests::FreeVariables)];
         assert!(regularise(&matrix, &mut members));
         // The first has none: its current may flow, and both equations are regular together.
-        assert_eq!((members[0].rests, members[1].rests, members[1].z), (Rests::Inside, Rests::Inside, 3.0));
+        assert_eq!(
+            (members[0].rests, members[1].rests, members[1].z),
+            (Rests::FreeVariables, Rests::FreeVariables, 3.0)
+        );
     }
 }

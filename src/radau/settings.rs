@@ -82,7 +82,7 @@ pub enum StepError {
         /// The step size that was allowed at least, if one was given; zero otherwise.
         least: f64,
         /// What the last rejections were for.
-        cause: Cause,
+        cause: RejectionCause,
     },
     /// The steps cross a kink of the problem to and fro, along which the solution slides.
     #[error(
@@ -202,7 +202,7 @@ impl StepError {
 
 /// Why a step is done again, smaller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cause {
+pub enum RejectionCause {
     /// The error estimate is above the tolerance.
     Error,
     /// The increments of Newton's method on the stages grow.
@@ -217,7 +217,7 @@ pub enum Cause {
     Unsolved,
 }
 
-impl Cause {
+impl RejectionCause {
     /// Every cause, in the order of declaration.
     pub const ALL: [Self; 6] =
         [Self::Error, Self::Diverged, Self::Slow, Self::Singular, Self::NotFinite, Self::Unsolved];
@@ -235,7 +235,7 @@ impl Cause {
     }
 }
 
-impl std::fmt::Display for Cause {
+impl std::fmt::Display for RejectionCause {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Error => "the error stays above the tolerance (a blow-up, a jump, or tolerances too tight for doubles)",

@@ -10,12 +10,12 @@
 //! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
 //! vectors. Row block `i` is scaled by the `d_i` of the tableau: then `S` is monotone where the problem is.
 
-use super::face::{ActiveFace, Place, place};
+use super::face::{ActiveFace, Activity, place};
 use super::factors::Factors;
-use super::memory::check_memory;
+use super::footprint::check_memory;
 use super::newton_control::{NewtonControl, UNDERFLOW};
 use super::regular_face::{Member, Rests, regularise};
-use super::settings::{Cause, StepError};
+use super::settings::{RejectionCause, StepError};
 use super::stages::Stages;
 use super::system::System;
 use super::tableau::Tableau;
@@ -73,8 +73,8 @@ impl StageVi {
         let coupled = stages * system.bounded.len();
         check_memory("the inequalities of all stages", coupled)?;
         let factor = system.set.restricted(&system.bounded);
-        let mut held = ActiveFace { places: vec![Place::Inside; unknowns - system.states], ..system.face.clone() };
-        system.bounded.iter().for_each(|&k| held.places[k] = Place::Held);
+        let mut held = ActiveFace { places: vec![Activity::Inactive; unknowns - system.states], ..system.face.clone() };
+        system.bounded.iter().for_each(|&k| held.places[k] = Activity::Fixed);
         Ok(Self {
             solver: solver.build(coupled),
             matrix: DMatrix::zeros(coupled, coupled),
@@ -138,16 +138,16 @@ impl StageVi {
         h: f64,
         y0: &[f64],
         control: &NewtonControl,
-    ) -> Result<(), Cause> {
+    ) -> Result<(), RejectionCause> {
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.resize(s * count);
         if !self.reduce(system, tableau, h) {
-            return Err(Cause::Singular);
+            return Err(RejectionCause::Singular);
         }
         let mut norm = f64::INFINITY;
         for iteration in 0..3 * control.most {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
-                return Err(Cause::NotFinite);
+                return Err(RejectionCause::NotFinite);
             }
             // Increments at the rounding level of y neither shrink nor matter; the VI and the transforms add to it.
             let rounding = f64::EPSILON * (4.0 * tableau.mixing).max(1e3);
@@ -158,10 +158,10 @@ impl StageVi {
             }
             if iteration > 0 && self.relinearise {
                 if !system.differentiate(t + h, stages.stage(y0, s - 1)) {
-                    return Err(Cause::NotFinite);
+                    return Err(RejectionCause::NotFinite);
                 }
                 if !self.reduce(system, tableau, h) {
-                    return Err(Cause::Singular);
+                    return Err(RejectionCause::Singular);
                 }
             }
             system.work.newton += 1;
@@ -176,11 +176,11 @@ impl StageVi {
                 Some(new) if new <= least || (new.is_finite() && (iteration < 3 || new < 2.0 * norm)) => {
                     norm = new;
                 }
-                Some(_) => return Err(Cause::Diverged),
-                None => return Err(Cause::Singular),
+                Some(_) => return Err(RejectionCause::Diverged),
+                None => return Err(RejectionCause::Singular),
             }
         }
-        Err(Cause::Slow)
+        Err(RejectionCause::Slow)
     }
 
     /// Puts `system` on the face of the last stage.
@@ -211,9 +211,9 @@ impl StageVi {
         }
         let of_intervals = system.bounded.iter().enumerate().filter(|(_, k)| system.set.block_of(**k).is_none());
         let rests = |k: usize| match system.face.places[k] {
-            Place::Lower => Some(Rests::Lower),
-            Place::Upper => Some(Rests::Upper),
-            Place::Inside => Some(Rests::Inside),
+            Activity::AtLower => Some(Rests::Lower),
+            Activity::AtUpper => Some(Rests::Upper),
+            Activity::Inactive => Some(Rests::FreeVariables),
             _ => None,
         };
         let mut members: Vec<Member> = of_intervals
@@ -228,9 +228,9 @@ impl StageVi {
         for Member { at, z, rests, .. } in members {
             let k = system.bounded[at];
             system.face.places[k] = match rests {
-                Rests::Lower => Place::Lower,
-                Rests::Upper => Place::Upper,
-                Rests::Inside => Place::Inside,
+                Rests::Lower => Activity::AtLower,
+                Rests::Upper => Activity::AtUpper,
+                Rests::FreeVariables => Activity::Inactive,
             };
             stages.z[n + k] = z - y0[n + k];
         }
@@ -290,14 +290,14 @@ impl StageVi {
         stages: &mut Stages,
         h: f64,
         control: &NewtonControl,
-    ) -> Result<(), Cause> {
+    ) -> Result<(), RejectionCause> {
         let (s, unknowns, count) = (tableau.stages(), system.unknowns, system.bounded.len());
         let size = s * unknowns;
         self.saved.0[..size].copy_from_slice(&stages.z[..size]);
         self.saved.1[..size].copy_from_slice(&stages.w[..size]);
         // What the other equations ask for while the bounded variables are held.
         if stages.increment(system, tableau, &mut self.factors, h, &control.weight).is_none() {
-            return Err(Cause::Singular);
+            return Err(RejectionCause::Singular);
         }
         for i in 0..s {
             let d = tableau.d[i];
@@ -325,7 +325,7 @@ impl StageVi {
             return Ok(());
         }
         self.contradiction = vi.contradiction().map(|row| system.bounded[row % count]);
-        Err(Cause::Unsolved)
+        Err(RejectionCause::Unsolved)
     }
 
     /// Whether the VI holds at every stage to the tolerance, from the last evaluation. The transforms mix the stages, so

@@ -1,11 +1,11 @@
 //! The stage equations on one face, `diag(M, 0) Z_i = h sum_j a_ij Phi(t_j, y_n + Z_j)`, by simplified Newton on
 //! `W = T^-1 Z`, which decouples them (Hairer and Wanner 1996, IV.8; the tests on the rate are those of RADAU5).
 
-use super::face::{Monitor, Place, monitors};
+use super::face::{Activity, Monitor, monitors};
 use super::factors::Factors;
 use super::newton_control::{NewtonControl, mean_square_root};
 use super::points::Points;
-use super::settings::Cause;
+use super::settings::RejectionCause;
 use super::system::System;
 use super::tableau::Tableau;
 use nalgebra::{Complex, DMatrix};
@@ -48,7 +48,7 @@ pub enum Newton {
     /// It would need too many iterations; the step should be multiplied by this factor, below 1.
     Slow(f64),
     /// It cannot go on.
-    Failed(Cause),
+    Failed(RejectionCause),
 }
 
 /// The contraction seen, kept from one step to the next.
@@ -206,15 +206,15 @@ impl Stages {
         contraction.theta = THETA;
         for k in 1..=most {
             if !evaluated && !self.evaluate(system, tableau, t, h, y0) {
-                return Newton::Failed(Cause::NotFinite);
+                return Newton::Failed(RejectionCause::NotFinite);
             }
             evaluated = false;
             system.work.newton += 1;
             let Some(norm) = self.increment(system, tableau, factors, h, &control.weight) else {
-                return Newton::Failed(Cause::Singular);
+                return Newton::Failed(RejectionCause::Singular);
             };
             if !norm.is_finite() {
-                return Newton::Failed(Cause::NotFinite);
+                return Newton::Failed(RejectionCause::NotFinite);
             }
             // Increments at the rounding level of y itself neither shrink nor matter.
             let rounding = || norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
@@ -236,7 +236,7 @@ impl Stages {
                     factor = f64::INFINITY;
                 } else if !rounding() {
                     contraction.theta = theta;
-                    return Newton::Failed(Cause::Diverged);
+                    return Newton::Failed(RejectionCause::Diverged);
                 }
                 last_ratio = ratio;
                 let left = (most - 1).saturating_sub(k) as i32;
@@ -261,8 +261,8 @@ impl Stages {
                 }
                 let rounding = rounding();
                 match self.verify(system, tableau, t, h, y0, control) {
-                    None => return Newton::Failed(Cause::NotFinite),
-                    Some(Verdict { degenerate: true, .. }) => return Newton::Failed(Cause::Diverged),
+                    None => return Newton::Failed(RejectionCause::NotFinite),
+                    Some(Verdict { degenerate: true, .. }) => return Newton::Failed(RejectionCause::Diverged),
                     Some(Verdict { satisfied, violated, .. }) if satisfied || rounding => {
                         return Newton::Converged { iterations: k, violated };
                     }
@@ -304,7 +304,7 @@ impl Stages {
             for &k in &system.intervals {
                 let residual = phi[system.states + k].abs();
                 verdict.satisfied &= residual == 0.0
-                    || system.face.places[k] != Place::Inside
+                    || system.face.places[k] != Activity::Inactive
                     || residual <= control.noise_of_g(system, k, &self.y);
             }
             for (b, block) in system.set.blocks().iter().enumerate() {

@@ -5,8 +5,8 @@
 //! shrink with the step: where `K` has bounds it is the impulse that the theory names (`x+ = x + B p`, with `p` in `K`
 //! complementary to `G(x+)`), and the run starts after it; where all variables are free it is an error of the user.
 
-use super::consistent::inequality;
-use super::face::{ActiveFace, Place, undecided};
+use super::consistent_variables::inequality;
+use super::face::{ActiveFace, Activity, undecided};
 use super::factors::Factors;
 use super::screening::ALLOWED;
 use super::settings::{Settings, StepError};
@@ -187,7 +187,7 @@ impl Radau<'_> {
     /// does, and holds the same, at the same states, where it is longer, ends where they rest. Whether there is such a step.
     pub(super) fn pass_accumulation(&mut self, gap: f64) -> bool {
         let n = self.system.states;
-        let count = |face: &ActiveFace| face.places.iter().filter(|place| **place == Place::Inside).count();
+        let count = |face: &ActiveFace| face.places.iter().filter(|place| **place == Activity::Inactive).count();
         let before = self.system.face.clone();
         let mut last: Option<(ActiveFace, Vec<f64>)> = None;
         let mut length = gap;
@@ -222,7 +222,7 @@ impl Radau<'_> {
     fn remove_noise(&mut self) {
         let n = self.system.states;
         let Self { system, switching, control, y, clock, .. } = self;
-        let is_inside = |system: &System<'_>, k: usize| system.face.places[k] == Place::Inside;
+        let is_inside = |system: &System<'_>, k: usize| system.face.places[k] == Activity::Inactive;
         if !system.intervals.iter().any(|&k| is_inside(system, k)) || !system.evaluate(clock.t, y) {
             return;
         }

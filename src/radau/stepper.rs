@@ -13,7 +13,7 @@ pub use report::Variables;
 
 use super::chattering::Chattering;
 use super::clock::Clock;
-use super::consistent::Consistent;
+use super::consistent_variables::ConsistentVariables;
 use super::coupled::Shortened;
 use super::dense_output::Step;
 use super::error_control::Controller;
@@ -22,7 +22,7 @@ use super::newton_control::NewtonControl;
 use super::orders::Orders;
 use super::progress::{Progress, SHORT};
 use super::screening::{Between, LEAST};
-use super::settings::{Cause, Settings, StepError};
+use super::settings::{RejectionCause, Settings, StepError};
 use super::stage_vi::StageVi;
 use super::stages::{Contraction, Stages, THETA};
 use super::switches::Switching;
@@ -37,13 +37,13 @@ use problem::{Control, Dvi};
 pub struct Counts {
     /// Accepted steps.
     pub accepted: u64,
-    /// Rejected steps, by [`Cause::ALL`].
-    rejected: [u64; Cause::ALL.len()],
+    /// Rejected steps, by [`RejectionCause::ALL`].
+    rejected: [u64; RejectionCause::ALL.len()],
 }
 
 impl Counts {
     /// Steps rejected for this cause.
-    pub fn rejected(&self, cause: Cause) -> u64 {
+    pub fn rejected(&self, cause: RejectionCause) -> u64 {
         self.rejected[cause as usize]
     }
 }
@@ -60,7 +60,7 @@ pub struct Radau<'p> {
     jacobian: Freshness,
     pub(super) stage_vi: Option<StageVi>,
     pub(super) switching: Switching,
-    pub(super) consistent: Option<Consistent>,
+    pub(super) consistent: Option<ConsistentVariables>,
     contraction: Contraction,
     controller: Controller,
     pub(super) clock: Clock,
@@ -153,7 +153,7 @@ impl<'p> Radau<'p> {
             stages: Stages::new(most_stages, unknowns),
             switching: Switching::new(&system, &settings)?,
             factors: Factors::new(&system),
-            consistent: Consistent::new(&system),
+            consistent: ConsistentVariables::new(&system),
             stage_vi,
             estimates: Estimates::new(unknowns),
             system,
@@ -206,7 +206,7 @@ impl<'p> Radau<'p> {
             if 1.000_1 * h >= remaining {
                 h = remaining;
             } else if !self.clock.resolves(h) {
-                return Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause: Cause::Error });
+                return Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause: RejectionCause::Error });
             }
             let wished = h;
             h = self.up_to_break(h);
@@ -240,7 +240,7 @@ impl<'p> Radau<'p> {
             let unlocated = if coupled { self.unlocated(reached) } else { None };
             if self.shortened.is_too_long(unlocated) {
                 self.system.face.clone_from(&self.switching.before);
-                self.shrink(reached, Cause::Error, |_| 0.25 * reached)?;
+                self.shrink(reached, RejectionCause::Error, |_| 0.25 * reached)?;
                 continue;
             }
             let mut error = self.error(reached, coupled);
@@ -277,7 +277,7 @@ impl<'p> Radau<'p> {
             }
             let first = self.counts.accepted == 0;
             let seen = self.unseen.seen;
-            self.shrink(reached, Cause::Error, |controller| match is_missed {
+            self.shrink(reached, RejectionCause::Error, |controller| match is_missed {
                 // Up to where that begins.
                 true if seen >= LEAST => controller.cut(seen * reached),
                 true => controller.miss(s, reached, error.min(1e10), iterations, most),
@@ -358,7 +358,12 @@ impl<'p> Radau<'p> {
     }
 
     /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.
-    fn shrink(&mut self, h: f64, cause: Cause, smaller: impl Fn(&mut Controller) -> f64) -> Result<(), StepError> {
+    fn shrink(
+        &mut self,
+        h: f64,
+        cause: RejectionCause,
+        smaller: impl Fn(&mut Controller) -> f64,
+    ) -> Result<(), StepError> {
         self.counts.rejected[cause as usize] += 1;
         self.progress.rejected(cause);
         if self.system.outside.poll().is_some() {
@@ -386,8 +391,8 @@ impl<'p> Radau<'p> {
     }
 
     /// Whether the last variational inequality has no solution for a reason that can be named.
-    pub(super) fn check_contradiction(&self, cause: Cause) -> Result<(), StepError> {
-        match self.stage_vi.as_ref().and_then(|vi| vi.contradiction).filter(|_| cause == Cause::Unsolved) {
+    pub(super) fn check_contradiction(&self, cause: RejectionCause) -> Result<(), StepError> {
+        match self.stage_vi.as_ref().and_then(|vi| vi.contradiction).filter(|_| cause == RejectionCause::Unsolved) {
             Some(variable) => {
                 Err(StepError::NoSolution { t: self.clock.t, variable, linear: self.system.constant_jacobian() })
             }

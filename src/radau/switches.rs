@@ -5,8 +5,8 @@
 //! so short that only the directions at the switch count, in which variables at their switch start exactly there.
 
 use super::constraints::Constraints;
-use super::face::{ActiveFace, Monitor, Place};
-use super::inside::Inside;
+use super::face::{ActiveFace, Activity, Monitor};
+use super::free_variables::FreeVariables;
 use super::recurrence::Recurrence;
 use super::screening::Screening;
 use super::settings::{Settings, StepError, Switches};
@@ -23,9 +23,9 @@ pub struct Switch {
     /// The variable, counted from 0.
     pub variable: usize,
     /// Where it was.
-    pub from: Place,
+    pub from: Activity,
     /// Where it is now.
-    pub to: Place,
+    pub to: Activity,
 }
 
 /// So many switches in a row, each after a shorter time than the last, are taken for an accumulation (Zeno).
@@ -44,7 +44,7 @@ pub(super) struct Switching {
     shrinking: u32,
     pub(super) recurrence: Recurrence,
     pub(super) scratch: Vec<f64>,
-    pub(super) inside: Inside,
+    pub(super) inside: FreeVariables,
     pub(super) constraints: Constraints,
     pub(super) monitors: Vec<Monitor>,
     /// Room for those between the stages.
@@ -68,7 +68,7 @@ impl Switching {
             shrinking: 0,
             recurrence: Recurrence::new(system.unknowns - system.states),
             scratch: vec![0.0; system.unknowns],
-            inside: Inside::new(system),
+            inside: FreeVariables::new(system),
             constraints: Constraints::default(),
             monitors: Vec::new(),
             between: Vec::new(),

@@ -8,7 +8,7 @@
 
 mod derivatives;
 
-use super::face::{ActiveFace, Place};
+use super::face::{ActiveFace, Activity};
 use super::layout::Layout;
 use super::recent::Recent;
 use super::settings::StepError;
@@ -97,9 +97,9 @@ impl<'p> System<'p> {
         let intervals = bounded.iter().copied().filter(|&k| set.block_of(k).is_none()).collect();
         let places = (0..structure.variables)
             .map(|k| match (set.lower[k].is_finite(), set.upper[k].is_finite()) {
-                (true, _) => Place::Lower,
-                (false, true) => Place::Upper,
-                (false, false) => Place::Inside,
+                (true, _) => Activity::AtLower,
+                (false, true) => Activity::AtUpper,
+                (false, false) => Activity::Inactive,
             })
             .collect();
         let blocks = set.blocks().len();
@@ -194,7 +194,7 @@ impl<'p> System<'p> {
     /// Whether the equation of variable `k` is `G_k = 0`: inside its interval, or in the interior of its block.
     pub fn is_inside(&self, k: usize) -> bool {
         let is_free = |b: usize| self.face.blocks[b] == Face::Interior;
-        self.face.places[k] == Place::Inside && self.set.block_of(k).is_none_or(is_free)
+        self.face.places[k] == Activity::Inactive && self.set.block_of(k).is_none_or(is_free)
     }
 
     /// Evaluates `F`, `G` and the bounds at `(t, y)`; false if a number is not finite.
@@ -267,10 +267,10 @@ impl<'p> System<'p> {
         for &k in &self.intervals {
             let row = self.states + k;
             match self.face.places[k] {
-                Place::Lower => phi[row] = self.set.lower[k] - y[row],
-                Place::Upper => phi[row] = self.set.upper[k] - y[row],
-                Place::Inside => {}
-                Place::Held | Place::Boundary(_) | Place::Vertex => phi[row] = 0.0,
+                Activity::AtLower => phi[row] = self.set.lower[k] - y[row],
+                Activity::AtUpper => phi[row] = self.set.upper[k] - y[row],
+                Activity::Inactive => {}
+                Activity::Fixed | Activity::Boundary(_) | Activity::Vertex => phi[row] = 0.0,
             }
         }
         for b in 0..self.face.blocks.len() {
@@ -289,8 +289,8 @@ impl<'p> System<'p> {
     pub fn put_on_bounds(&self, y: &mut [f64]) {
         for &k in &self.intervals {
             match self.face.places[k] {
-                Place::Lower => y[self.states + k] = self.set.lower[k],
-                Place::Upper => y[self.states + k] = self.set.upper[k],
+                Activity::AtLower => y[self.states + k] = self.set.lower[k],
+                Activity::AtUpper => y[self.states + k] = self.set.upper[k],
                 _ => {}
             }
         }

@@ -21,7 +21,7 @@ mod monitors;
 mod stages;
 
 use super::dense_output::Step;
-use super::face::Place;
+use super::face::Activity;
 use super::stepper::Radau;
 use super::tableau::Tableau;
 use nalgebra::{DMatrix, Dyn, LU};
@@ -250,6 +250,6 @@ impl Tangents {
 }
 
 /// The variables whose place differs between two faces.
-fn changed(from: &[Place], to: &[Place]) -> Vec<usize> {
+fn changed(from: &[Activity], to: &[Activity]) -> Vec<usize> {
     (0..from.len()).filter(|&k| from[k] != to[k]).collect()
 }

@@ -14,7 +14,7 @@
 
 mod bounds;
 
-use super::face::Place;
+use super::face::Activity;
 use super::screening::part::Part;
 use super::stepper::Radau;
 use super::tableau::{MOST_STAGES, interpolation_error};
@@ -67,7 +67,7 @@ impl Piece {
 }
 
 /// What is known of a step.
-struct Course {
+struct StepSamples {
     h: f64,
     /// The least distance to its ends, where there may be a break, in parts of it.
     end: f64,
@@ -80,7 +80,7 @@ struct Course {
     shown: Vec<f64>,
 }
 
-impl Course {
+impl StepSamples {
     /// The unknowns at `u` in `[0, 1]` of a part.
     fn unknowns_at(&self, part: &Part, u: f64, y: &mut [f64]) {
         match &self.still {
@@ -191,7 +191,7 @@ impl Radau<'_> {
             y
         };
         let still = (self.system.features.is_empty() || !is_affordable).then(middle);
-        let mut course = Course { h, end, shown: vec![0.0; rows.len()], rows, still, at_nodes: Vec::new() };
+        let mut course = StepSamples { h, end, shown: vec![0.0; rows.len()], rows, still, at_nodes: Vec::new() };
         let is_slow = !self.is_fast(h) || self.is_narrow_in_time(&course, &whole, room)?;
         // The gaps between the stages, squared: for chords between these.
         let gaps = std::iter::once(0.0).chain(self.tableau().c.iter().copied());
@@ -221,18 +221,18 @@ impl Radau<'_> {
             let mass = if self.system.mass_diagonal[at] != 0.0 { self.system.mass_diagonal[at].abs() } else { 1.0 };
             row(at, mass * self.uncertainty(at) / h)
         });
-        let inside = (0..self.system.unknowns - n).filter(|&k| self.system.face.places[k] == Place::Inside);
+        let inside = (0..self.system.unknowns - n).filter(|&k| self.system.face.places[k] == Activity::Inactive);
         let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties(k, h)[1])));
         rows.filter(|row| self.is_fast(h) || row.has_feature).collect()
     }
 
-    fn rows_at(&mut self, theta: f64, course: &Course, y: &[f64]) -> Vec<f64> {
+    fn rows_at(&mut self, theta: f64, course: &StepSamples, y: &[f64]) -> Vec<f64> {
         self.system.evaluate(self.clock.t + theta.clamp(course.end, 1.0 - course.end) * course.h, y);
         self.system.values.clone()
     }
 
     /// The values of rows where the step begins and at its stages, and what they show beside what is linear.
-    fn look_at_nodes(&mut self, course: &mut Course, whole: &Part) {
+    fn look_at_nodes(&mut self, course: &mut StepSamples, whole: &Part) {
         let mut y = vec![0.0; self.system.unknowns];
         let (mut lowest, mut highest) =
             (vec![[f64::INFINITY; 2]; course.rows.len()], vec![[f64::NEG_INFINITY; 2]; course.rows.len()]);
@@ -258,7 +258,7 @@ impl Radau<'_> {
     }
 
     /// How far rows at `theta` are from the polynomial through their values at the nodes.
-    fn off_at(&self, theta: f64, course: &Course, values: &[f64]) -> Vec<f64> {
+    fn off_at(&self, theta: f64, course: &StepSamples, values: &[f64]) -> Vec<f64> {
         let mut weights = [0.0; MOST_STAGES];
         let weights = &mut weights[..self.tableau().stages()];
         self.tableau().increments_at(theta, weights);
@@ -269,11 +269,11 @@ impl Radau<'_> {
     }
 
     /// The means over the step of what rows are beside the polynomial through their values at the nodes.
-    fn missed_in_parts(&mut self, course: &Course, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
+    fn missed_in_parts(&mut self, course: &StepSamples, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
         room.seen = 1.0;
         let mut missed = vec![0.0; self.system.unknowns];
         let mut y = vec![0.0; self.system.unknowns];
-        let mut look = |radau: &mut Self, course: &Course, part: &Part, u: f64| {
+        let mut look = |radau: &mut Self, course: &StepSamples, part: &Part, u: f64| {
             course.unknowns_at(part, u, &mut y);
             radau.rows_at(part.begin + u * part.length, course, &y)
         };

@@ -11,12 +11,12 @@ mod log;
 mod metrics;
 mod options;
 mod page;
-mod patience;
 mod process;
 mod remainder;
 mod server;
 mod trace;
 pub mod worker;
+mod write_timeout;
 
 pub use log::Log;
 pub use options::Options;

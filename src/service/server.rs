@@ -10,8 +10,8 @@
 
 use super::http::Shared;
 use super::jobs::Client;
-use super::patience::Patient;
 use super::remainder::Lent;
+use super::write_timeout::TimedWrites;
 use axum::Router;
 use hyper::body::Incoming;
 use hyper::server::conn::http1;
@@ -128,7 +128,8 @@ fn serve_connection(
             answer
         }
     });
-    let connection = connections.watch(http.serve_connection(TokioIo::new(Patient::new(stream, patience)), service));
+    let connection =
+        connections.watch(http.serve_connection(TokioIo::new(TimedWrites::new(stream, patience)), service));
     tokio::spawn(async move {
         let _until_its_end = place;
         if let Err(error) = connection.await {

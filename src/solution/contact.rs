@@ -3,15 +3,14 @@
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
 use super::run::{Plan, Run, Stepper, run};
 use super::{
-    CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Screening, Solution, Status, Steps, ViCounts,
-    Warning,
+    CheckCode, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
 };
 use analysis::Analysis;
 use contact::energy::Energy;
 use contact::law::UNSOLVED;
 use contact::{
-    ContactError, Elapsed, Flights, Grazed, Happening, Leg, Located, Passed, Settings, State, TimeStepping,
-    VelocityStep,
+    ContactError, ContactEvent, Elapsed, EventDriven, Grazed, ModeEvaluators, Passed, Settings, SmoothPhase, State,
+    TimeStepping, VelocityStep,
 };
 use models::{ENERGIES, MechanicalModel};
 use nalgebra::Vector3;
@@ -43,24 +42,24 @@ pub fn integrate_contact(
     let ContactPlan { settings, located: Some(radau) } = contact else {
         return run(plan, control, diagnostics, || {
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
-            Ok(Stepped { stepper, outputs })
+            Ok(TimeSteppingRun { stepper, outputs })
         });
     };
     let mut run = Run::new(plan, control, diagnostics);
     let clock = Clock { start: plan.start, end: plan.end };
     let mut problem = Elapsed::new(problem, clock.start);
     state.t = 0.0;
-    let mut located = match Located::new(&mut problem, settings, radau.clone(), state, clock.length(), control) {
+    let mut located = match EventDriven::new(&mut problem, settings, radau.clone(), state, clock.length(), control) {
         Ok(located) => located,
         Err(error) => {
             let failure = outputs.failure(error.ahead(clock.start), plan.start);
             return run.end(Err((Status::Failed, failure))).solution;
         }
     };
-    let mut flights = Flights::new(|| Box::new(Elapsed::new(model.problem(), clock.start)));
+    let mut evaluators = ModeEvaluators::new(|| Box::new(Elapsed::new(model.problem(), clock.start)));
     let ended = loop {
-        let leg = Leg::new(&mut located, &mut flights, control);
-        let driven = run.drive(&mut Flown { leg, clock, outputs: &mut outputs });
+        let phase = SmoothPhase::new(&mut located, &mut evaluators, control);
+        let driven = run.drive(&mut EventDrivenRun { phase, clock, outputs: &mut outputs });
         if driven.is_err() || located.is_done() || run.is_ended() {
             break driven;
         }
@@ -88,7 +87,7 @@ pub fn integrate_contact(
 
 /// Records what was measured of a run with located impacts.
 fn judge_located(
-    located: &mut Located<'_>,
+    located: &mut EventDriven<'_>,
     model: &MechanicalModel,
     (start, radau): (f64, &radau::Settings),
     diagnostics: &mut Diagnostics,
@@ -178,27 +177,24 @@ impl<'p> Outputs<'p> {
         ]);
     }
 
-    /// Hands over what happened by a clock that this one is behind of.
-    fn events(&self, start: f64, happenings: &mut Vec<Happening>, events: &mut Vec<Event>) {
-        events.extend(happenings.drain(..).map(|happening| {
-            let (t, kind, contact) = match happening {
-                Happening::Impact { t, contact } => (t, EventKind::Impact, contact),
-                Happening::LiftOff { t, contact } => (t, EventKind::LiftOff, contact),
-                Happening::Stick { t, contact } => (t, EventKind::Stick, contact),
-                Happening::Slip { t, contact } => (t, EventKind::Slip, contact),
-            };
-            Event { t: start + t, kind, of: self.model.contacts[contact].clone() }
+    /// Moves events to those of the run, whose clock is ahead by `start`.
+    fn events(&self, start: f64, new_events: &mut Vec<ContactEvent>, events: &mut Vec<Event>) {
+        let name = |k: usize| self.model.contacts[k].clone();
+        events.extend(new_events.drain(..).map(|ContactEvent { t, kind, contact }| Event {
+            t: start + t,
+            kind,
+            of: name(contact),
         }));
     }
 }
 
 /// Time stepping, by name.
-struct Stepped<'p> {
+struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
     outputs: Outputs<'p>,
 }
 
-impl Stepper for Stepped<'_> {
+impl Stepper for TimeSteppingRun<'_> {
     fn t(&self) -> f64 {
         self.stepper.state.t
     }
@@ -236,7 +232,7 @@ impl Stepper for Stepped<'_> {
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
-        self.outputs.events(0.0, &mut self.stepper.happenings, events);
+        self.outputs.events(0.0, &mut self.stepper.new_events, events);
     }
 
     fn observe(&mut self, _: bool, diagnostics: &mut Diagnostics) {
@@ -276,23 +272,23 @@ impl Clock {
 }
 
 /// Motion in one mode, by name.
-struct Flown<'l, 'p, 'o> {
-    leg: Leg<'l, 'p>,
+struct EventDrivenRun<'l, 'p, 'o> {
+    phase: SmoothPhase<'l, 'p>,
     clock: Clock,
     outputs: &'o mut Outputs<'p>,
 }
 
-impl Stepper for Flown<'_, '_, '_> {
+impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn t(&self) -> f64 {
-        self.clock.shows(self.leg.located.state.t)
+        self.clock.shows(self.phase.located.state.t)
     }
 
     fn is_done(&self) -> bool {
-        self.leg.is_over()
+        self.phase.is_over()
     }
 
     fn accepted(&self) -> u64 {
-        self.leg.located.accepted
+        self.phase.located.accepted
     }
 
     fn states(&self) -> &[f64] {
@@ -300,33 +296,33 @@ impl Stepper for Flown<'_, '_, '_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        let made = self.leg.advance();
-        self.outputs.reach(&self.leg.located.state);
+        let made = self.phase.advance();
+        self.outputs.reach(&self.phase.located.state);
         made.map_err(|error| self.outputs.failure(error.ahead(self.clock.start), self.t()))
     }
 
     fn values(&mut self, t: f64, out: &mut [f64]) {
-        let n = self.leg.located.state.q.len();
+        let n = self.phase.located.state.q.len();
         let (q, v) = out[..2 * n].split_at_mut(n);
         // A time that the clock cannot tell from that of the step is within it.
-        let elapsed = self.clock.elapsed(t).max(self.leg.located.last.t);
-        let (impulses, energy) = self.leg.outputs(elapsed, q, v);
+        let elapsed = self.clock.elapsed(t).max(self.phase.located.last.t);
+        let (impulses, energy) = self.phase.outputs(elapsed, q, v);
         self.outputs.write(t, &impulses, &energy, out);
     }
 
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
         let [from, to] = [from, to].map(|t| self.clock.elapsed(t));
-        let ranges = self.leg.ranges(from, to);
+        let ranges = self.phase.ranges(from, to);
         out.iter_mut().zip(&ranges).for_each(|(out, range)| *out = *range);
         !ranges.is_empty()
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
-        self.outputs.events(self.clock.start, &mut self.leg.located.happenings, events);
+        self.outputs.events(self.clock.start, &mut self.phase.located.new_events, events);
     }
 
     fn observe(&mut self, _: bool, diagnostics: &mut Diagnostics) {
-        diagnostics.energy = Some(self.leg.located.energy);
+        diagnostics.energy = Some(self.phase.located.energy);
     }
 
     fn finish(&mut self, _: &mut Diagnostics) {}

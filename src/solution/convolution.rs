@@ -113,7 +113,7 @@ pub fn integrate_convolution(
             return run.end(Err((Status::Failed, failure))).solution;
         }
         let made = control.part(done..done + (1.0 - done) * share, || {
-            let mut course = Course::new(model, &mut *problem, plan, &convolution.settings, steps, control)
+            let mut course = ConvolutionRun::new(model, &mut *problem, plan, &convolution.settings, steps, control)
                 .map_err(|failure| ending(control, failure))?;
             let ended = run.drive(&mut course);
             course.finish(&mut run.diagnostics);
@@ -165,7 +165,7 @@ pub fn integrate_convolution(
 }
 
 /// A run with the names that its columns go by.
-struct Course<'p> {
+struct ConvolutionRun<'p> {
     convolution: Convolution<'p>,
     names: &'p [String],
     control: &'p Control,
@@ -189,7 +189,7 @@ struct Course<'p> {
 /// A variable this close to a bound, against the largest there was, is at it.
 const AT_BOUND: f64 = 1e-12;
 
-impl<'p> Course<'p> {
+impl<'p> ConvolutionRun<'p> {
     fn new(
         model: &'p ConvolutionModel,
         problem: &'p mut dyn Dvi,
@@ -255,7 +255,7 @@ impl<'p> Course<'p> {
     }
 }
 
-impl Stepper for Course<'_> {
+impl Stepper for ConvolutionRun<'_> {
     fn t(&self) -> f64 {
         if self.told == self.total { self.end } else { self.convolution.time(self.told) }
     }

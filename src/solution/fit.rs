@@ -48,7 +48,7 @@ pub struct Fit {
     /// The times of the data, increasing, within the horizon.
     pub t: Vec<f64>,
     /// The data.
-    pub data: Vec<Column>,
+    pub data: Vec<DataColumn>,
     /// Whether the standard deviations of the data are known; else all are one.
     pub is_scaled: bool,
     /// What is made least.
@@ -83,7 +83,7 @@ pub enum Quantity {
 
 /// The data of a state or a definition.
 #[derive(Clone, Debug)]
-pub struct Column {
+pub struct DataColumn {
     /// Its name.
     pub name: String,
     /// Which it is.

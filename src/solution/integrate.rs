@@ -13,7 +13,7 @@ use analysis::Analysis;
 use models::{DviModel, KinkAdvice, Outputs};
 use numerics::Interval;
 use problem::{Control, Mass, Structure};
-use radau::{Cause, Place, Radau, Settings, StageChoice, StepError, Switch, Switches, Variables};
+use radau::{Activity, Radau, RejectionCause, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
 
 /// The faces that are analysed in one run.
@@ -66,7 +66,7 @@ pub(super) fn integrate_once(
         let rtol = settings.step.is_none().then_some(settings.rtol);
         let followed = plan.sensitivities.as_ref().map(|asked| Followed::new(model, asked)).transpose();
         let followed = followed.map_err(|why| sensitivities::failure(&why, plan.start, &plan.initial))?;
-        Ok(Course {
+        Ok(RadauRun {
             followed,
             radau,
             plan,
@@ -83,7 +83,7 @@ pub(super) fn integrate_once(
 }
 
 /// A run of Radau IIA with the names that its columns go by.
-struct Course<'p> {
+struct RadauRun<'p> {
     radau: Radau<'p>,
     followed: Option<Followed>,
     plan: &'p Plan,
@@ -98,7 +98,7 @@ struct Course<'p> {
     faces: Option<FaceWatch>,
 }
 
-impl Stepper for Course<'_> {
+impl Stepper for RadauRun<'_> {
     fn t(&self) -> f64 {
         self.radau.t()
     }
@@ -159,11 +159,11 @@ impl Stepper for Course<'_> {
         let mut mode = String::new();
         for (place, name) in self.radau.face().places.iter().zip(names) {
             let bound = match place {
-                Place::Lower => ".lower",
-                Place::Upper => ".upper",
-                Place::Boundary(_) => ".boundary",
-                Place::Vertex => ".vertex",
-                Place::Inside | Place::Held => continue,
+                Activity::AtLower => ".lower",
+                Activity::AtUpper => ".upper",
+                Activity::Boundary(_) => ".boundary",
+                Activity::Vertex => ".vertex",
+                Activity::Inactive | Activity::Fixed => continue,
             };
             if !mode.is_empty() {
                 mode.push(',');
@@ -215,7 +215,7 @@ impl Stepper for Course<'_> {
     }
 }
 
-impl Course<'_> {
+impl RadauRun<'_> {
     /// Names a state whose absolute tolerance asks for more digits than its values had.
     fn atol_below_rounding(&self) -> String {
         let states = self.plan.names.iter().zip(self.atol).zip(self.radau.largest());
@@ -245,12 +245,12 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
     if switched && diagnostics.faces.len() < MOST_FACES && plan.reducers.is_none() {
         let n = plan.initial.len();
         let (t, face) = (radau.t(), radau.face().clone());
-        let names = |kind: fn(Place) -> bool| -> Vec<String> {
+        let names = |kind: fn(Activity) -> bool| -> Vec<String> {
             let places = face.places.iter().enumerate().filter(|(_, place)| kind(**place));
             places.map(|(k, _)| plan.names[n + k].clone()).collect()
         };
-        let inside = names(|place| place == Place::Inside);
-        let on_boundary = names(|place| matches!(place, Place::Boundary(_)));
+        let inside = names(|place| place == Activity::Inactive);
+        let on_boundary = names(|place| matches!(place, Activity::Boundary(_)));
         if diagnostics.faces.iter().all(|known| (&known.inside, &known.on_boundary) != (&inside, &on_boundary)) {
             diagnostics.faces.push(Face { t, inside, on_boundary, analysis: analysis_of_face(radau) });
         }
@@ -399,8 +399,8 @@ fn count(radau: &mut Radau<'_>, plan: &Plan, diagnostics: &mut Diagnostics) {
     diagnostics.stages = radau.stages();
     diagnostics.steps = Steps {
         accepted: counts.accepted,
-        rejected: Cause::ALL.into_iter().map(|cause| counts.rejected(cause)).sum(),
-        rejected_for: Cause::ALL
+        rejected: RejectionCause::ALL.into_iter().map(|cause| counts.rejected(cause)).sum(),
+        rejected_for: RejectionCause::ALL
             .into_iter()
             .map(|cause| (cause.name(), counts.rejected(cause)))
             .filter(|(_, times)| *times > 0)

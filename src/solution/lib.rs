@@ -39,7 +39,7 @@ pub use diagnostics::{
     Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Screening, Steps, Tried, ViCounts,
 };
 pub use excerpt::{Excerpt, ExcerptError, Selection};
-pub use fit::{Column, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, Quantity, fit};
+pub use fit::{DataColumn, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, Quantity, fit};
 pub use integrate::{describe, integrate};
 pub use observables::{Direction, EndedBy, Monitored, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};

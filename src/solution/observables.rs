@@ -75,7 +75,7 @@ impl Observables {
 pub(super) struct Observed<'a> {
     of: &'a Observables,
     monitors: Monitors,
-    place: Place,
+    place: EvaluationBuffer,
     /// The integrals up to `reached`.
     integrals: Vec<f64>,
     reached: f64,
@@ -84,7 +84,7 @@ pub(super) struct Observed<'a> {
 }
 
 /// Room for one evaluation.
-struct Place {
+struct EvaluationBuffer {
     program: Tape,
     boxes: IntervalWorkspace,
     outputs: Vec<f64>,
@@ -98,7 +98,7 @@ struct Place {
 /// The monitors along the last step of a method.
 struct Along<'a, S> {
     stepper: &'a mut S,
-    place: &'a mut Place,
+    place: &'a mut EvaluationBuffer,
 }
 
 impl<S: Stepper> Followed for Along<'_, S> {
@@ -108,7 +108,7 @@ impl<S: Stepper> Followed for Along<'_, S> {
     }
 
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
-        let Place { program, boxes, output_ranges, ranges, first, .. } = &mut *self.place;
+        let EvaluationBuffer { program, boxes, output_ranges, ranges, first, .. } = &mut *self.place;
         output_ranges.fill(Interval::LINE);
         if !self.stepper.enclose(from, to, output_ranges) {
             return false;
@@ -119,7 +119,7 @@ impl<S: Stepper> Followed for Along<'_, S> {
     }
 }
 
-impl Place {
+impl EvaluationBuffer {
     /// Definitions, integrands and monitors at a time within the last step.
     fn at(&mut self, stepper: &mut impl Stepper, t: f64) -> &[f64] {
         stepper.values(t, &mut self.outputs);
@@ -132,7 +132,7 @@ impl<'a> Observed<'a> {
     /// Begins at the start of a run with so many outputs of the problem.
     pub fn new(of: &'a Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let count = of.names.len() + of.monitors.len();
-        let mut place = Place {
+        let mut place = EvaluationBuffer {
             program: of.program.clone(),
             boxes: IntervalWorkspace::new(&of.program),
             outputs: vec![0.0; outputs],
@@ -213,7 +213,7 @@ impl<'a> Observed<'a> {
 
     /// Writes definitions at a time at which the problem has these outputs.
     pub fn define(&mut self, t: f64, outputs: &[f64], out: &mut [f64]) {
-        let Place { program, values, .. } = &mut self.place;
+        let EvaluationBuffer { program, values, .. } = &mut self.place;
         program.evaluate(t, outputs, values);
         out.copy_from_slice(&values[..out.len()]);
     }

@@ -3,7 +3,7 @@
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
 use analysis::Analysis;
-use models::obstacle::{Cause, Contact, Obstacle, Settings, TrBdf2};
+use models::obstacle::{Contact, Obstacle, ObstacleError, Settings, TrBdf2};
 use problem::Control;
 
 /// Integrates an obstacle problem.
@@ -15,7 +15,8 @@ pub fn integrate_obstacle(
     control: &Control,
 ) -> Solution {
     run(plan, control, describe_obstacle(problem, settings, analysis), || {
-        Course::new(problem, plan, settings, control).map_err(|cause| failure(&cause, plan.start, plan.initial.clone()))
+        ObstacleRun::new(problem, plan, settings, control)
+            .map_err(|cause| failure(&cause, plan.start, plan.initial.clone()))
     })
 }
 
@@ -43,7 +44,7 @@ pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Ana
 }
 
 /// A run with the names that its columns go by.
-struct Course<'a> {
+struct ObstacleRun<'a> {
     stepper: TrBdf2<'a>,
     /// The outputs at the time before the last step, and at the time reached.
     told: [Vec<f64>; 2],
@@ -56,8 +57,13 @@ struct Course<'a> {
     vi_tolerance: f64,
 }
 
-impl<'a> Course<'a> {
-    fn new(problem: &Obstacle, plan: &'a Plan, settings: &Settings, control: &'a Control) -> Result<Self, Cause> {
+impl<'a> ObstacleRun<'a> {
+    fn new(
+        problem: &Obstacle,
+        plan: &'a Plan,
+        settings: &Settings,
+        control: &'a Control,
+    ) -> Result<Self, ObstacleError> {
         let stepper = TrBdf2::new(problem.clone(), (plan.start, plan.end), *settings, control)?;
         let probes = problem.probes.iter().map(|probe| problem.grid.interpolation(probe.at)).collect();
         let room = || vec![0.0; plan.names.len()];
@@ -95,7 +101,7 @@ impl<'a> Course<'a> {
     }
 }
 
-impl Stepper for Course<'_> {
+impl Stepper for ObstacleRun<'_> {
     fn t(&self) -> f64 {
         self.stepper.t
     }
@@ -187,6 +193,6 @@ impl Stepper for Course<'_> {
     }
 }
 
-fn failure(cause: &Cause, time: f64, state: Vec<f64>) -> Failure {
+fn failure(cause: &ObstacleError, time: f64, state: Vec<f64>) -> Failure {
     Failure { code: cause.code().into(), message: cause.to_string(), time, state }
 }

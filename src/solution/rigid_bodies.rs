@@ -6,23 +6,23 @@ use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, 
 use analysis::Analysis;
 use contact::Settings;
 use contact::energy::Energy;
-use models::rigid_bodies::{Body, Motion, Scene, Simulation, StepFailure, between};
+use models::rigid_bodies::{Body, MoreauStepping, Motion, MultibodySystem, StepFailure, between};
 use problem::Control;
 
 /// Steps a scene through the plan.
 pub fn step_rigid_bodies(
-    scene: &Scene,
+    scene: &MultibodySystem,
     plan: &Plan,
     settings: &Settings,
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
     let diagnostics = describe_rigid_bodies(scene, settings, analysis);
-    run(plan, control, diagnostics, || Course::new(scene, plan, settings, control))
+    run(plan, control, diagnostics, || RigidBodyRun::new(scene, plan, settings, control))
 }
 
 /// What is known before the run.
-pub fn describe_rigid_bodies(scene: &Scene, settings: &Settings, analysis: &Analysis) -> Diagnostics {
+pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "contact",
         built: vec!["time stepping", "collisions", "law of impact", "islands"],
@@ -52,9 +52,9 @@ pub fn describe_rigid_bodies(scene: &Scene, settings: &Settings, analysis: &Anal
 }
 
 /// A run with the names that its columns go by.
-struct Course<'a> {
-    scene: &'a Scene,
-    simulation: Simulation<'a>,
+struct RigidBodyRun<'a> {
+    scene: &'a MultibodySystem,
+    simulation: MoreauStepping<'a>,
     plan: &'a Plan,
     control: &'a Control,
     h: f64,
@@ -82,9 +82,14 @@ struct Course<'a> {
     checks: Checks,
 }
 
-impl<'a> Course<'a> {
-    fn new(scene: &'a Scene, plan: &'a Plan, settings: &Settings, control: &'a Control) -> Result<Self, Failure> {
-        let mut simulation = Simulation::new(scene, plan.start, settings);
+impl<'a> RigidBodyRun<'a> {
+    fn new(
+        scene: &'a MultibodySystem,
+        plan: &'a Plan,
+        settings: &Settings,
+        control: &'a Control,
+    ) -> Result<Self, Failure> {
+        let mut simulation = MoreauStepping::new(scene, plan.start, settings);
         simulation.most_memory = plan.most_memory;
         let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
         if scene.resolve && !simulation.resolve(control).map_err(failed)? {
@@ -207,7 +212,7 @@ impl<'a> Course<'a> {
     }
 }
 
-impl Stepper for Course<'_> {
+impl Stepper for RigidBodyRun<'_> {
     fn t(&self) -> f64 {
         self.t
     }
@@ -279,10 +284,10 @@ impl Stepper for Course<'_> {
     }
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
-        let happenings = &self.simulation.happenings;
+        let new_events = &self.simulation.new_events;
         let room = MOST_EVENTS - self.events.min(MOST_EVENTS);
-        self.events += happenings.len();
-        events.extend(happenings.iter().take(room).map(|(kind, pair)| {
+        self.events += new_events.len();
+        events.extend(new_events.iter().take(room).map(|(kind, pair)| {
             let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
             // A stop between a body and the world.
             let of = if pair[0] == pair[1] { first.clone() } else { format!("{first} and {second}") };
@@ -327,7 +332,7 @@ impl Stepper for Course<'_> {
 }
 
 /// Why there is no step beyond, or to, this time.
-fn failure(cause: &StepFailure, scene: &Scene, plan: &Plan, t: f64, state: &[f64]) -> Failure {
+fn failure(cause: &StepFailure, scene: &MultibodySystem, plan: &Plan, t: f64, state: &[f64]) -> Failure {
     let (code, message) = match *cause {
         StepFailure::NotFinite { body } => {
             let name = &scene.bodies[body].name;
@@ -349,7 +354,7 @@ fn failure(cause: &StepFailure, scene: &Scene, plan: &Plan, t: f64, state: &[f64
 }
 
 /// What is to be said where bodies on joints, or under forces that depend on how they move, find no step.
-fn blocked(scene: &Scene, t: f64) -> String {
+fn blocked(scene: &MultibodySystem, t: f64) -> String {
     let drives = scene.joints.iter().any(|joint| joint.drive.is_some());
     let causes = [
         (drives, "a motor jumps, is not finite, or pushes against what does not yield"),
@@ -364,7 +369,7 @@ fn blocked(scene: &Scene, t: f64) -> String {
 
 /// What is to be said of contacts that take too much memory: those that were found until they did.
 fn too_much_memory(
-    scene: &Scene,
+    scene: &MultibodySystem,
     plan: &Plan,
     t: f64,
     (contacts, most_touched, bytes): (usize, Option<(usize, u32)>, usize),

@@ -8,7 +8,7 @@ use expression::{Irregularities, Irregularity};
 use models::DviModel;
 use numerics::Interval;
 use problem::{Structure, Warning};
-use radau::{Place, Radau};
+use radau::{Activity, Radau};
 
 /// What the user should know of the uniqueness of the solution, before it is computed.
 pub fn uniqueness_caveat(analysis: &Analysis) -> Option<Warning> {
@@ -121,5 +121,5 @@ fn take_back(diagnostics: &mut Diagnostics, uncertified: impl FnOnce(Analysis) -
 pub(super) fn analysis_of_face(radau: &mut Radau<'_>) -> Analysis {
     let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
     let blocks = radau.equations_of_blocks();
-    analyse_face(radau.problem(), t, &y, &blocks, |k| face.places[k] == Place::Inside)
+    analyse_face(radau.problem(), t, &y, &blocks, |k| face.places[k] == Activity::Inactive)
 }

@@ -46,7 +46,7 @@ pub enum CheckCode {
 
 impl CheckCode {
     /// All codes, in the order in which they are reported.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::LawResidual,
         Self::ConstraintResidual,
         Self::JointDrift,

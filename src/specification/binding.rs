@@ -2,8 +2,8 @@
 
 use super::checked::Specification;
 use super::error::{Errors, SpecificationError};
-use super::model::Asked;
-use super::place::Place;
+use super::model::Request;
+use super::pointer::Pointer;
 use super::wording::{abridged, listed};
 use expression::nearest;
 use models::Unbindable;
@@ -16,7 +16,7 @@ impl Specification {
     /// Names that are no parameters with values of their own, values that are none or that the problem does not have at its
     /// start, and those that would change the structure (`structure_changes`), for which it is to be read anew.
     pub fn with_parameters(&self, given: &[(&str, f64)]) -> Result<Self, Vec<SpecificationError>> {
-        let (root, time, mut errors) = (Place::Root, self.time(), Errors::default());
+        let (root, time, mut errors) = (Pointer::Root, self.time(), Errors::default());
         let (problem, key) = (root.key("problem"), self.problem());
         let problem = problem.key(key);
         let place = problem.key("parameters");
@@ -50,7 +50,7 @@ impl Specification {
         })?;
         model.check_start(time.start, &problem, &mut errors);
         let analysis = model.analyse(time.start);
-        model.check_method(&Asked { analysis: &analysis, method: self.method(), time }, &mut errors);
+        model.check_method(&Request { analysis: &analysis, method: self.method(), time }, &mut errors);
         match errors.is_empty() {
             true => Ok(self.with_model(model, &values, analysis)),
             false => Err(errors.into_list()),

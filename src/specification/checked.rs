@@ -7,11 +7,11 @@ use super::json::Json;
 use super::label;
 use super::lowering::{Lowering, MOST_UNKNOWNS, Start};
 use super::method::{Method, ViSolverName, out_of_range};
-use super::model::{Asked, Model};
+use super::model::{Model, Request};
 use super::observables;
 use super::output::{Columns, Output};
-use super::place::Place;
 use super::plan::MOST_STEPS;
+use super::pointer::Pointer;
 use super::reading::{Digest, digest};
 use super::repairs::Repairs;
 use super::search::{self, Search};
@@ -100,7 +100,7 @@ impl Specification {
             label,
         } = document;
         let mut found = Errors::default();
-        let root = Place::Root;
+        let root = Pointer::Root;
         check_version(version, &root.key("version"), &mut found);
         let asked = search::Request { periodic: periodic.as_ref(), steady_state };
         let of_problem = root.key("problem");
@@ -208,7 +208,7 @@ impl Specification {
             };
             let is_right = errors.is_empty() && found.is_empty() && !lacks_plan;
             let analysis = is_right.then(|| model.analyse(time.start))?;
-            model.check_method(&Asked { analysis: &analysis, method: &method, time }, &mut found);
+            model.check_method(&Request { analysis: &analysis, method: &method, time }, &mut found);
             if let Some(why) = model.no_global_error().filter(|_| output.global_error) {
                 found.report(&place_of_output.key("global_error"), "conflict", why);
             }
@@ -281,7 +281,7 @@ impl Specification {
     pub fn reporting_at(&self, times: Vec<f64>) -> Result<Self, Vec<SpecificationError>> {
         let mut errors = Errors::default();
         let output = Output { times: Times::List(times), ..Output::default() };
-        let output_times = output.times(Some(self.time), &Place::Root.key("output"), &mut errors);
+        let output_times = output.times(Some(self.time), &Pointer::Root.key("output"), &mut errors);
         match errors.is_empty() {
             true => Ok(Self { output_times, study: None, ..self.clone() }),
             false => Err(errors.into_list()),
@@ -408,7 +408,7 @@ impl Specification {
 
 /// The model, where the problem has one; its errors go to `errors`.
 fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Arc<dyn Model>> {
-    let place = Place::Root.key("problem");
+    let place = Pointer::Root.key("problem");
     let problem = problem.written();
     let unknowns = problem.unknowns();
     let place = place.key(problem.key());
@@ -423,7 +423,7 @@ fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Arc
 }
 
 /// The horizon, if it is one.
-fn check_time(time: Time, place: &Place<'_>, errors: &mut Errors) -> Option<Time> {
+fn check_time(time: Time, place: &Pointer<'_>, errors: &mut Errors) -> Option<Time> {
     if time.end > time.start && (time.end - time.start).is_finite() {
         return Some(time);
     }
@@ -433,7 +433,7 @@ fn check_time(time: Time, place: &Place<'_>, errors: &mut Errors) -> Option<Time
     None
 }
 
-fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
+fn check_limits(limits: Limits, place: &Pointer<'_>, errors: &mut Errors) {
     if let Some(seconds) = limits.wall_seconds.filter(|seconds| *seconds <= 0.0) {
         out_of_range(&place.key("wall_seconds"), seconds, "above 0", errors);
     }
@@ -442,7 +442,7 @@ fn check_limits(limits: Limits, place: &Place<'_>, errors: &mut Errors) {
     }
 }
 
-fn check_solver(set: &ConvexSet, solver: ViSolverName, place: &Place<'_>, errors: &mut Errors) {
+fn check_solver(set: &ConvexSet, solver: ViSolverName, place: &Pointer<'_>, errors: &mut Errors) {
     if set.has_blocks() && !solver.takes_blocks() {
         let detail = "this solver is one for intervals, and the set binds variables together";
         errors.push(
@@ -452,7 +452,7 @@ fn check_solver(set: &ConvexSet, solver: ViSolverName, place: &Place<'_>, errors
     }
 }
 
-fn check_version(version: Option<u64>, place: &Place<'_>, errors: &mut Errors) {
+fn check_version(version: Option<u64>, place: &Pointer<'_>, errors: &mut Errors) {
     if let Some(version) = version.filter(|version| *version != VERSION) {
         let detail = format!("version {version} of the language of specifications is not known here");
         let error = SpecificationError::new(place.to_string(), "unknown_version", detail);

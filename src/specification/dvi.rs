@@ -15,14 +15,14 @@ use super::lowering::{Lowering, Named, Start};
 use super::mass;
 use super::matrix::Matrix;
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::set::{self, Block, LoweredSet};
 use super::start;
 use super::tables::TableOfPoints;
 use super::wording::abridged;
 use super::written::{Lowered, Written};
 use expression::Node;
-use models::{DviModel, Equations, Outputs, ParametricTerms, Refusal, Rows};
+use models::{DviModel, Equations, LoweringError, Outputs, ParametricTerms, Rows};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::ToSchema;
@@ -97,7 +97,7 @@ impl Written for DviProblem {
         self.states.len() + self.variables.len()
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.named(), place);
         let (n, m) = (self.states.len(), self.variables.len());
         if n == 0 {
@@ -158,12 +158,12 @@ impl DviProblem {
     /// The problem with its kinks written as a set, as JSON, if it can be.
     fn as_set(&self, start: Start<'_>) -> Option<String> {
         let problem = as_set::rewritten(self)?;
-        let (lowering, model) = problem.lower(&Place::Root, start);
+        let (lowering, model) = problem.lower(&Pointer::Root, start);
         model.filter(|_| lowering.errors.is_empty())?;
         serde_json::to_string(&problem).ok().map(|problem| format!("{{\"dvi\":{problem}}}"))
     }
 
-    fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> (Vec<f64>, Vec<Node>) {
+    fn initial(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> (Vec<f64>, Vec<Node>) {
         let place = place.key("states");
         self.states
             .iter()
@@ -171,7 +171,7 @@ impl DviProblem {
             .unzip()
     }
 
-    fn rates(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+    fn rates(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let place = place.key("states");
         self.states
             .iter()
@@ -179,7 +179,7 @@ impl DviProblem {
             .collect()
     }
 
-    fn inequality(&self, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+    fn inequality(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let place = place.key("variables");
         self.variables
             .iter()
@@ -189,13 +189,13 @@ impl DviProblem {
 }
 
 pub(super) fn refused(
-    refusal: Refusal,
+    refusal: LoweringError,
     states: &[String],
     variables: &[String],
     pointer: impl Fn(usize) -> String,
 ) -> SpecificationError {
     match refusal {
-        Refusal::NotAffine { rate, variable } => {
+        LoweringError::NotAffine { rate, variable } => {
             let (state, variable) = (abridged(&states[rate]), abridged(&variables[variable]));
             let detail = format!(
                 "the rate of `{state}` is not affine in the variables: its derivative by `{variable}` depends on them"
@@ -203,7 +203,7 @@ pub(super) fn refused(
             SpecificationError::new(pointer(rate), "rate_not_affine", detail)
                 .expected("f(t,x) + B(t,x) z; a nonlinear law belongs into an `inequality`")
         }
-        Refusal::Derivative { row, error } => {
+        LoweringError::Derivative { row, error } => {
             SpecificationError::new(pointer(row), error.code, error.message).did_you_mean(error.did_you_mean)
         }
     }

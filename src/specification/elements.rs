@@ -3,7 +3,7 @@
 use super::directions::{DIRECTIONS, missing, surplus};
 use super::error::SpecificationError;
 use super::lowering::Lowering;
-use super::place::Place;
+use super::pointer::Pointer;
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, Error, MapAccess, Visitor};
@@ -55,7 +55,7 @@ impl Elements {
     }
 
     /// Where the number in a direction is written.
-    pub(super) fn pointer(&self, direction: usize, place: &Place<'_>) -> String {
+    pub(super) fn pointer(&self, direction: usize, place: &Pointer<'_>) -> String {
         match self {
             Self::Same(_) => place.to_string(),
             Self::Each(_) => place.key(DIRECTIONS[direction]).to_string(),
@@ -67,7 +67,7 @@ impl Elements {
         &self,
         dimension: usize,
         (fewest, what): (u64, &str),
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> Vec<Option<usize>> {
         let is_each = matches!(self, Self::Each(_));

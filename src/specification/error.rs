@@ -1,6 +1,6 @@
 //! What is wrong with a specification, where, and what would be right.
 
-use super::place::Place;
+use super::pointer::Pointer;
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -72,7 +72,7 @@ impl Errors {
     }
 
     /// Adds an error at `place`.
-    pub(super) fn report(&mut self, place: &Place<'_>, code: &'static str, detail: impl Into<String>) {
+    pub(super) fn report(&mut self, place: &Pointer<'_>, code: &'static str, detail: impl Into<String>) {
         self.push_with(|| SpecificationError::new(place.to_string(), code, detail));
     }
 

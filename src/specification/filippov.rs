@@ -7,7 +7,7 @@ use super::expression::Expression;
 use super::kinks;
 use super::lowering::{Lowering, Named, Start};
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::start;
 use super::tables::TableOfPoints;
 use super::wording::{abridged, listed};
@@ -95,7 +95,7 @@ impl Written for FilippovProblem {
         self.states.len() + self.variables()
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.named(), place);
         let n = self.states.len();
         let states = place.key("states");
@@ -164,7 +164,7 @@ impl Written for FilippovProblem {
 
 impl FilippovProblem {
     /// The two regions of a surface, that of `plus` first.
-    fn sides(&self, surface: &Expression, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Region> {
+    fn sides(&self, surface: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Region> {
         let zero = lowering.graph.constant(0.0);
         let below = lowering.node(surface, &place.key("surface")).unwrap_or(zero);
         let above = lowering.graph.negate(below);
@@ -187,7 +187,7 @@ impl FilippovProblem {
         vec![Region { indicator: above, rates: plus }, Region { indicator: below, rates: minus }]
     }
 
-    fn many(&self, regions: &[FilippovRegion], place: &Place<'_>, lowering: &mut Lowering) -> Vec<Region> {
+    fn many(&self, regions: &[FilippovRegion], place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Region> {
         for (name, state) in self.states.iter() {
             for (key, rate) in [("plus", &state.plus), ("minus", &state.minus)] {
                 if rate.is_some() {
@@ -207,7 +207,7 @@ impl FilippovProblem {
         regions.iter().enumerate().map(|(i, region)| self.region(region, &place.index(i), lowering)).collect()
     }
 
-    fn region(&self, region: &FilippovRegion, place: &Place<'_>, lowering: &mut Lowering) -> Region {
+    fn region(&self, region: &FilippovRegion, place: &Pointer<'_>, lowering: &mut Lowering) -> Region {
         let zero = lowering.graph.constant(0.0);
         let indicator = lowering.node(&region.indicator, &place.key("indicator")).unwrap_or(zero);
         let place = place.key("rates");

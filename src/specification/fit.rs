@@ -6,14 +6,14 @@ use super::error::{Errors, SpecificationError};
 use super::method::out_of_range;
 use super::model::Model;
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::sensitivities::{INITIAL, differentiable};
 use super::wording::{abridged, listed};
 use expression::nearest;
 use models::DviModel;
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use solution::{By, Column, Fit, Fitted, Loss, Observables, Quantity};
+use solution::{By, DataColumn, Fit, Fitted, Loss, Observables, Quantity};
 use std::fmt;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
@@ -107,7 +107,7 @@ impl FitRequest {
         others: &[(&'static str, bool)],
         errors: &mut Errors,
     ) -> Option<Fit> {
-        let place = Place::Root.key("fit");
+        let place = Pointer::Root.key("fit");
         let mut found = Errors::default();
         for (other, _) in others.iter().filter(|(_, given)| *given) {
             found.report(&place, "conflict", format!("`{other}` does not go with a fit"));
@@ -132,7 +132,7 @@ impl FitRequest {
         fit
     }
 
-    fn parameters(&self, model: &dyn Model, dvi: &DviModel, place: &Place<'_>, found: &mut Errors) -> Vec<Fitted> {
+    fn parameters(&self, model: &dyn Model, dvi: &DviModel, place: &Pointer<'_>, found: &mut Errors) -> Vec<Fitted> {
         let place = place.key("parameters");
         let (names, values) =
             model.parameters().map_or((&[][..], &[][..]), |parameters| (parameters.names(), parameters.values()));
@@ -183,7 +183,7 @@ impl FitRequest {
         fitted
     }
 
-    fn check_together(&self, fit: &Fit, place: &Place<'_>, found: &mut Errors) {
+    fn check_together(&self, fit: &Fit, place: &Pointer<'_>, found: &mut Errors) {
         if !(1..=MOST_STARTS).contains(&self.starts) {
             out_of_range(&place.key("starts"), self.starts as f64, &format!("1 to {MOST_STARTS}"), found);
         }
@@ -219,9 +219,9 @@ impl FitData {
         &self,
         (dvi, observables): (&DviModel, &Observables),
         time: Time,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         found: &mut Errors,
-    ) -> Vec<Column> {
+    ) -> Vec<DataColumn> {
         let place = place.key("data");
         let states = dvi.state_names.len();
         // Other definitions depend on variables, whose derivatives are not followed.
@@ -246,7 +246,7 @@ impl FitData {
                 found.push(error.expected(listed(columns())).did_you_mean(nearest(name, columns())));
             }
         }
-        let mut columns: Vec<Column> = Vec::new();
+        let mut columns: Vec<DataColumn> = Vec::new();
         for (name, values) in self.columns.iter() {
             let of_column = place.key(name);
             if values.len() != self.t.len() {
@@ -264,12 +264,12 @@ impl FitData {
             if columns.iter().any(|column| column.of == of) {
                 found.report(&of_column, "duplicate_name", format!("`{name}` is given already"));
             }
-            columns.push(Column { name: name.to_owned(), of, values: values.clone(), sd });
+            columns.push(DataColumn { name: name.to_owned(), of, values: values.clone(), sd });
         }
         columns
     }
 
-    fn check_times(&self, time: Time, place: &Place<'_>, found: &mut Errors) {
+    fn check_times(&self, time: Time, place: &Pointer<'_>, found: &mut Errors) {
         if self.t.is_empty() {
             let error = SpecificationError::new(place.to_string(), "empty", "there are no times");
             found.push(error.expected("the times of the data, increasing"));
@@ -290,10 +290,10 @@ impl FitData {
     }
 
     /// The standard deviations of a column.
-    fn spread(&self, name: &str, place: &Place<'_>, found: &mut Errors) -> Vec<f64> {
+    fn spread(&self, name: &str, place: &Pointer<'_>, found: &mut Errors) -> Vec<f64> {
         let of_sd = place.key("sd");
         let count = self.t.len();
-        let mut check = |value: f64, place: &Place<'_>| {
+        let mut check = |value: f64, place: &Pointer<'_>| {
             if value <= 0.0 {
                 out_of_range(place, value, "above 0", found);
             }

@@ -1,6 +1,6 @@
 //! A JSON document as it was written: members in order, and none lost where a name stands twice.
 
-use super::place::Step;
+use super::pointer::Step;
 use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_json::Number;
 use std::collections::HashSet;

@@ -1,14 +1,14 @@
 //! Labels: the user's own words for a run or an event.
 
 use super::error::{Errors, SpecificationError};
-use super::place::Place;
+use super::pointer::Pointer;
 use super::wording::abridged;
 
 /// The longest label, in characters.
 pub(super) const LONGEST: usize = 200;
 
 /// Reports a label that is too long.
-pub(super) fn check(label: Option<&str>, place: &Place<'_>, errors: &mut Errors) {
+pub(super) fn check(label: Option<&str>, place: &Pointer<'_>, errors: &mut Errors) {
     let Some(length) = label.map(|label| label.chars().count()).filter(|length| *length > LONGEST) else {
         return;
     };

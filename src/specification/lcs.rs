@@ -10,7 +10,7 @@ use super::lowering::{Lowering, Named, Start};
 use super::mass;
 use super::matrix::{Entries, Matrix};
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::set::{self, Block};
 use super::start;
 use super::tables::TableOfPoints;
@@ -95,7 +95,7 @@ impl Written for LcsProblem {
         self.initial.len() + self.variables()
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.named(), place);
         let (n, m) = (self.initial.len(), self.variables());
         if n == 0 {
@@ -164,7 +164,7 @@ impl Written for LcsProblem {
 
 impl LcsProblem {
     /// `[A B; C D]` by its nonzeros.
-    fn matrix(&self, n: usize, m: usize, place: &Place<'_>, lowering: &mut Lowering) -> Entries {
+    fn matrix(&self, n: usize, m: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Entries {
         let blocks = [
             ("A", &self.A, (0, 0), (n, n)),
             ("B", &self.B, (0, n), (n, m)),
@@ -186,7 +186,7 @@ fn names(
     given: Option<&[String]>,
     letter: &str,
     count: usize,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> Vec<String> {
     match given {
@@ -198,7 +198,7 @@ fn names(
 }
 
 /// A forcing, in `t` alone; zero where it is left out.
-fn forcing(given: Option<&[Expression]>, count: usize, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+fn forcing(given: Option<&[Expression]>, count: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
     let zero = lowering.graph.constant(0.0);
     let given = given.unwrap_or_default();
     if !given.is_empty() && given.len() != count {
@@ -221,7 +221,7 @@ fn forcing(given: Option<&[Expression]>, count: usize, place: &Place<'_>, loweri
     nodes
 }
 
-fn wrong_length(place: &Place<'_>, found: usize, expected: usize, lowering: &mut Lowering) {
+fn wrong_length(place: &Pointer<'_>, found: usize, expected: usize, lowering: &mut Lowering) {
     let detail = format!("expected {expected} entries, got {found}");
     let error = SpecificationError::new(place.to_string(), "wrong_shape", detail);
     lowering.errors.push(error.expected(format!("{expected} entries")));

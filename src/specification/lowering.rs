@@ -10,7 +10,7 @@ use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
 use super::ordered::Ordered;
 use super::parameters;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::tables::TableOfPoints;
 use super::wording::abridged;
 use expression::{Assumption, Graph, NameError, Node, Scope};
@@ -74,16 +74,16 @@ const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
     /// A lowering in which `t` and the parameters have their names, these as constants.
-    pub(super) fn new(start: Start<'c>, named: Named<'_>, problem: &Place<'_>) -> Self {
+    pub(super) fn new(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>) -> Self {
         Self::begin(start, named, problem, false)
     }
 
     /// A lowering in which `t` and the parameters have their names, these as inputs.
-    pub(super) fn with_inputs(start: Start<'c>, named: Named<'_>, problem: &Place<'_>) -> Self {
+    pub(super) fn with_inputs(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>) -> Self {
         Self::begin(start, named, problem, true)
     }
 
-    fn begin(start: Start<'c>, named: Named<'_>, problem: &Place<'_>, are_inputs: bool) -> Self {
+    fn begin(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>, are_inputs: bool) -> Self {
         let mut lowering = Self {
             graph: Graph::default(),
             errors: Errors::default(),
@@ -138,7 +138,7 @@ impl<'c> Lowering<'c> {
     }
 
     /// Gives the tables their names. One that cannot be is left out, and what calls it is not read further.
-    fn bind_tables(&mut self, tables: &Ordered<TableOfPoints>, place: &Place<'_>) {
+    fn bind_tables(&mut self, tables: &Ordered<TableOfPoints>, place: &Pointer<'_>) {
         for (name, points) in tables.iter() {
             let place = place.key(name);
             let Some(table) = points.table(&place, &mut self.errors) else {
@@ -225,7 +225,7 @@ impl<'c> Lowering<'c> {
     }
 
     /// Gives definitions their names, and gives their nodes in the order of the document.
-    pub(super) fn define(&mut self, definitions: &Ordered<Expression>, problem: &Place<'_>) -> Vec<Node> {
+    pub(super) fn define(&mut self, definitions: &Ordered<Expression>, problem: &Pointer<'_>) -> Vec<Node> {
         let place = problem.key("definitions");
         let mut nodes = HashMap::with_capacity(definitions.len());
         for (name, expression) in self.in_order(definitions, false) {
@@ -238,17 +238,17 @@ impl<'c> Lowering<'c> {
     }
 
     /// An expression in all that has a name; zero where it cannot be read.
-    pub(super) fn node_or_zero(&mut self, expression: &Expression, place: &Place<'_>) -> Node {
+    pub(super) fn node_or_zero(&mut self, expression: &Expression, place: &Pointer<'_>) -> Node {
         self.node(expression, place).unwrap_or_else(|| self.graph.constant(0.0))
     }
 
     /// Keeps a name for something that no expression can refer to.
-    pub(super) fn keep_name(&mut self, name: &str, place: &Place<'_>) {
+    pub(super) fn keep_name(&mut self, name: &str, place: &Pointer<'_>) {
         let nothing = self.graph.constant(0.0);
         self.bind(name, nothing, place);
     }
 
-    fn bind(&mut self, name: &str, node: Node, place: &Place<'_>) -> bool {
+    fn bind(&mut self, name: &str, node: Node, place: &Pointer<'_>) -> bool {
         self.bind_at(name, node, || place.to_string())
     }
 
@@ -274,7 +274,7 @@ impl<'c> Lowering<'c> {
     }
 
     /// An expression in `t`, the parameters, the states and the variables.
-    pub(super) fn node(&mut self, expression: &Expression, place: &Place<'_>) -> Option<Node> {
+    pub(super) fn node(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<Node> {
         match expression {
             Expression::Number(value) => Some(self.graph.constant(*value)),
             Expression::Text(text) => self.parse(text, place, false),
@@ -282,7 +282,7 @@ impl<'c> Lowering<'c> {
     }
 
     /// An expression in the parameters alone, which has a finite value and keeps it: others cannot be bound.
-    pub(super) fn constant(&mut self, expression: &Expression, place: &Place<'_>) -> Option<f64> {
+    pub(super) fn constant(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<f64> {
         let Constant { value, node } = self.parametric(expression, place)?;
         if let Some(node) = node {
             self.graph.assume(node, Assumption::Value);
@@ -291,7 +291,7 @@ impl<'c> Lowering<'c> {
     }
 
     /// An expression in the parameters alone, which has a finite value.
-    pub(super) fn parametric(&mut self, expression: &Expression, place: &Place<'_>) -> Option<Constant> {
+    pub(super) fn parametric(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<Constant> {
         let (value, node) = match expression {
             Expression::Number(value) => (Some(*value), None),
             Expression::Text(text) => {
@@ -312,7 +312,7 @@ impl<'c> Lowering<'c> {
     }
 
     /// A state at the start, with its term.
-    pub(super) fn initial(&mut self, given: &Expression, place: &Place<'_>) -> (f64, Node) {
+    pub(super) fn initial(&mut self, given: &Expression, place: &Pointer<'_>) -> (f64, Node) {
         let constant = self.parametric(given, place).unwrap_or(Constant { value: 0.0, node: None });
         let node = constant.node.unwrap_or_else(|| self.graph.constant(constant.value));
         (constant.value, node)
@@ -350,7 +350,7 @@ impl<'c> Lowering<'c> {
         Some(Parameters::new(&self.graph, ParametricTerms { names, values, ..terms }, mass))
     }
 
-    fn parse(&mut self, text: &str, place: &Place<'_>, constant: bool) -> Option<Node> {
+    fn parse(&mut self, text: &str, place: &Pointer<'_>, constant: bool) -> Option<Node> {
         // Among names that are not names, an expression would only be misread.
         if self.misnamed || !self.errors.has_room() {
             return None;

@@ -2,7 +2,7 @@
 
 use super::lowering::Lowering;
 use super::matrix::{Entries, Matrix};
-use super::place::Place;
+use super::pointer::Pointer;
 use expression::Node;
 use problem::Mass;
 
@@ -11,7 +11,7 @@ use problem::Mass;
 pub(super) fn lower(
     mass: Option<&Matrix>,
     n: usize,
-    problem: &Place<'_>,
+    problem: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> (Mass, Vec<(usize, usize, Node)>) {
     let Some(mass) = mass else { return (Mass::Identity, Vec::new()) };

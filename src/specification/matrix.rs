@@ -3,7 +3,7 @@
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Constant, Lowering};
-use super::place::Place;
+use super::pointer::Pointer;
 use expression::{Assumption, Node};
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor};
@@ -64,7 +64,7 @@ impl Matrix {
     pub(super) fn entries(
         &self,
         shape: (usize, usize),
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> Vec<(usize, usize, f64)> {
         let Entries { values, terms } = self.parametric(shape, place, lowering);
@@ -73,7 +73,7 @@ impl Matrix {
     }
 
     /// The same, with the terms of those that depend on parameters.
-    pub(super) fn parametric(&self, shape: (usize, usize), place: &Place<'_>, lowering: &mut Lowering) -> Entries {
+    pub(super) fn parametric(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Entries {
         let mut entries: Vec<(usize, usize, Constant)> = Vec::new();
         self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
             let constant = lowering.parametric(value, place).unwrap_or(Constant { value: 0.0, node: None });
@@ -94,7 +94,7 @@ impl Matrix {
     }
 
     /// All entries row by row, as expressions that may vary.
-    pub(super) fn nodes(&self, shape: (usize, usize), place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+    pub(super) fn nodes(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let (rows, columns) = shape;
         let mut nodes = vec![lowering.graph.constant(0.0); rows * columns];
         self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
@@ -112,9 +112,9 @@ impl Matrix {
     fn for_each(
         &self,
         (rows, columns): (usize, usize),
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
-        mut visit: impl FnMut(usize, usize, &Expression, &Place<'_>, &mut Lowering),
+        mut visit: impl FnMut(usize, usize, &Expression, &Pointer<'_>, &mut Lowering),
     ) {
         match self {
             // A row is written flat where a program does not tell it from a column.
@@ -164,7 +164,7 @@ impl Matrix {
     }
 }
 
-fn wrong_shape(place: &Place<'_>, detail: String, rows: usize, columns: usize, lowering: &mut Lowering) {
+fn wrong_shape(place: &Pointer<'_>, detail: String, rows: usize, columns: usize, lowering: &mut Lowering) {
     let error = SpecificationError::new(place.to_string(), "wrong_shape", detail);
     let row = format!("[{}]", vec![".."; columns.min(SHOWN)].join(", "));
     let shown = format!("[{}]", vec![row; rows.min(SHOWN)].join(", "));

@@ -2,8 +2,8 @@
 
 use super::choices::choices;
 use super::error::{Errors, SpecificationError};
-use super::place::Place;
 use super::plan::MOST_STEPS;
+use super::pointer::Pointer;
 use super::stages::Stages;
 use super::tolerance::AbsoluteTolerance;
 use radau::MOST_STAGES;
@@ -140,7 +140,7 @@ impl ViSolverName {
 
 impl Method {
     /// Checks everything but the absolute tolerances, over a horizon of the given length where that is known.
-    pub(super) fn check(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
+    pub(super) fn check(&self, place: &Pointer<'_>, horizon: Option<f64>, errors: &mut Errors) {
         check_stages(self.stages, self.step.is_some(), &place.key("stages"), errors);
         check_rtol(self.rtol, &place.key("rtol"), errors);
         if let Some(tolerance) = self.vi_tolerance.filter(|tolerance| !(*tolerance > 0.0 && *tolerance <= 0.01)) {
@@ -149,7 +149,7 @@ impl Method {
         self.check_steps(place, horizon, errors);
     }
 
-    fn check_steps(&self, place: &Place<'_>, horizon: Option<f64>, errors: &mut Errors) {
+    fn check_steps(&self, place: &Pointer<'_>, horizon: Option<f64>, errors: &mut Errors) {
         let adaptive = [("first_step", self.first_step), ("max_step", self.max_step), ("min_step", self.min_step)];
         for (key, step) in adaptive {
             if let Some(step) = step.filter(|step| *step <= 0.0) {
@@ -202,7 +202,7 @@ impl Method {
 }
 
 /// Checks a number of stages, beside a fixed step or not.
-pub(super) fn check_stages(stages: Stages, fixed: bool, place: &Place<'_>, errors: &mut Errors) {
+pub(super) fn check_stages(stages: Stages, fixed: bool, place: &Pointer<'_>, errors: &mut Errors) {
     let Stages::Fixed(stages) = stages else { return };
     if !(1..=MOST_STAGES as u64).contains(&stages) {
         let detail = format!("{stages} stages are not on offer");
@@ -219,14 +219,14 @@ pub(super) fn check_stages(stages: Stages, fixed: bool, place: &Place<'_>, error
 }
 
 /// Checks a relative tolerance.
-pub(super) fn check_rtol(rtol: f64, place: &Place<'_>, errors: &mut Errors) {
+pub(super) fn check_rtol(rtol: f64, place: &Pointer<'_>, errors: &mut Errors) {
     if !(1e-14..=0.1).contains(&rtol) {
         out_of_range(place, rtol, "from 1e-14 to 0.1", errors);
     }
 }
 
 /// Checks a fixed step, over a horizon of the given length where that is known.
-pub(super) fn check_step(step: f64, horizon: Option<f64>, place: &Place<'_>, errors: &mut Errors) {
+pub(super) fn check_step(step: f64, horizon: Option<f64>, place: &Pointer<'_>, errors: &mut Errors) {
     if step <= 0.0 {
         out_of_range(place, step, "above 0", errors);
     } else if let Some(steps) = horizon.map(|horizon| horizon / step).filter(|steps| *steps > MOST_STEPS as f64) {
@@ -237,7 +237,7 @@ pub(super) fn check_step(step: f64, horizon: Option<f64>, place: &Place<'_>, err
 }
 
 /// Reports a number outside its range.
-pub(super) fn out_of_range(place: &Place<'_>, value: f64, range: &str, errors: &mut Errors) {
+pub(super) fn out_of_range(place: &Pointer<'_>, value: f64, range: &str, errors: &mut Errors) {
     let error = SpecificationError::new(place.to_string(), "out_of_range", format!("{value} is out of range"));
     errors.push(error.expected(range));
 }

@@ -8,7 +8,7 @@ use super::expression::Expression;
 use super::label;
 use super::lowering::{Lowering, Named, Start};
 use super::model::Model;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::view::View;
 use super::wording::abridged;
 use expression::{Node, Tape};
@@ -51,7 +51,7 @@ impl Request<'_> {
         &self,
         outputs: &[&str],
         are_inputs: bool,
-        (place, start): (&Place<'_>, Start<'_>),
+        (place, start): (&Pointer<'_>, Start<'_>),
         errors: &mut Errors,
     ) -> Observables {
         let Named { definitions, integrals, .. } = self.named;
@@ -79,7 +79,7 @@ impl Request<'_> {
             nodes.push(lowering.node_or_zero(integrand, &place));
             lowering.keep_name(name, &place);
         }
-        let of_stop = Place::Root.key("stop");
+        let of_stop = Pointer::Root.key("stop");
         let mut monitors = Vec::with_capacity(self.stop.len());
         for (i, stop) in self.stop.iter().enumerate() {
             let place = of_stop.index(i);
@@ -104,13 +104,13 @@ impl Request<'_> {
             None if study => "a `study` compares runs at `time.end`",
             None => return,
         };
-        let error = SpecificationError::new(Place::Root.key("stop").index(i).to_string(), "conflict", why);
+        let error = SpecificationError::new(Pointer::Root.key("stop").index(i).to_string(), "conflict", why);
         errors.push(error.expected("`\"record\": true`, which only tells it, or no `stop`"));
     }
 }
 
 impl Stop {
-    fn monitored(&self, place: &Place<'_>, errors: &mut Errors) -> Monitored {
+    fn monitored(&self, place: &Pointer<'_>, errors: &mut Errors) -> Monitored {
         let label = self.label.clone().unwrap_or_else(|| match &self.when {
             Expression::Number(value) => value.to_string(),
             Expression::Text(text) => abridged(text).to_string(),

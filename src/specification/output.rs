@@ -3,7 +3,7 @@
 use super::document::Time;
 use super::error::{Errors, SpecificationError};
 use super::method::out_of_range;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::times::Times;
 use super::wording::{abridged, listed};
 use expression::nearest;
@@ -37,7 +37,7 @@ pub(super) const MOST_TIMES: usize = 2_000_000;
 
 impl Output {
     /// The output times, where they are not those of the steps. Over no known horizon only their order is checked.
-    pub(super) fn times(&self, time: Option<Time>, place: &Place<'_>, errors: &mut Errors) -> Option<Vec<f64>> {
+    pub(super) fn times(&self, time: Option<Time>, place: &Pointer<'_>, errors: &mut Errors) -> Option<Vec<f64>> {
         let place = place.key("times");
         match &self.times {
             Times::Steps => None,
@@ -77,7 +77,7 @@ impl Output {
     }
 
     /// The places of the fields to keep.
-    pub(super) fn fields(&self, columns: &Columns<'_>, place: &Place<'_>, errors: &mut Errors) -> Vec<usize> {
+    pub(super) fn fields(&self, columns: &Columns<'_>, place: &Pointer<'_>, errors: &mut Errors) -> Vec<usize> {
         let Some(fields) = &self.fields else { return columns.kept() };
         let place = place.key("fields");
         let names = || columns.names();
@@ -142,12 +142,12 @@ fn interpolate(start: f64, end: f64, fraction: f64) -> f64 {
     if fraction == 1.0 { end } else { start + fraction * (end - start) }
 }
 
-fn too_many(place: &Place<'_>, times: f64, errors: &mut Errors) {
+fn too_many(place: &Pointer<'_>, times: f64, errors: &mut Errors) {
     let error = SpecificationError::new(place.to_string(), "too_many_times", format!("{times:.0} output times"));
     errors.push(error.expected(format!("at most {MOST_TIMES} output times")));
 }
 
-fn check_list(times: &[f64], time: Option<Time>, place: &Place<'_>, errors: &mut Errors) {
+fn check_list(times: &[f64], time: Option<Time>, place: &Pointer<'_>, errors: &mut Errors) {
     if times.is_empty() {
         let error = SpecificationError::new(place.to_string(), "empty", "no output times");
         errors.push(error.expected("at least one time"));

@@ -3,10 +3,10 @@
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
-use super::place::Place;
+use super::pointer::Pointer;
 
 /// A number above zero; anything else is reported and gives one.
-pub(super) fn positive(value: &Expression, what: &str, place: &Place<'_>, lowering: &mut Lowering) -> f64 {
+pub(super) fn positive(value: &Expression, what: &str, place: &Pointer<'_>, lowering: &mut Lowering) -> f64 {
     in_range(value, what, (|x| x > 0.0, "above 0"), place, lowering).unwrap_or(1.0)
 }
 
@@ -15,7 +15,7 @@ pub(super) fn in_range(
     value: &Expression,
     what: &str,
     (belongs, range): (fn(f64) -> bool, &str),
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> Option<f64> {
     let value = lowering.constant(value, place)?;

@@ -6,7 +6,7 @@
 use super::document::Document;
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
-use super::place::{Step, pointer};
+use super::pointer::{Step, pointer};
 use super::repairs::Repairs;
 use super::sweep::{self, Prepared};
 use super::syntax;

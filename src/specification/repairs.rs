@@ -5,7 +5,7 @@ use super::error::{Errors, SpecificationError};
 use super::foreign;
 use super::json::Json;
 use super::mismatch::Mismatch;
-use super::place::{Step, pointer};
+use super::pointer::{Step, pointer};
 use super::shapes;
 use super::wording::{abridged, listed};
 use expression::nearest;

@@ -6,7 +6,7 @@ use super::expression::Expression;
 use super::lowering::{Lowering, Named, Start};
 use super::method::out_of_range;
 use super::model::Model;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::sensitivities::differentiable;
 use super::wording::{abridged, listed};
 use expression::nearest;
@@ -85,7 +85,7 @@ impl Request<'_> {
     pub fn time(
         &self,
         given: Option<Time>,
-        (named, problem): (Named<'_>, &Place<'_>),
+        (named, problem): (Named<'_>, &Pointer<'_>),
         start: Start<'_>,
         errors: &mut Errors,
     ) -> Option<Time> {
@@ -97,7 +97,7 @@ impl Request<'_> {
                 (None, None) => None,
             };
         };
-        let place = Place::Root.key("periodic");
+        let place = Pointer::Root.key("periodic");
         let place = place.key("period");
         let of_free = place.key("free");
         let (expression, place) = match period {
@@ -127,7 +127,7 @@ impl Request<'_> {
         errors: &mut Errors,
     ) -> Option<Search> {
         let key = self.key()?;
-        let place = Place::Root.key(key);
+        let place = Pointer::Root.key(key);
         let mut found = Errors::default();
         if self.periodic.is_some() && self.steady_state.is_some() {
             found.report(&place, "conflict", "one thing is looked for at a time: `periodic` or `steady_state`");

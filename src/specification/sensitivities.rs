@@ -2,7 +2,7 @@
 
 use super::error::{Errors, SpecificationError};
 use super::model::Model;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::wording::{abridged, listed};
 use expression::nearest;
 use models::DviModel;
@@ -30,7 +30,7 @@ pub struct SensitivitiesRequest {
 
 impl SensitivitiesRequest {
     /// Checks it for a model.
-    pub(super) fn check(&self, model: &dyn Model, place: &Place<'_>, errors: &mut Errors) -> Option<Sensitivities> {
+    pub(super) fn check(&self, model: &dyn Model, place: &Pointer<'_>, errors: &mut Errors) -> Option<Sensitivities> {
         let dvi = differentiable(model, "derivatives are followed", place, errors)?;
         let parameters = model.parameters().map_or(&[][..], |parameters| parameters.names());
         let initial: Vec<String> = dvi.state_names.iter().map(|name| format!("{name}{INITIAL}")).collect();
@@ -73,7 +73,7 @@ impl SensitivitiesRequest {
 pub(super) fn differentiable<'m>(
     model: &'m dyn Model,
     what: &str,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     errors: &mut Errors,
 ) -> Option<&'m DviModel> {
     let Some(dvi) = model.dvi() else {
@@ -101,7 +101,7 @@ pub(super) fn differentiable<'m>(
 fn places<'a>(
     asked: &[String],
     known: impl Iterator<Item = &'a String> + Clone,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     errors: &mut Errors,
 ) -> Vec<usize> {
     let names = || known.clone().map(String::as_str);

@@ -1,7 +1,7 @@
 //! What to write where a value has the wrong shape: made of what stands there, or an example of what belongs there.
 
 use super::json::Json;
-use super::place::Step;
+use super::pointer::Step;
 use super::wording::{abridged, quoted};
 
 /// Examples by the key that a value has.

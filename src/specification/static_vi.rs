@@ -11,7 +11,7 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Named, Start};
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::set::{self, Block, LoweredSet};
 use super::tables::TableOfPoints;
 use super::wording::abridged;
@@ -80,7 +80,7 @@ impl Written for ViProblem {
         true
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.named(), place);
         let of_variables = place.key("variables");
         if self.variables.is_empty() {
@@ -138,7 +138,7 @@ impl Written for ViProblem {
     }
 }
 
-fn refuse_time(node: Node, name: &str, place: &Place<'_>, lowering: &mut Lowering) {
+fn refuse_time(node: Node, name: &str, place: &Pointer<'_>, lowering: &mut Lowering) {
     if lowering.graph.inputs(node).contains(&0) {
         let detail = format!("the inequality of `{}` depends on `t`, and a static problem has no time", abridged(name));
         let error = SpecificationError::new(place.to_string(), "depends_on_time", detail);

@@ -8,7 +8,7 @@ use super::lowering::{Lowering, Named, Start};
 use super::method::{Impacts, Method, check_rtol, check_stages, check_step, out_of_range};
 use super::model::{Model, WithStages};
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::stages::Stages;
 use super::wording::{abridged, listed};
 use expression::{Tape, nearest};
@@ -82,8 +82,8 @@ impl StudyRequest {
     pub(super) fn check(
         &self,
         (model, method, time): (&dyn Model, &Method, Time),
-        (named, problem): (Named<'_>, &Place<'_>),
-        place: &Place<'_>,
+        (named, problem): (Named<'_>, &Pointer<'_>),
+        place: &Pointer<'_>,
         errors: &mut Errors,
     ) -> Option<StudyPlan> {
         let mut found = Errors::default();
@@ -107,7 +107,7 @@ impl StudyRequest {
         plan
     }
 
-    fn rungs(&self, model: &dyn Model, time: Time, place: &Place<'_>, errors: &mut Errors) -> Vec<Rung> {
+    fn rungs(&self, model: &dyn Model, time: Time, place: &Pointer<'_>, errors: &mut Errors) -> Vec<Rung> {
         let conflict = |detail: &str, expected: &str| {
             SpecificationError::new(place.to_string(), "conflict", detail).expected(expected)
         };
@@ -134,7 +134,7 @@ impl StudyRequest {
         Vec::new()
     }
 
-    fn stages(&self, model: &dyn Model, method: &Method, place: &Place<'_>, errors: &mut Errors) -> Vec<Stages> {
+    fn stages(&self, model: &dyn Model, method: &Method, place: &Pointer<'_>, errors: &mut Errors) -> Vec<Stages> {
         let Some(stages) = &self.stages else { return vec![method.stages] };
         let place = place.key("stages");
         check_length(stages.len(), &place, errors);
@@ -154,7 +154,7 @@ impl StudyRequest {
     }
 }
 
-fn check_length(length: usize, place: &Place<'_>, errors: &mut Errors) {
+fn check_length(length: usize, place: &Pointer<'_>, errors: &mut Errors) {
     if length == 0 {
         let error = SpecificationError::new(place.to_string(), "empty", "there is nothing to run");
         errors.push(error.expected("at least one value"));
@@ -164,8 +164,8 @@ fn check_length(length: usize, place: &Place<'_>, errors: &mut Errors) {
 fn check_exact(
     exact: &Ordered<Expression>,
     names: &[String],
-    (named, problem): (Named<'_>, &Place<'_>),
-    place: &Place<'_>,
+    (named, problem): (Named<'_>, &Pointer<'_>),
+    place: &Pointer<'_>,
     errors: &mut Errors,
 ) -> Exact {
     // Errors in the parameters are told where the problem is lowered.

@@ -1,7 +1,7 @@
 //! Tables: functions of one argument, given by points.
 
 use super::error::{Errors, SpecificationError};
-use super::place::Place;
+use super::pointer::Pointer;
 use expression::{Interpolation, Table, TableError};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -37,7 +37,7 @@ pub enum InterpolationName {
 
 impl TableOfPoints {
     /// The table, if it is one.
-    pub(super) fn table(&self, place: &Place<'_>, errors: &mut Errors) -> Option<Table> {
+    pub(super) fn table(&self, place: &Pointer<'_>, errors: &mut Errors) -> Option<Table> {
         let interpolation = match self.interpolation {
             InterpolationName::Linear => Interpolation::Linear,
             InterpolationName::Pchip => Interpolation::Pchip,

@@ -3,7 +3,7 @@
 use super::error::{Errors, SpecificationError};
 use super::method::{Method, out_of_range};
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::wording::listed;
 use expression::nearest;
 use serde::de::value::MapAccessDeserializer;
@@ -28,7 +28,7 @@ const FRACTION_OF_RTOL: f64 = 1e-3;
 
 impl Method {
     /// The absolute tolerance of each state.
-    pub(super) fn absolute_tolerances(&self, states: &[String], place: &Place<'_>, errors: &mut Errors) -> Vec<f64> {
+    pub(super) fn absolute_tolerances(&self, states: &[String], place: &Pointer<'_>, errors: &mut Errors) -> Vec<f64> {
         let place = place.key("atol");
         let mut atol = vec![self.rtol * FRACTION_OF_RTOL; states.len()];
         match &self.atol {
@@ -53,13 +53,13 @@ impl Method {
     }
 }
 
-fn check(value: f64, place: &Place<'_>, errors: &mut Errors) {
+fn check(value: f64, place: &Pointer<'_>, errors: &mut Errors) {
     if value <= 0.0 {
         out_of_range(place, value, "above 0", errors);
     }
 }
 
-fn unknown_state(name: &str, states: &[String], place: &Place<'_>) -> SpecificationError {
+fn unknown_state(name: &str, states: &[String], place: &Pointer<'_>) -> SpecificationError {
     let names = || states.iter().map(String::as_str);
     SpecificationError::new(place.to_string(), "unknown_name", format!("`{name}` is not a state"))
         .expected(listed(names()))

@@ -5,7 +5,7 @@ use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
 use super::lowering::Lowering;
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::wording::listed;
 use expression::nearest;
 use serde::Deserialize;
@@ -31,7 +31,7 @@ pub struct View {
 impl View {
     /// Reports what is wrong with it, in the scope in which monitors are compiled.
     pub(super) fn check(&self, lowering: &mut Lowering<'_>) {
-        let place = Place::Root.key("view");
+        let place = Pointer::Root.key("view");
         for (key, count) in [("points", self.points.len()), ("segments", self.segments.len())] {
             if count > MOST {
                 let error =
@@ -55,7 +55,7 @@ impl View {
         self.check_segments(&place.key("segments"), &mut lowering.errors);
     }
 
-    fn check_segments(&self, place: &Place<'_>, errors: &mut Errors) {
+    fn check_segments(&self, place: &Pointer<'_>, errors: &mut Errors) {
         let known: HashSet<&str> = self.points.names().collect();
         for (i, segment) in self.segments.iter().enumerate() {
             let place = place.index(i);

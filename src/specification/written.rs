@@ -2,7 +2,7 @@
 
 use super::lowering::{Lowering, Named, Start};
 use super::model::Model;
-use super::place::Place;
+use super::pointer::Pointer;
 use std::sync::Arc;
 
 /// A problem in the course of being lowered, and its model, which is of use only if no error was found.
@@ -30,5 +30,5 @@ pub(super) trait Written {
     }
 
     /// Lowers the problem as far as it can be.
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c>;
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c>;
 }

@@ -11,7 +11,7 @@
 //! matrix of Radau IIA with three stages multiplies the error by 1.33 a sweep at `omega = 1`, and by 0.32 at 0.86. So
 //! `omega` grows while the residual falls, shrinks where it rises, and stays below what has failed.
 
-use super::gauge::Gauge;
+use super::residual::Gauge;
 use super::semismooth_newton::BlockNewton;
 use super::{AffineVi, EXACT, Outcome, Report, TOLERANCE, ViSolver};
 use nalgebra::DMatrix;

@@ -9,7 +9,7 @@
 //! descent where `F` is strongly monotone; where it is not, the gradient takes its place (Peng and Fukushima 1999).
 
 use super::auto::SolverKind;
-use super::gap::Gap;
+use super::d_gap::Gap;
 use super::{AffineVi, Attempt, Outcome, Report, ViSolver};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};

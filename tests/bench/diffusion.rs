@@ -9,7 +9,7 @@ use mimalloc::MiMalloc;
 use models::{Linear, LinearRows};
 use nalgebra::Complex;
 use problem::{Control, ConvexSet, Mass};
-use radau::{Cause, Radau, Settings, StageChoice, Switches, Tableau, Work};
+use radau::{Radau, RejectionCause, Settings, StageChoice, Switches, Tableau, Work};
 use std::f64::consts::PI;
 use vi::SolverKind;
 
@@ -79,7 +79,7 @@ fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
     let middle = x.len() / 2;
     let exact = (PI * (middle + 1) as f64 * h).sin() * (-rate * END).exp();
     assert!((radau.y()[middle] - exact).abs() < 1e-5, "{} instead of {exact}", radau.y()[middle]);
-    (radau.work(), radau.counts.accepted + radau.counts.rejected(Cause::Error))
+    (radau.work(), radau.counts.accepted + radau.counts.rejected(RejectionCause::Error))
 }
 
 /// The real and the complex matrix of a step of 1e-3.

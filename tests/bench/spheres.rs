@@ -7,7 +7,7 @@
 #[path = "../systems/rigid_bodies/heap.rs"]
 mod heap;
 
-use dvi::models::rigid_bodies::Simulation;
+use dvi::models::rigid_bodies::MoreauStepping;
 use dvi::problem::Control;
 use heap::{H, RADIUS, SETTINGS};
 use std::time::Instant;
@@ -18,7 +18,7 @@ const BARS: [f64; 3] = [30.0, 1e-4, 1e-6];
 fn main() {
     let side = std::env::args().find_map(|argument| argument.parse().ok()).unwrap_or(10);
     let scene = heap::scene(side);
-    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     println!("{} spheres; bars: {} ms a step, depth {:.0e} R, residual {:.0e}", side.pow(3), BARS[0], BARS[1], BARS[2]);
     println!(
         "{:>6} {:>9} {:>9} {:>9} {:>9} {:>10} {:>10}",

@@ -8,7 +8,7 @@
 //! begins.
 
 use super::hidden::{HALVINGS, Hidden, NEXT};
-use super::leg::Leg;
+use super::smooth_phase::SmoothPhase;
 use numerics::{Interval, is_seen};
 
 /// Parts of one step; a part that is left undecided then is as wide as it is.
@@ -30,7 +30,7 @@ pub(super) struct Parts {
     pub are_decided: bool,
 }
 
-impl Leg<'_, '_> {
+impl SmoothPhase<'_, '_> {
     /// Parts a step so that what depends on time shows in each.
     pub(super) fn parts_in_time(&mut self, begin: f64, end: f64) -> Parts {
         let mut parts = Parts { ends: Vec::new(), are_decided: true };
@@ -65,7 +65,7 @@ impl Leg<'_, '_> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         self.at(begin, &mut x);
-        self.watch.settle(begin, &x);
+        self.watch.evaluate_at(begin, &x);
         let (h, radau) = (end - begin, &self.located.radau);
         let of_v = radau.tolerances(n, &x[n..]);
         let mass = self.watch.masses();
@@ -115,7 +115,7 @@ impl Leg<'_, '_> {
         let mut x = vec![0.0; 2 * n];
         self.at(t, &mut x);
         let slopes = self.slopes_at(t);
-        self.watch.settle(t, &x);
+        self.watch.evaluate_at(t, &x);
         let tolerances = self.located.radau.tolerances(n, &x[n..]);
         (0..n).any(|i| (slopes[n + i] - self.watch.a[i]).abs() * length > multiple * tolerances[i])
     }

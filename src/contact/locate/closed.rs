@@ -8,13 +8,13 @@
 //! or the value at one end where the rate has one sign. A part of the step that is left open is halved.
 
 use super::hidden::{MOST_PARTS, lowest};
-use super::leg::Leg;
 use super::mode::Status;
 use super::monitors::Ending;
 use super::search::{NOISE, ROUNDING_OF_TIME, SMALLEST};
+use super::smooth_phase::SmoothPhase;
 use numerics::Interval;
 
-impl Leg<'_, '_> {
+impl SmoothPhase<'_, '_> {
     /// Whether the monitors of closed contacts are proven to stay positive over the step, or else a time at which one is
     /// violated.
     pub(super) fn forces_within(&mut self, begin: f64, end: f64) -> (bool, Option<f64>) {
@@ -54,7 +54,7 @@ impl Leg<'_, '_> {
     fn is_mode_violated(&mut self, t: f64, levels: &[f64]) -> bool {
         let mut monitors = Vec::new();
         self.monitors_at(t, &mut monitors);
-        let closed = monitors.iter().zip(levels).filter(|(monitor, _)| !matches!(monitor.ending, Ending::Closes(_)));
+        let closed = monitors.iter().zip(levels).filter(|(monitor, _)| !matches!(monitor.ending, Ending::Impact(_)));
         closed.into_iter().any(|(monitor, level)| monitor.value < *level)
     }
 
@@ -76,14 +76,14 @@ impl Leg<'_, '_> {
         let structure = &self.located.structure;
         let v = &x[structure.coordinates..];
         let lowest = |index: usize| match (middle[index].ending, middle[index].value) {
-            (Ending::Closes(_), _) | (_, f64::INFINITY) => f64::INFINITY,
-            (Ending::LetsGo(k), _) => forces.lambda[structure.normal(k)].least(),
-            (Ending::Breaks(k, _), _) => {
+            (Ending::Impact(_), _) | (_, f64::INFINITY) => f64::INFINITY,
+            (Ending::Detachment(k), _) => forces.lambda[structure.normal(k)].least(),
+            (Ending::StickToSlip(k, _), _) => {
                 let squares = structure.tangents(k).map(|row| forces.lambda[row].square());
                 let friction = squares.fold(Interval::point(0.0), |sum, square| sum + square).sqrt();
                 (Interval::point(structure.contacts[k].mu) * forces.lambda[structure.normal(k)] - friction).least()
             }
-            (Ending::Stops(k), value) => {
+            (Ending::SlipToStick(k), value) => {
                 let Status::Slip(d) = self.mode[k] else { return f64::NEG_INFINITY };
                 let rate = forces.slip_rate(self.watch, k, d);
                 let along = lowest([first[index].value, value, last[index].value], rate, b - a);

@@ -8,8 +8,8 @@
 //! so that `(da, dlambda)` is `K_m^-1 (r, w)`, linear in what intervals hold, but for `K_m^-1 (K - K_m) (da, dlambda)`: of second
 //! order where the box is narrow, and nothing where masses and directions are the same all over it.
 
-use super::flight::{Flight, Solved};
 use super::mode::Status;
+use super::mode_equations::{ModeEquations, Solved};
 use nalgebra::{DMatrix, Vector2};
 use numerics::{Interval, variation};
 use problem::{DynamicsRange, SensitivityRange};
@@ -33,13 +33,13 @@ pub(super) struct Forces {
 
 impl Forces {
     /// The slip of contact `k` in a direction, where velocities are `v`.
-    pub fn slip(&self, flight: &Flight, k: usize, v: &[Interval], direction: Vector2<f64>) -> Interval {
-        self.along(&self.dynamics.drift, v, flight.shape().tangents(k), direction)
+    pub fn slip(&self, equations: &ModeEquations, k: usize, v: &[Interval], direction: Vector2<f64>) -> Interval {
+        self.along(&self.dynamics.drift, v, equations.shape().tangents(k), direction)
     }
 
     /// The rate of the slip of contact `k` in a direction that stays.
-    pub fn slip_rate(&self, flight: &Flight, k: usize, direction: Vector2<f64>) -> Interval {
-        self.along(&self.dynamics.bias, &self.a, flight.shape().tangents(k), direction)
+    pub fn slip_rate(&self, equations: &ModeEquations, k: usize, direction: Vector2<f64>) -> Interval {
+        self.along(&self.dynamics.bias, &self.a, equations.shape().tangents(k), direction)
     }
 
     /// `d^T (free + J x)` for some rows of `J`: a velocity with drift and velocities, its rate with bias and accelerations.
@@ -98,7 +98,7 @@ impl Solved {
     }
 }
 
-impl Flight {
+impl ModeEquations {
     /// Accelerations and multipliers over a box of times and of `x`, about the point `m` in it at which the equations of the mode
     /// were solved last; `None` where they are not known over the box, or multipliers are not unique.
     pub(super) fn enclose(&mut self, t: Interval, x: &[Interval], m: &[f64]) -> Option<Forces> {

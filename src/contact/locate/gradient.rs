@@ -1,16 +1,16 @@
 //! Gaps without a gradient where they close, such as powers of a distance: there is no direction to push in.
 
-use super::{Located, State};
+use super::{EventDriven, State};
 use problem::Constraints;
 
 /// A gap has no gradient where it closes if its gradient is this many times as large beside that place, by what the tolerances
 /// leave coordinates open and by [`BEYOND`] times what the gap is off zero, to first order: below that it has at least half its
 /// size, and a direction, wherever within the tolerances the gap closes. The gradient of a power `y^p` with `p >= 2`, found off
 /// its zero by however much, grows by `(1 + BEYOND/p)^(p - 1) >= 2`.
-const VANISHED: f64 = 2.0;
+const GRADIENT_GROWTH: f64 = 2.0;
 const BEYOND: f64 = 2.0;
 
-impl Located<'_> {
+impl EventDriven<'_> {
     /// Whether the gradient of the gap of contact `k`, which closes, vanishes within the tolerances of the coordinates. These give
     /// coordinates of different units one size, and no other gap with the same zero differs, such as a function of a distance.
     pub(super) fn is_gradient_lost(&mut self, k: usize) -> bool {
@@ -26,7 +26,7 @@ impl Located<'_> {
                 let q: Vec<f64> =
                     q.iter().zip(gradient).map(|(q, (j, tolerance))| q + far * j.signum() * tolerance).collect();
                 self.step.problem.constraints(*t, &q, &mut beside);
-                beside.size(row, &tolerances) >= VANISHED * here
+                beside.size(row, &tolerances) >= GRADIENT_GROWTH * here
             })
     }
 }

@@ -5,9 +5,9 @@
 //! of the gap; what follows is right to the root of the tolerance alone, and a switch of impacts may be on either side
 //! (Nordmark 1991, *Non-periodic motion caused by grazing incidence in an impact oscillator*).
 
-use super::leg::Leg;
 use super::mode::Status;
 use super::monitors::Ending;
+use super::smooth_phase::SmoothPhase;
 use radau::ALLOWED;
 
 /// Halvings of the time at which a gap turns back.
@@ -24,7 +24,7 @@ pub struct Grazed {
     pub change: f64,
 }
 
-impl Leg<'_, '_> {
+impl SmoothPhase<'_, '_> {
     /// Looks for contacts that graze between two times of the last step; `ending` is that of the mode at the second, if it ends.
     pub(super) fn note_grazing(&mut self, begin: f64, end: f64, ending: Option<Ending>) {
         let open: Vec<usize> = (0..self.mode.len()).filter(|&k| self.mode[k] == Status::Open).collect();
@@ -32,7 +32,7 @@ impl Leg<'_, '_> {
             let (first, last) = (self.gap_at(k, begin), self.gap_at(k, end));
             // From where it comes down.
             let mut highest = self.located.highest[k].or_wider(&first);
-            let closes = ending == Some(Ending::Closes(k));
+            let closes = ending == Some(Ending::Impact(k));
             let (t, nearest) = if closes {
                 highest = highest.or_wider(&self.gap_at(k, 0.5 * (begin + end)));
                 (end, Gap { gap: 0.0, ..last })
@@ -71,7 +71,7 @@ impl Leg<'_, '_> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         self.at(t, &mut x);
-        self.watch.settle(t, &x);
+        self.watch.evaluate_at(t, &x);
         let v = &x[n..];
         let (structure, radau) = (&self.located.structure, &self.located.radau);
         let tolerances = radau.tolerances(n, v);

@@ -13,7 +13,7 @@
 //! or its value at one end where `gap'`, enclosed as well, has one sign. Closed contacts are screened by their
 //! [forces](super::closed).
 
-use super::leg::Leg;
+use super::smooth_phase::SmoothPhase;
 use numerics::Interval;
 
 /// Parts of one step that are enclosed for what is held: it is held by the equations, and seldom proven to be.
@@ -51,7 +51,7 @@ pub(super) enum Enclosed {
     Missed,
 }
 
-impl Leg<'_, '_> {
+impl SmoothPhase<'_, '_> {
     /// Whether a joint or a gap is violated within the last step, beyond the tolerances of its coordinates.
     pub(super) fn hidden(&mut self, begin: f64, end: f64) -> Enclosed {
         let structure = &self.located.structure;
@@ -102,7 +102,7 @@ impl Leg<'_, '_> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         self.at(begin, &mut x);
-        self.watch.settle(begin, &x);
+        self.watch.evaluate_at(begin, &x);
         let (constraints, tolerances) = (self.watch.constraints(), self.located.radau.tolerances(0, &x[..n]));
         let rows = constraints.values.iter().enumerate();
         let step = &self.located.step;

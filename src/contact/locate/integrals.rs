@@ -4,7 +4,7 @@
 //! Gauss and Legendre with five nodes, of order ten, agrees with that on three of its nodes, of order four: if the latter
 //! is wrong by `d`, the former is by about `d^(10/4)`.
 
-use super::leg::Leg;
+use super::smooth_phase::SmoothPhase;
 use crate::delassus::dot;
 use nalgebra::Vector3;
 
@@ -58,7 +58,7 @@ impl Integrals {
     }
 }
 
-impl Leg<'_, '_> {
+impl SmoothPhase<'_, '_> {
     /// What acts between two times within the last step.
     pub(super) fn integrals(&mut self, begin: f64, end: f64) -> Integrals {
         let contacts = self.located.structure.contacts.len();
@@ -97,7 +97,7 @@ impl Leg<'_, '_> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         self.at(t, &mut x);
-        self.watch.settle(t, &x);
+        self.watch.evaluate_at(t, &x);
         self.note_violations(t, &x[..n]);
         let structure = &self.located.structure;
         let mut rates = Integrals::none(self.mode.len());

@@ -11,22 +11,22 @@
 mod bursts;
 mod closed;
 mod enclosed_forces;
-mod flight;
 mod gradient;
 mod grazing;
 mod hidden;
 mod integrals;
-mod leg;
 mod mode;
+mod mode_equations;
 mod monitors;
 mod search;
+mod smooth_phase;
 
 pub use grazing::Grazed;
-pub use leg::{Flights, Leg};
 pub use mode::Status;
+pub use smooth_phase::{ModeEvaluators, SmoothPhase};
 
+use super::contact_event::ContactEvent;
 use super::energy::Energy;
-use super::happening::Happening;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, Probed, State, VelocityStep};
 use super::violations::Violations;
@@ -34,16 +34,16 @@ use grazing::Opening;
 use mode::held;
 use monitors::Ending;
 use nalgebra::{Vector2, Vector3};
-use problem::{Constraints, Control, Mechanical, MechanicalStructure};
+use problem::{Constraints, Control, EventKind, Mechanical, MechanicalStructure};
 
 /// Velocities below this fraction of their terms are rounding.
 const ROUNDING: f64 = 1e-11;
 
 /// Relative slip tolerance: a contact sticks if its slip is below this fraction of the velocity change in the probe.
-const HELD: f64 = 1e-7;
+const STICK_TOL: f64 = 1e-7;
 
 /// Slack in the friction bound, relative to `mu r_n`, below which a contact slips although others could hold for it.
-const SPARE: f64 = 1e-4;
+const FRICTION_SLACK: f64 = 1e-4;
 
 /// Impacts of one contact that follow each other in less than this fraction of the longest time between two of them
 /// accumulate: what energy they have left is below rounding.
@@ -61,10 +61,10 @@ const LONGEST_PASS: f64 = 1e4;
 const UNPROBED: f64 = 1e-9;
 
 /// Events at one time after which time stepping goes on.
-const STALLS: usize = 8;
+const MAX_EVENTS_AT_ONE_TIME: usize = 8;
 
 /// A run with located impacts: what lasts from mode to mode.
-pub struct Located<'p> {
+pub struct EventDriven<'p> {
     /// Steps at the level of velocities.
     pub step: VelocityStep<'p>,
     /// Where it has come to.
@@ -80,7 +80,7 @@ pub struct Located<'p> {
     /// Where it had gone where the last step began.
     pub energy_before: Energy,
     /// What happened in the last step.
-    pub happenings: Vec<Happening>,
+    pub new_events: Vec<ContactEvent>,
     /// Steps made.
     pub accepted: u64,
     /// Steps made by time stepping.
@@ -140,7 +140,7 @@ pub struct Passed {
     pub is_elastic: bool,
 }
 
-impl<'p> Located<'p> {
+impl<'p> EventDriven<'p> {
     /// Prepares a run from `state` to `end`: strikes what approaches, and finds the first mode.
     ///
     /// # Errors
@@ -170,7 +170,7 @@ impl<'p> Located<'p> {
             impulses_before: vec![Vector3::zeros(); contacts],
             energy: Energy::new(energies.kinetic, energies.potential),
             energy_before: Energy::new(energies.kinetic, energies.potential),
-            happenings: Vec::new(),
+            new_events: Vec::new(),
             accepted: 0,
             passes: 0,
             accumulations: 0,
@@ -187,8 +187,8 @@ impl<'p> Located<'p> {
             end,
         };
         located.step.atol = located.radau.atol[located.structure.coordinates..].to_vec();
-        located.strike(control)?;
-        located.choose(None, control)?;
+        located.apply_impact_law(control)?;
+        located.select_mode(None, control)?;
         Ok(located)
     }
 
@@ -198,22 +198,22 @@ impl<'p> Located<'p> {
     }
 
     /// Goes on after the end of a mode.
-    fn turn(&mut self, ending: Ending, control: &Control) -> Result<(), ContactError> {
+    fn switch_mode(&mut self, ending: Ending, control: &Control) -> Result<(), ContactError> {
         self.stalls = if self.state.t > self.last.t { 0 } else { self.stalls + 1 };
         let before = self.mode.take().unwrap_or_default();
         let t = self.state.t;
-        if self.stalls > STALLS {
+        if self.stalls > MAX_EVENTS_AT_ONE_TIME {
             return Ok(());
         }
         // What was held has drifted by the tolerance, which is not to pass for a slip.
         let mut kept = before.clone();
-        if let Ending::Stops(k) = ending {
+        if let Ending::SlipToStick(k) = ending {
             kept[k] = Status::Stick;
         }
-        self.hold(&kept)?;
+        self.project_onto_constraints(&kept)?;
         match ending {
-            Ending::Closes(k) => {
-                self.look();
+            Ending::Impact(k) => {
+                self.evaluate_constraints();
                 self.step.closing = Some(k);
                 if self.is_gradient_lost(k) {
                     return Err(ContactError::Gradient { contact: k, t });
@@ -226,21 +226,21 @@ impl<'p> Located<'p> {
                     // What closes in no time has no rebound.
                     let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
                     let resting: Vec<usize> = (0..self.structure.contacts.len()).filter(rests).collect();
-                    self.settle(&resting)?;
-                } else if !self.strike(control)? {
-                    self.settle(&[k])?;
+                    self.bring_to_rest(&resting)?;
+                } else if !self.apply_impact_law(control)? {
+                    self.bring_to_rest(&[k])?;
                 }
             }
-            Ending::LetsGo(k) => self.happenings.push(Happening::LiftOff { t, contact: k }),
-            Ending::Breaks(k, _) => self.happenings.push(Happening::Slip { t, contact: k }),
-            Ending::Stops(_) => {}
+            Ending::Detachment(k) => self.new_events.push(ContactEvent { t, kind: EventKind::LiftOff, contact: k }),
+            Ending::StickToSlip(k, _) => self.new_events.push(ContactEvent { t, kind: EventKind::Slip, contact: k }),
+            Ending::SlipToStick(_) => {}
         }
         self.step.closing = None;
-        self.choose(Some(ending), control)?;
+        self.select_mode(Some(ending), control)?;
         let mode = self.mode.iter().flatten().zip(&before).enumerate();
-        let stops = matches!(ending, Ending::Stops(_));
+        let stops = matches!(ending, Ending::SlipToStick(_));
         let stopped = mode.filter(|(_, pair)| stops && matches!(pair, (Status::Stick, Status::Slip(_))));
-        self.happenings.extend(stopped.map(|(contact, _)| Happening::Stick { t, contact }));
+        self.new_events.extend(stopped.map(|(contact, _)| ContactEvent { t, kind: EventKind::Stick, contact }));
         Ok(())
     }
 
@@ -265,8 +265,8 @@ impl<'p> Located<'p> {
     }
 
     /// The law of impact for all contacts that are closed, if any of them approaches; whether one does.
-    fn strike(&mut self, control: &Control) -> Result<bool, ContactError> {
-        self.look();
+    fn apply_impact_law(&mut self, control: &Control) -> Result<bool, ContactError> {
+        self.evaluate_constraints();
         let State { t, v, .. } = &self.state;
         let approaching: Vec<usize> = (0..self.structure.contacts.len())
             .filter(|&k| (self.is_closed(k) || self.step.closing == Some(k)) && self.normal(k, v) < 0.0)
@@ -282,17 +282,17 @@ impl<'p> Located<'p> {
                 if passed.is_finite() {
                     self.longest_flight[k] = self.longest_flight[k].max(passed);
                 }
-                self.happenings.push(Happening::Impact { t, contact: k });
+                self.new_events.push(ContactEvent { t, kind: EventKind::Impact, contact: k });
             }
         }
         Ok(true)
     }
 
     /// Lets contacts rest, also on surfaces that move or are curved: what velocity they have left is rounding.
-    fn settle(&mut self, contacts: &[usize]) -> Result<(), ContactError> {
+    fn bring_to_rest(&mut self, contacts: &[usize]) -> Result<(), ContactError> {
         let mut mode = vec![Status::Open; self.structure.contacts.len()];
         contacts.iter().for_each(|&k| mode[k] = Status::Smooth);
-        self.hold(&mode)
+        self.project_onto_constraints(&mode)
     }
 
     /// What the tolerances on velocities leave open of a slip.
@@ -303,13 +303,13 @@ impl<'p> Located<'p> {
 
     /// The tolerances of the slips of all contacts at rest.
     fn tolerances_of_slips(&mut self) -> Vec<f64> {
-        self.look();
+        self.evaluate_constraints();
         let none = vec![0.0; self.structure.coordinates];
         (0..self.structure.contacts.len()).map(|k| self.tolerance_of_slip(k, &self.constraints, &none)).collect()
     }
 
     /// Takes drift out of what the mode holds.
-    fn hold(&mut self, mode: &[Status]) -> Result<(), ContactError> {
+    fn project_onto_constraints(&mut self, mode: &[Status]) -> Result<(), ContactError> {
         let rows = held(&self.structure, mode);
         if rows.is_empty() { Ok(()) } else { self.step.project(&mut self.state, &rows) }
     }
@@ -328,7 +328,7 @@ impl<'p> Located<'p> {
     }
 
     /// One step of time stepping where no mode is known, and a look for one.
-    fn pass(&mut self, control: &Control) -> Result<(), ContactError> {
+    fn step_over(&mut self, control: &Control) -> Result<(), ContactError> {
         self.begin();
         let left = self.end - self.state.t;
         let (first, longest) = self.step.instant.map_or((UNPROBED * left, left), |h| (GROWTH * h, LONGEST_PASS * h));
@@ -341,7 +341,7 @@ impl<'p> Located<'p> {
         self.accepted += 1;
         self.passes += 1;
         self.stalls = 0;
-        self.choose(None, control)
+        self.select_mode(None, control)
     }
 
     /// Notes where a step begins.
@@ -351,7 +351,7 @@ impl<'p> Located<'p> {
         self.energy_before = self.energy;
     }
 
-    fn look(&mut self) {
+    fn evaluate_constraints(&mut self) {
         self.step.problem.constraints(self.state.t, &self.state.q, &mut self.constraints);
         let (of_q, _) = self.radau.atol.split_at(self.structure.coordinates);
         self.step.meet(&self.constraints, &self.state.q, of_q);
@@ -371,12 +371,12 @@ impl<'p> Located<'p> {
     }
 
     /// Finds the mode in which motion goes on, and puts `q` and `v` exactly on what it holds.
-    fn choose(&mut self, ending: Option<Ending>, control: &Control) -> Result<(), ContactError> {
+    fn select_mode(&mut self, ending: Option<Ending>, control: &Control) -> Result<(), ContactError> {
         self.mode = None;
-        self.look();
+        self.evaluate_constraints();
         let contacts = self.structure.contacts.len();
         let candidates: Vec<usize> =
-            (0..contacts).filter(|&k| ending != Some(Ending::LetsGo(k)) && self.is_closed(k)).collect();
+            (0..contacts).filter(|&k| ending != Some(Ending::Detachment(k)) && self.is_closed(k)).collect();
         let mut mode = vec![Status::Open; contacts];
         self.loads = vec![Vector3::zeros(); contacts];
         if !candidates.is_empty() {
@@ -392,11 +392,11 @@ impl<'p> Located<'p> {
             for probed in probed.iter().filter(|probed| probed.r.x > ROUNDING * largest) {
                 let k = probed.contact;
                 mode[k] = self.status(k, probed, ending);
-                let broke = matches!(ending, Some(Ending::Breaks(..)));
+                let broke = matches!(ending, Some(Ending::StickToSlip(..)));
                 self.loads[k] = if broke { probed.r / h } else { Vector3::x() * (probed.r.x / h) };
             }
         }
-        self.hold(&mode)?;
+        self.project_onto_constraints(&mode)?;
         self.mode = Some(mode);
         Ok(())
     }
@@ -408,17 +408,17 @@ impl<'p> Located<'p> {
         let tangent = |u: &Vector3<f64>| Vector2::new(u.y, u.z);
         // A contact that breaks slips, unless others can hold for it.
         let most = self.structure.contacts[k].mu * probed.r.x;
-        if let Some(Ending::Breaks(contact, direction)) = ending
+        if let Some(Ending::StickToSlip(contact, direction)) = ending
             && contact == k
-            && tangent(&probed.r).norm() > (1.0 - SPARE) * most
+            && tangent(&probed.r).norm() > (1.0 - FRICTION_SLACK) * most
         {
             return Status::Slip(direction);
         }
         let (before, after) = (tangent(&probed.before), tangent(&probed.after));
-        let stopped = matches!(ending, Some(Ending::Stops(contact)) if contact == k);
+        let stopped = matches!(ending, Some(Ending::SlipToStick(contact)) if contact == k);
         if before.norm() > probed.rounding && !stopped {
             Status::Slip(before.normalize())
-        } else if after.norm() <= HELD * probed.change {
+        } else if after.norm() <= STICK_TOL * probed.change {
             Status::Stick
         } else {
             Status::Slip(after.normalize())

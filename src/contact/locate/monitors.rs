@@ -1,7 +1,7 @@
 //! What must stay positive while a mode lasts, along the solution.
 
-use super::flight::Flight;
 use super::mode::Status;
+use super::mode_equations::ModeEquations;
 use nalgebra::Vector2;
 use problem::MechanicalStructure;
 
@@ -9,13 +9,13 @@ use problem::MechanicalStructure;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ending {
     /// The gap of an open contact closes.
-    Closes(usize),
+    Impact(usize),
     /// A closed contact pulls.
-    LetsGo(usize),
+    Detachment(usize),
     /// A contact that sticks needs more friction than there is; it then slips in this direction.
-    Breaks(usize, Vector2<f64>),
+    StickToSlip(usize, Vector2<f64>),
     /// A slip stops.
-    Stops(usize),
+    SlipToStick(usize),
 }
 
 /// The value of a monitor, and below what it is violated.
@@ -47,22 +47,22 @@ const AT_REST: f64 = 1e-9;
 
 /// The monitors of a mode at a place; always the same number in the same order.
 pub fn monitors(
-    flight: &mut Flight,
+    equations: &mut ModeEquations,
     structure: &MechanicalStructure,
     mode: &[Status],
     t: f64,
     x: &[f64],
     out: &mut Vec<Monitor>,
 ) {
-    flight.settle(t, x);
-    let ticks = flight.problem().rounding_of_time(t);
+    equations.evaluate_at(t, x);
+    let ticks = equations.problem().rounding_of_time(t);
     let (q, v) = x.split_at(structure.coordinates);
     out.clear();
-    let constraints = flight.constraints();
-    let forces = (0..mode.len()).fold(0.0_f64, |most, k| most.max(flight.lambda[structure.normal(k)].abs()));
+    let constraints = equations.constraints();
+    let forces = (0..mode.len()).fold(0.0_f64, |most, k| most.max(equations.lambda[structure.normal(k)].abs()));
     for (k, status) in mode.iter().enumerate() {
         let row = structure.normal(k);
-        let force = flight.lambda[row];
+        let force = equations.lambda[row];
         let noise = ROUNDING_OF_FORCES * forces;
         if *status == Status::Open {
             let value = constraints.values[structure.joints + k];
@@ -74,29 +74,29 @@ pub fn monitors(
             // A gap that others hold at zero, without a force of its own, cannot close.
             let rests =
                 speed.abs() <= AT_REST * constraints.terms(row, v) && value <= AT_REST * terms.max(f64::MIN_POSITIVE);
-            let value = if rests && flight.is_gap_held(k) { f64::INFINITY } else { value };
+            let value = if rests && equations.is_gap_held(k) { f64::INFINITY } else { value };
             let rate = Some(speed);
-            out.push(Monitor { value, noise, rate, ending: Ending::Closes(k) });
+            out.push(Monitor { value, noise, rate, ending: Ending::Impact(k) });
             continue;
         }
-        out.push(Monitor { value: force, noise, rate: None, ending: Ending::LetsGo(k) });
+        out.push(Monitor { value: force, noise, rate: None, ending: Ending::Detachment(k) });
         match *status {
             Status::Stick => {
                 let mut friction = Vector2::zeros();
                 for (friction, row) in friction.iter_mut().zip(structure.tangents(k)) {
-                    *friction = flight.lambda[row];
+                    *friction = equations.lambda[row];
                 }
                 let value = structure.contacts[k].mu * force - friction.norm();
                 let away = if friction.norm() > 0.0 { -friction.normalize() } else { Vector2::x() };
-                out.push(Monitor { value, noise, rate: None, ending: Ending::Breaks(k, away) });
+                out.push(Monitor { value, noise, rate: None, ending: Ending::StickToSlip(k, away) });
             }
             Status::Slip(direction) => {
                 // A point that others hold does not slip, and cannot stop.
-                let is_held = flight.is_slip_held(k, v);
-                let value = if is_held { f64::INFINITY } else { flight.slip(k, v).dot(&direction) };
+                let is_held = equations.is_slip_held(k, v);
+                let value = if is_held { f64::INFINITY } else { equations.slip(k, v).dot(&direction) };
                 let size = structure.tangents(k).map(|row| constraints.terms(row, v)).fold(0.0, f64::max);
-                let rate = Some(flight.slip_rate(k).dot(&direction));
-                out.push(Monitor { value, noise: ROUNDING * size, rate, ending: Ending::Stops(k) });
+                let rate = Some(equations.slip_rate(k).dot(&direction));
+                out.push(Monitor { value, noise: ROUNDING * size, rate, ending: Ending::SlipToStick(k) });
             }
             Status::Open | Status::Smooth => {}
         }

@@ -13,8 +13,8 @@
 //! A monitor that leaves its bound as the step begins, a gap after an impact, a slip after a stop, has a root there which is
 //! rounding. It is divided out: `(g(t) - g(t_0))/(t - t_0)`, which begins with the rate of `g`, has the other roots alone.
 
-use super::leg::Leg;
 use super::monitors::{Ending, Monitor};
+use super::smooth_phase::SmoothPhase;
 use numerics::Bracket;
 
 /// Where a step is parted to begin with: no part is a multiple of another, which a period might be too.
@@ -117,7 +117,7 @@ struct Point {
     monitors: Vec<Monitor>,
 }
 
-impl Leg<'_, '_> {
+impl SmoothPhase<'_, '_> {
     /// The earliest ending of the mode on the collocation polynomial of the step.
     pub(super) fn search(&mut self, begin: f64, end: f64) -> Search {
         let h = end - begin;
@@ -240,7 +240,7 @@ impl Leg<'_, '_> {
 
     /// The ending found; or, where a slip in space has turned by a right angle, as far as its direction is known.
     fn end_at(&mut self, begin: f64, found: Violation) -> Search {
-        if let Ending::Stops(k) = found.ending
+        if let Ending::SlipToStick(k) = found.ending
             && found.t > begin
         {
             let ((before, _), (after, tolerance)) =

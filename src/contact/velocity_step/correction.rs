@@ -1,8 +1,8 @@
 //! Back onto the constraints, by the shortest way in the metric of `M`, without a velocity that would add energy.
 
 use super::{State, VelocityStep};
+use crate::active_contacts::ActiveContacts;
 use crate::delassus::dot;
-use crate::near::Near;
 use crate::settings::ContactError;
 use nalgebra::Vector3;
 use problem::Control;
@@ -109,7 +109,7 @@ impl VelocityStep<'_> {
             let moved: Vec<f64> = state.q.iter().zip(&before).map(|(q, before)| q - before).collect();
             let gap = |k: usize| gaps[k] + dot(self.constraints.row(joints + k), &moved);
             let gaps: Vec<_> = low.iter().map(|&k| Vector3::new(gap(k), 0.0, 0.0)).collect();
-            let near = Near::new(&self.structure, &self.constraints, &mut self.delassus, &low).ok_or(lost)?;
+            let near = ActiveContacts::new(&self.structure, &self.constraints, &mut self.delassus, &low).ok_or(lost)?;
             let mut p = vec![Vector3::zeros(); low.len()];
             let report = self.law.impulses(&near.without_friction(&gaps), &mut p, control);
             if report.outcome == Outcome::Solved {

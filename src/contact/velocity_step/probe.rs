@@ -1,7 +1,7 @@
 //! A step that is no part of the trajectory: what contacts would do next.
 
 use super::{State, VelocityStep};
-use crate::near::{Near, rows};
+use crate::active_contacts::{ActiveContacts, rows};
 use crate::settings::ContactError;
 use nalgebra::Vector3;
 use problem::{Constraints, Control};
@@ -195,7 +195,8 @@ impl VelocityStep<'_> {
         if contacts.is_empty() {
             return Ok(Some(Vec::new()));
         }
-        let near = Near::new(&self.structure, &self.constraints, &mut self.delassus, &contacts).ok_or(lost)?;
+        let near =
+            ActiveContacts::new(&self.structure, &self.constraints, &mut self.delassus, &contacts).ok_or(lost)?;
         self.factorised = None;
         let before = near.velocities(&self.structure, &now, &state.v);
         let free = near.velocities(&self.structure, &self.constraints, &v);

@@ -2,7 +2,7 @@
 
 use super::screening::Screened;
 use super::trial::Trial;
-use super::{Place, Segments, Switch};
+use super::{Activity, Segments, Switch};
 use crate::stepper::StepError;
 
 /// An element that had to be this much shorter than usual adds nothing to a mean over time: the root of the rounding of doubles.
@@ -30,7 +30,7 @@ const MOST_IN_A_ROW: u32 = 52;
 const SHORTENED: u32 = 3;
 
 /// A variable with its new place.
-type Change = Option<(usize, Place)>;
+type Change = Option<(usize, Activity)>;
 
 impl Segments<'_> {
     /// Makes the next element; there is one.
@@ -106,9 +106,9 @@ impl Segments<'_> {
     /// slowly to tell when.
     fn change_at_break(&mut self, trial: &Trial) -> Result<(), StepError> {
         for (variable, end) in trial.ends.iter().enumerate() {
-            for to in [Place::Lower, Place::Inside, Place::Upper] {
+            for to in [Activity::AtLower, Activity::Inactive, Activity::AtUpper] {
                 let slack = match to {
-                    Place::Inside => self.uncertainty(variable),
+                    Activity::Inactive => self.uncertainty(variable),
                     _ => self.allowed(variable, self.size[variable]),
                 };
                 if end.towards(to).abs() <= end.noise + slack {
@@ -143,7 +143,7 @@ impl Segments<'_> {
     ///
     /// Where a force has a kink at the switch itself no face may hold for the time that rounding errors make: a tiny element,
     /// longer each time, is then made as it is, with the variable at its bound.
-    fn change(&mut self, variable: usize, to: Place) -> Result<(), StepError> {
+    fn change(&mut self, variable: usize, to: Activity) -> Result<(), StepError> {
         self.is_first = true;
         self.flips += 1;
         if self.flips > 2 * self.places.len() + 2 {
@@ -154,7 +154,7 @@ impl Segments<'_> {
                 let outcome = "no face holds behind a switch";
                 return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
             }
-            if to == Place::Inside {
+            if to == Activity::Inactive {
                 return Ok(());
             }
         }

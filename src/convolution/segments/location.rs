@@ -2,7 +2,7 @@
 //! element of its own, so that the time has the accuracy of the method; guesses are by false position (Illinois).
 
 use super::trial::{Trial, Violation};
-use super::{Place, Segments};
+use super::{Activity, Segments};
 use crate::stepper::StepError;
 use numerics::Bracket;
 
@@ -23,11 +23,11 @@ const SURE: f64 = 1.0 / 16.0;
 
 /// An element up to a switch, none where it is at the beginning; and the variable with its new place, none where a shorter
 /// element shows no switch.
-type Located = (Option<Trial>, Option<(usize, Place)>);
+type LocatedSwitch = (Option<Trial>, Option<(usize, Activity)>);
 
 impl Segments<'_> {
     /// Locates the first loss of a sign in an element.
-    pub(super) fn locate(&mut self, trial: Trial, violation: Violation) -> Result<Located, StepError> {
+    pub(super) fn locate(&mut self, trial: Trial, violation: Violation) -> Result<LocatedSwitch, StepError> {
         let mut lost = violation;
         // The shortest element that has lost the sign, and by how much.
         let mut behind = (violation.theta * trial.h, violation.value);

@@ -30,13 +30,13 @@ use shape::Shape;
 
 /// Where a variable is held.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Place {
+pub enum Activity {
     /// At its lower bound.
-    Lower,
+    AtLower,
     /// Between its bounds.
-    Inside,
+    Inactive,
     /// At its upper bound.
-    Upper,
+    AtUpper,
     /// Where its bounds are equal.
     Fixed,
 }
@@ -69,7 +69,7 @@ pub struct Switch {
     /// The variable.
     pub variable: usize,
     /// Where it has gone.
-    pub to: Place,
+    pub to: Activity,
 }
 
 /// A term of the kernel.
@@ -98,9 +98,9 @@ pub struct Segments<'p> {
     atol: Vec<f64>,
     tolerance: f64,
     is_first: bool,
-    places: Vec<Place>,
+    places: Vec<Activity>,
     /// The places of the last element, none before the first.
-    told: Option<Vec<Place>>,
+    told: Option<Vec<Activity>>,
     /// Changes of the face since the last element.
     flips: usize,
     /// Tiny elements one after the other.
@@ -164,10 +164,10 @@ impl<'p> Segments<'p> {
         let mut forcing = Forcing::new(problem);
         let q = forcing.at(start, 0, &mut set)?.to_vec();
         let place = |k: usize| match q[k] {
-            _ if set.lower[k] == set.upper[k] && !moves => Place::Fixed,
-            q if q > 0.0 && set.lower[k].is_finite() => Place::Lower,
-            q if q < 0.0 && set.upper[k].is_finite() => Place::Upper,
-            _ => Place::Inside,
+            _ if set.lower[k] == set.upper[k] && !moves => Activity::Fixed,
+            q if q > 0.0 && set.lower[k].is_finite() => Activity::AtLower,
+            q if q < 0.0 && set.upper[k].is_finite() => Activity::AtUpper,
+            _ => Activity::Inactive,
         };
         Ok(Self {
             places: (0..m).map(place).collect(),

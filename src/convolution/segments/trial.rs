@@ -2,7 +2,7 @@
 //! is solved for twice, the second time with one function and one node more, which shows how far off the first is.
 
 use super::shape::Shape;
-use super::{Place, Segments};
+use super::{Activity, Segments};
 use crate::stepper::StepError;
 use nalgebra::DMatrix;
 
@@ -55,7 +55,7 @@ pub struct Violation {
     /// The variable.
     pub variable: usize,
     /// Where it goes.
-    pub to: Place,
+    pub to: Activity,
     /// The monitor, negative.
     pub value: f64,
 }
@@ -72,12 +72,12 @@ pub struct Monitor {
 
 impl Monitor {
     /// The monitor that leads to a place.
-    pub fn towards(&self, place: Place) -> f64 {
+    pub fn towards(&self, place: Activity) -> f64 {
         match place {
-            Place::Lower => self.values[0],
-            Place::Inside => self.values[1],
-            Place::Upper => self.values[2],
-            Place::Fixed => f64::INFINITY,
+            Activity::AtLower => self.values[0],
+            Activity::Inactive => self.values[1],
+            Activity::AtUpper => self.values[2],
+            Activity::Fixed => f64::INFINITY,
         }
     }
 }
@@ -233,9 +233,9 @@ impl Segments<'_> {
         let mut rounding = vec![0.0; m];
         for (k, place) in self.places.iter().enumerate() {
             let bound = match place {
-                Place::Inside => continue,
-                Place::Lower | Place::Fixed => &known.lower,
-                Place::Upper => &known.upper,
+                Activity::Inactive => continue,
+                Activity::AtLower | Activity::Fixed => &known.lower,
+                Activity::AtUpper => &known.upper,
             };
             // A bound that does not move is a multiple of the first function, which is one, without rounding errors.
             let last = bound[(shape.len() - 1, k)];
@@ -247,7 +247,7 @@ impl Segments<'_> {
         let apply = |w: &mut DMatrix<f64>, terms: &mut DMatrix<f64>, coefficients: &DMatrix<f64>, inside: bool| {
             for (place, block) in blocks.iter().enumerate() {
                 let (row, column, Some(block)) = (place / m, place % m, block) else { continue };
-                if (self.places[column] == Place::Inside) != inside {
+                if (self.places[column] == Activity::Inactive) != inside {
                     continue;
                 }
                 let product = block * coefficients.column(column);
@@ -258,7 +258,7 @@ impl Segments<'_> {
             }
         };
         apply(&mut w, &mut terms, &coefficients, false);
-        let inside: Vec<usize> = (0..m).filter(|&k| self.places[k] == Place::Inside).collect();
+        let inside: Vec<usize> = (0..m).filter(|&k| self.places[k] == Activity::Inactive).collect();
         // Times are rounded as well, and with them forces that vary.
         let range = |k: usize| known.source.column(k).max() - known.source.column(k).min();
         let of_time = |k: usize| self.rounding_of_time(h) * range(k);
@@ -300,7 +300,7 @@ impl Segments<'_> {
                 rounding[column] = noise[column];
             }
         }
-        for k in (0..m).filter(|&k| self.places[k] != Place::Inside) {
+        for k in (0..m).filter(|&k| self.places[k] != Activity::Inactive) {
             noise[k] = noise_of(&terms, k);
         }
         // The first function is one: its column holds the integrals of the kernel.
@@ -322,19 +322,19 @@ impl Segments<'_> {
             for k in 0..self.places.len() {
                 let mut values = [f64::INFINITY; 3];
                 match self.places[k] {
-                    Place::Inside => {
+                    Activity::Inactive => {
                         let value = if i < shape.len() { z[(i, k)] } else { at_node(shape, i, coefficients, k) };
                         (values[0], values[2]) = (value - known.lower[(i, k)], known.upper[(i, k)] - value);
                     }
-                    Place::Lower => values[1] = w[(i, k)],
-                    Place::Upper => values[1] = -w[(i, k)],
-                    Place::Fixed => {}
+                    Activity::AtLower => values[1] = w[(i, k)],
+                    Activity::AtUpper => values[1] = -w[(i, k)],
+                    Activity::Fixed => {}
                 }
                 if theta == 1.0 {
                     trial.ends.push(Monitor { values, noise: noise[k] });
                 }
-                for (value, to) in values.into_iter().zip([Place::Lower, Place::Inside, Place::Upper]) {
-                    let slack = if to == Place::Inside { slack[(i, k)] } else { self.allowed(k, self.size[k]) };
+                for (value, to) in values.into_iter().zip([Activity::AtLower, Activity::Inactive, Activity::AtUpper]) {
+                    let slack = if to == Activity::Inactive { slack[(i, k)] } else { self.allowed(k, self.size[k]) };
                     if value < -noise[k] - slack
                         && trial.violation.is_none_or(|first| first.theta == theta && value < first.value)
                     {

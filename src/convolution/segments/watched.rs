@@ -4,7 +4,7 @@
 use super::outputs::{Here, convolve};
 use super::panel::Panel;
 use super::trial::Trial;
-use super::{Place, Segments};
+use super::{Activity, Segments};
 use crate::forcing::Over;
 use crate::stepper::StepError;
 use nalgebra::DMatrix;
@@ -44,7 +44,7 @@ pub(super) struct Watched {
     pub sign: f64,
     pub beside: Beside,
     /// Where the variable goes where it is negative; none where `q` is then not resolved.
-    pub to: Option<Place>,
+    pub to: Option<Activity>,
     /// What counts as zero.
     pub limit: f64,
 }
@@ -95,15 +95,15 @@ impl Segments<'_> {
             let of_variable = self.allowed(k, self.size[k].max(trial.size[k])) + trial.noise[k];
             let of_inequality = trial.slack[k] + trial.noise[k];
             match place {
-                Place::Inside => {
+                Activity::Inactive => {
                     let (lower, upper) = (self.set.lower[k], self.set.upper[k]);
                     let lower = Some(bound(Side::Lower, lower)).filter(|_| lower.is_finite());
                     let upper = Some(bound(Side::Upper, upper)).filter(|_| upper.is_finite());
                     if let Some(beside) = lower {
-                        add(Function::Variable, 1.0, beside, Some(Place::Lower), of_variable);
+                        add(Function::Variable, 1.0, beside, Some(Activity::AtLower), of_variable);
                     }
                     if let Some(beside) = upper {
-                        add(Function::Variable, -1.0, beside, Some(Place::Upper), of_variable);
+                        add(Function::Variable, -1.0, beside, Some(Activity::AtUpper), of_variable);
                     }
                     let column = trial.sources.column(k);
                     let limit = RESOLVED * (column.max() - column.min()) + trial.source_noise[k];
@@ -111,13 +111,13 @@ impl Segments<'_> {
                         add(Function::Source, sign, Beside::Row(k, 1.0), None, limit);
                     }
                 }
-                Place::Lower => {
-                    add(Function::Memory, 1.0, Beside::Row(k, 1.0), Some(Place::Inside), of_inequality);
+                Activity::AtLower => {
+                    add(Function::Memory, 1.0, Beside::Row(k, 1.0), Some(Activity::Inactive), of_inequality);
                 }
-                Place::Upper => {
-                    add(Function::Memory, -1.0, Beside::Row(k, 1.0), Some(Place::Inside), of_inequality);
+                Activity::AtUpper => {
+                    add(Function::Memory, -1.0, Beside::Row(k, 1.0), Some(Activity::Inactive), of_inequality);
                 }
-                Place::Fixed => {}
+                Activity::Fixed => {}
             }
         }
         watched

@@ -8,7 +8,7 @@
 //! with the loads that change, the forces of contact, which do work where an obstacle moves, and what viscosity and
 //! friction dissipate.
 
-use super::{Continuum, Place, Rough, Slip, Unknowns};
+use super::{Continuum, DisplacementIndex, Frictional, Slip, Unknowns};
 use expression::{Graph, Node, Tape};
 use factorisation::SparseMatrix;
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use std::sync::Arc;
 /// Energies and powers as functions of time, `(x, z)` and the rates of the displacements in contact.
 #[derive(Clone, Debug)]
 pub struct EnergyForm {
-    places: Arc<[Place]>,
+    places: Arc<[DisplacementIndex]>,
     /// The mass of each displacement.
     masses: Arc<[f64]>,
     stiffness: Arc<SparseMatrix>,
@@ -47,7 +47,7 @@ impl EnergyForm {
         continuum: &Continuum,
         unknowns: &Unknowns,
         (masses, stiffness): (&[f64], SparseMatrix),
-        (reactions, rough): (&[Node], &[Rough]),
+        (reactions, rough): (&[Node], &[Frictional]),
     ) -> Self {
         let mut driven = Vec::new();
         let mut forces = Vec::new();
@@ -78,8 +78,8 @@ impl EnergyForm {
     /// Kinetic and potential energy at `y = (x, z)`.
     pub fn at(&self, y: &[f64]) -> (f64, f64) {
         let kinetic = self.places.iter().zip(self.masses.iter()).map(|(place, mass)| match *place {
-            Place::Inner(_, v) => 0.5 * mass * y[v] * y[v],
-            Place::Clamped(_) | Place::Contact(..) => 0.0,
+            DisplacementIndex::Inner(_, v) => 0.5 * mass * y[v] * y[v],
+            DisplacementIndex::Clamped(_) | DisplacementIndex::Contact(..) => 0.0,
         });
         let displacement = |d: usize| self.places[d].value(y);
         let work: f64 = self.loads.iter().enumerate().map(|(d, load)| load * displacement(d)).sum();
@@ -96,9 +96,9 @@ impl EnergyForm {
         let mut forces = vec![0.0; self.driven.len()];
         self.forces.evaluate(t, y, &mut forces);
         let velocity = |d: usize| match self.places[d] {
-            Place::Clamped(_) => 0.0,
-            Place::Inner(_, v) => y[v],
-            Place::Contact(u, _) => rates[u],
+            DisplacementIndex::Clamped(_) => 0.0,
+            DisplacementIndex::Inner(_, v) => y[v],
+            DisplacementIndex::Contact(u, _) => rates[u],
         };
         let supplied = self.driven.iter().zip(&forces).map(|(&d, force)| force * velocity(d)).sum();
         let frictional = self.slips.iter().map(|slip| y[slip.force] * y[slip.velocity]).sum();

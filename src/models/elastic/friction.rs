@@ -7,14 +7,14 @@
 //!
 //! The limit `p` is an algebraic state, so that the set depends on states alone.
 
-use super::{Continuum, Place, Unknowns};
+use super::{Continuum, DisplacementIndex, Unknowns};
 use crate::LinearRows;
 use expression::Graph;
 use problem::{MovingBound, Shape, Side};
 
 /// A contact with friction.
 #[derive(Clone, Debug)]
-pub struct Rough {
+pub struct Frictional {
     /// The contact.
     pub contact: usize,
     /// The place of its limit in `(x, z)`.
@@ -35,7 +35,12 @@ pub struct Slip {
 }
 
 /// Adds the friction of all contacts that have it to the equations of a body without, in which their forces are variables.
-pub(super) fn add(graph: &mut Graph, rows: &mut LinearRows, continuum: &Continuum, unknowns: &Unknowns) -> Vec<Rough> {
+pub(super) fn add(
+    graph: &mut Graph,
+    rows: &mut LinearRows,
+    continuum: &Continuum,
+    unknowns: &Unknowns,
+) -> Vec<Frictional> {
     let states = unknowns.states();
     let zero = graph.constant(0.0);
     let contacts = continuum.contacts.iter().enumerate().filter(|(_, contact)| contact.friction > 0.0);
@@ -46,7 +51,7 @@ pub(super) fn add(graph: &mut Graph, rows: &mut LinearRows, continuum: &Continuu
         rows.matrix.push((limit, limit, -1.0));
         let mut slips = Vec::new();
         for &displacement in &node.tangential {
-            let Place::Inner(_, velocity) = unknowns.places[displacement] else { continue };
+            let DisplacementIndex::Inner(_, velocity) = unknowns.places[displacement] else { continue };
             let force = states + rows.inequality_forcing.len();
             rows.inequality_forcing.push(zero);
             rows.matrix.push((force, velocity, -1.0));
@@ -55,9 +60,9 @@ pub(super) fn add(graph: &mut Graph, rows: &mut LinearRows, continuum: &Continuu
             rows.set.upper.push(f64::INFINITY);
             slips.push(Slip { displacement, velocity, force });
         }
-        all.push(Rough { contact, limit, slips });
+        all.push(Frictional { contact, limit, slips });
     }
-    for Rough { limit, slips, .. } in &all {
+    for Frictional { limit, slips, .. } in &all {
         let radius = graph.input(1 + limit);
         let members: Vec<usize> = slips.iter().map(|slip| slip.force - states).collect();
         match *members {

@@ -32,7 +32,7 @@ mod unknowns;
 
 pub use continuum::{ContactNode, Continuum};
 pub use energy::{EnergyForm, Power};
-pub use friction::{Rough, Slip};
+pub use friction::{Frictional, Slip};
 pub use lame::Lame;
 pub use semidiscrete::{Semidiscrete, semidiscretise};
-pub use unknowns::{Place, Unknowns};
+pub use unknowns::{DisplacementIndex, Unknowns};

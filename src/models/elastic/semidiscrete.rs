@@ -1,7 +1,7 @@
 //! The differential variational inequality that a body on its grid comes to.
 
-use super::friction::{self, Rough};
-use super::{ContactNode, Continuum, EnergyForm, Place, Unknowns};
+use super::friction::{self, Frictional};
+use super::{ContactNode, Continuum, DisplacementIndex, EnergyForm, Unknowns};
 use crate::LinearRows;
 use expression::{Graph, Node};
 use factorisation::SparseMatrix;
@@ -21,7 +21,7 @@ pub struct Semidiscrete {
     /// The force with which each contact presses on the body, in `t`, `x` and `z`.
     pub reactions: Vec<Node>,
     /// Where there is friction.
-    pub rough: Vec<Rough>,
+    pub rough: Vec<Frictional>,
 }
 
 /// Lowers a body that starts with these displacements and velocities.
@@ -40,9 +40,9 @@ pub fn semidiscretise(
     let mut initial = vec![0.0; unknowns.states()];
     for (d, place) in unknowns.places.iter().enumerate() {
         match *place {
-            Place::Inner(u, v) => (initial[u], initial[v]) = (displacement[d], velocity[d]),
-            Place::Contact(u, _) if unknowns.has_forces => initial[u] = displacement[d],
-            Place::Contact(..) | Place::Clamped(_) => {}
+            DisplacementIndex::Inner(u, v) => (initial[u], initial[v]) = (displacement[d], velocity[d]),
+            DisplacementIndex::Contact(u, _) if unknowns.has_forces => initial[u] = displacement[d],
+            DisplacementIndex::Contact(..) | DisplacementIndex::Clamped(_) => {}
         }
     }
     control.go_on()?;
@@ -60,7 +60,7 @@ pub fn semidiscretise(
 fn forces(graph: &mut Graph, continuum: &Continuum, unknowns: &Unknowns, stiffness: &SparseMatrix) -> Vec<Node> {
     let mut held = vec![0.0; continuum.loads.len()];
     for entry in stiffness.triplet_iter() {
-        if let Place::Clamped(value) = unknowns.places[entry.col] {
+        if let DisplacementIndex::Clamped(value) = unknowns.places[entry.col] {
             held[entry.row] -= entry.val * value;
         }
     }
@@ -91,22 +91,24 @@ impl Body<'_> {
         let mut matrix: Vec<(usize, usize, f64)> = (0..inner).map(|i| (i, inner + i, 1.0)).collect();
         for (d, &place) in self.unknowns.places.iter().enumerate() {
             match place {
-                Place::Inner(_, v) => state_forcing[v] = scaled(graph, self.forces[d], 1.0 / self.masses[d]),
-                Place::Contact(_, c) => inequality_forcing[c] = graph.negate(self.forces[d]),
-                Place::Clamped(_) => {}
+                DisplacementIndex::Inner(_, v) => {
+                    state_forcing[v] = scaled(graph, self.forces[d], 1.0 / self.masses[d])
+                }
+                DisplacementIndex::Contact(_, c) => inequality_forcing[c] = graph.negate(self.forces[d]),
+                DisplacementIndex::Clamped(_) => {}
             }
         }
         for (row, column, value) in self.couplings() {
             match self.unknowns.places[row] {
-                Place::Inner(_, v) => matrix.push((v, column, -value / self.masses[row])),
-                Place::Contact(place, _) => matrix.push((place, column, value)),
-                Place::Clamped(_) => {}
+                DisplacementIndex::Inner(_, v) => matrix.push((v, column, -value / self.masses[row])),
+                DisplacementIndex::Contact(place, _) => matrix.push((place, column, value)),
+                DisplacementIndex::Clamped(_) => {}
             }
         }
         let mut set = ConvexSet::free(contact);
         let mut moving = Vec::new();
         for node in &self.continuum.contacts {
-            let Place::Contact(_, variable) = self.unknowns.places[node.displacement] else { continue };
+            let DisplacementIndex::Contact(_, variable) = self.unknowns.places[node.displacement] else { continue };
             let (side, end) = match node.towards > 0.0 {
                 true => (Side::Upper, node.gap),
                 false => (Side::Lower, graph.negate(node.gap)),
@@ -140,7 +142,7 @@ impl Body<'_> {
             if let Some(row) = equation(place) {
                 state_forcing[row] = self.forces[d];
             }
-            if let Place::Inner(_, v) = place {
+            if let DisplacementIndex::Inner(_, v) = place {
                 mass.push((v, v, self.masses[d]));
             }
         }
@@ -159,7 +161,7 @@ impl Body<'_> {
         }
         let mut inequality_forcing = Vec::with_capacity(nodes);
         for (k, node) in self.continuum.contacts.iter().enumerate() {
-            let Place::Contact(u, _) = self.unknowns.places[node.displacement] else { continue };
+            let DisplacementIndex::Contact(u, _) = self.unknowns.places[node.displacement] else { continue };
             matrix.push((u, states + k, -node.towards));
             matrix.push((states + k, u, -node.towards));
             inequality_forcing.push(node.gap);
@@ -189,8 +191,8 @@ impl Body<'_> {
             residuals[row - states] = graph.add(residuals[row - states], term);
         }
         let of = |contact: &ContactNode| match self.unknowns.places[contact.displacement] {
-            Place::Contact(_, c) => Some(scaled(graph, residuals[c], -contact.towards)),
-            Place::Clamped(_) | Place::Inner(..) => None,
+            DisplacementIndex::Contact(_, c) => Some(scaled(graph, residuals[c], -contact.towards)),
+            DisplacementIndex::Clamped(_) | DisplacementIndex::Inner(..) => None,
         };
         contacts.iter().filter_map(of).collect()
     }
@@ -204,11 +206,11 @@ impl Body<'_> {
 }
 
 /// The row of the balance of momentum.
-fn equation(place: Place) -> Option<usize> {
+fn equation(place: DisplacementIndex) -> Option<usize> {
     match place {
-        Place::Inner(_, v) => Some(v),
-        Place::Contact(u, _) => Some(u),
-        Place::Clamped(_) => None,
+        DisplacementIndex::Inner(_, v) => Some(v),
+        DisplacementIndex::Contact(u, _) => Some(u),
+        DisplacementIndex::Clamped(_) => None,
     }
 }
 

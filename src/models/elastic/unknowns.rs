@@ -6,7 +6,7 @@ use super::Continuum;
 
 /// Where the value of a displacement is found.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Place {
+pub enum DisplacementIndex {
     /// Nowhere: it does not change.
     Clamped(f64),
     /// At this place in `(x, z)`, with its velocity at the second.
@@ -15,7 +15,7 @@ pub enum Place {
     Contact(usize, usize),
 }
 
-impl Place {
+impl DisplacementIndex {
     /// The place in `(x, z)`, if it has one.
     pub fn unknown(self) -> Option<usize> {
         match self {
@@ -37,7 +37,7 @@ impl Place {
 #[derive(Clone, Debug)]
 pub struct Unknowns {
     /// One place for each displacement.
-    pub places: Vec<Place>,
+    pub places: Vec<DisplacementIndex>,
     /// The number of `u_I`.
     pub inner: usize,
     /// The number of `u_N`.
@@ -67,13 +67,13 @@ impl Unknowns {
         let (mut next, mut contact) = (0, 0);
         for d in 0..displacement.len() {
             unknowns.places.push(if clamped[d] {
-                Place::Clamped(displacement[d])
+                DisplacementIndex::Clamped(displacement[d])
             } else if is_contact[d] {
                 contact += 1;
-                Place::Contact(first + contact - 1, contact - 1)
+                DisplacementIndex::Contact(first + contact - 1, contact - 1)
             } else {
                 next += 1;
-                Place::Inner(next - 1, unknowns.inner + next - 1)
+                DisplacementIndex::Inner(next - 1, unknowns.inner + next - 1)
             });
         }
         unknowns

@@ -13,7 +13,7 @@
 //!   with how far it does.
 
 use super::resting::{Moment, Resting};
-use super::{Cause, Condition, Field, GAMMA, Semidiscrete};
+use super::{Condition, Field, GAMMA, ObstacleError, Semidiscrete};
 use numerics::Interval;
 use problem::Control;
 
@@ -85,7 +85,7 @@ impl Hidden {
         seen: &Seen<'_>,
         negligible: f64,
         control: &Control,
-    ) -> Result<f64, Cause> {
+    ) -> Result<f64, ObstacleError> {
         let nodes = system.weights.len();
         let mut moved = vec![0.0; nodes];
         self.resting.bound(system, (seen.times, seen.moments), negligible, &mut moved, control)?;
@@ -154,7 +154,7 @@ impl Hidden {
         seen: &Seen<'_>,
         moved: &mut [f64],
         control: &Control,
-    ) -> Result<(), Cause> {
+    ) -> Result<(), ObstacleError> {
         let Kept { load, lower, upper } = &mut self.kept;
         load.clone_from(&system.load);
         lower.clone_from(&system.set.lower);

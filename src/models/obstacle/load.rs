@@ -2,7 +2,7 @@
 //! their nodes; at a time, or enclosed over an interval of time.
 
 use super::semidiscrete::{finite, go_on, side_key};
-use super::{Cause, Condition, Field, Obstacle};
+use super::{Condition, Field, Obstacle, ObstacleError};
 use crate::finite_elements::{Element, Quadrature, Side};
 use numerics::Interval;
 use problem::Control;
@@ -21,7 +21,12 @@ struct Share<'a> {
 ///
 /// # Errors
 /// A value that is not finite; or `control` asks to stop.
-pub(super) fn load_at(problem: &mut Obstacle, load: &mut [f64], t: f64, control: &Control) -> Result<(), Cause> {
+pub(super) fn load_at(
+    problem: &mut Obstacle,
+    load: &mut [f64],
+    t: f64,
+    control: &Control,
+) -> Result<(), ObstacleError> {
     load.fill(0.0);
     each(problem, t, control, |Share { field, side, at, part, nodes }| {
         let value = match side {
@@ -43,7 +48,7 @@ pub(super) fn load_over(
     load: &mut [Interval],
     t: Interval,
     control: &Control,
-) -> Result<(), Cause> {
+) -> Result<(), ObstacleError> {
     load.fill(Interval::point(0.0));
     each(problem, t.lo, control, |Share { field, at, part, nodes, .. }| {
         if nodes.iter().any(|&node| wanted[node]) {
@@ -59,8 +64,8 @@ fn each(
     problem: &mut Obstacle,
     t: f64,
     control: &Control,
-    mut visit: impl FnMut(Share<'_>) -> Result<(), Cause>,
-) -> Result<(), Cause> {
+    mut visit: impl FnMut(Share<'_>) -> Result<(), ObstacleError>,
+) -> Result<(), ObstacleError> {
     let Obstacle { grid, source, conditions, .. } = problem;
     if let Some(field) = source {
         let part = Element::of(grid, Quadrature::Nodal).volume() / (1 << grid.dimension()) as f64;

@@ -16,11 +16,11 @@
 //! it with a variational inequality at each of two stages, and [`Contact`] measures where `u` rests.
 
 mod contact;
+mod data_error;
 mod equations;
 mod field;
 mod hidden;
 mod load;
-mod offence;
 mod operator;
 mod resting;
 mod semidiscrete;
@@ -29,10 +29,10 @@ mod stage;
 mod tr_bdf2;
 
 pub use contact::Contact;
+pub use data_error::ObstacleDataError;
 pub use equations::{Condition, Obstacle, Probe};
 pub use field::Field;
-pub use offence::Offence;
 pub use operator::largest_peclet;
 pub use semidiscrete::Semidiscrete;
-pub use settings::{Cause, Counts, Settings};
+pub use settings::{Counts, ObstacleError, Settings};
 pub use tr_bdf2::{GAMMA, TrBdf2};

@@ -9,7 +9,7 @@
 //! oscillations where it does not. With nodal quadrature the entries off the diagonal are never positive.
 
 use super::semidiscrete::{finite, go_on};
-use super::{Cause, Field, Obstacle, Offence};
+use super::{Field, Obstacle, ObstacleDataError, ObstacleError};
 use crate::finite_elements::{Assembly, Element};
 use factorisation::SparseMatrix;
 use nalgebra::DMatrix;
@@ -24,7 +24,7 @@ pub(super) fn stiffness(
     mut matrix: Assembly,
     t: f64,
     control: &Control,
-) -> Result<SparseMatrix, Cause> {
+) -> Result<SparseMatrix, ObstacleError> {
     let Obstacle { grid, quadrature, diffusion, advection, reaction, .. } = problem;
     let element = Element::of(grid, *quadrature);
     let directions = 0..grid.dimension();
@@ -56,7 +56,7 @@ pub(super) fn stiffness(
 ///
 /// # Errors
 /// A coefficient that is not finite, or diffusion below zero; or `control` asks to stop.
-pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Control) -> Result<(), Cause> {
+pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Control) -> Result<(), ObstacleError> {
     let Obstacle { grid, diffusion, advection, reaction, .. } = problem;
     for index in 0..grid.elements() {
         go_on(index, t, control)?;
@@ -77,10 +77,10 @@ fn coefficients(
     advection: Option<&mut Field>,
     t: f64,
     at: [f64; 3],
-) -> Result<(f64, f64), Offence> {
+) -> Result<(f64, f64), ObstacleDataError> {
     let a = finite("diffusion", diffusion, t, at)?;
     if a < 0.0 {
-        return Err(Offence::NegativeDiffusion { value: a, at, t });
+        return Err(ObstacleDataError::NegativeDiffusion { value: a, at, t });
     }
     let b = advection.map_or(Ok(0.0), |field| finite("advection", field, t, at))?;
     Ok((a, b))
@@ -90,7 +90,7 @@ fn coefficients(
 ///
 /// # Errors
 /// If `control` asks to stop.
-pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Result<f64, Cause> {
+pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Result<f64, ObstacleError> {
     let Obstacle { grid, diffusion, advection, .. } = problem;
     let mut largest = 0.0_f64;
     for (q, (a, b)) in diffusion.iter_mut().zip(advection).enumerate() {

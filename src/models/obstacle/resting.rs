@@ -7,7 +7,7 @@
 //! pull stands for, and the step is cut.
 
 use super::load::load_over;
-use super::{Cause, Semidiscrete};
+use super::{ObstacleError, Semidiscrete};
 use numerics::Interval;
 use problem::Control;
 
@@ -76,7 +76,7 @@ impl Resting {
         negligible: f64,
         moved: &mut [f64],
         control: &Control,
-    ) -> Result<(), Cause> {
+    ) -> Result<(), ObstacleError> {
         if !system.load_varies() {
             return Ok(());
         }
@@ -121,7 +121,7 @@ impl Resting {
         (from, to): (f64, f64),
         nodes: impl Iterator<Item = usize> + Clone,
         control: &Control,
-    ) -> Result<Option<Part>, Cause> {
+    ) -> Result<Option<Part>, ObstacleError> {
         let [middle, end] = [times[1] - times[0], times[2] - times[0]];
         nodes.clone().for_each(|node| self.wanted[node] = true);
         let enclosed = load_over(&mut system.problem, &self.wanted, &mut self.load, Interval::new(from, to), control);

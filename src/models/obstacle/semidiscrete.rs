@@ -2,7 +2,7 @@
 
 use super::load::load_at;
 use super::operator::{check_coefficients, stiffness};
-use super::{Cause, Condition, Field, Obstacle, Offence};
+use super::{Condition, Field, Obstacle, ObstacleDataError, ObstacleError};
 use crate::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
 use factorisation::SparseMatrix;
 use problem::{Control, ConvexSet, Interrupted};
@@ -106,7 +106,7 @@ impl Semidiscrete {
     ///
     /// # Errors
     /// A coefficient that is not finite, or diffusion below zero; or `control` asks to stop.
-    pub fn operator_at(&mut self, t: f64, control: &Control) -> Result<bool, Cause> {
+    pub fn operator_at(&mut self, t: f64, control: &Control) -> Result<bool, ObstacleError> {
         if self.has_operator && !self.varying.operator {
             return Ok(false);
         }
@@ -119,7 +119,7 @@ impl Semidiscrete {
     ///
     /// # Errors
     /// A value that is not finite, obstacles that cross, or a given value beyond one; or `control` asks to stop.
-    pub fn vectors_at(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
+    pub fn vectors_at(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         if self.varying.load || !self.has_vectors {
             load_at(&mut self.problem, &mut self.load, t, control)?;
         }
@@ -135,7 +135,7 @@ impl Semidiscrete {
     /// # Errors
     /// A value that is not finite, or the one farthest beyond an obstacle; or `control` asks to stop. The bounds must be those
     /// of the start.
-    pub fn initial(&mut self, t: f64, control: &Control) -> Result<Vec<f64>, Cause> {
+    pub fn initial(&mut self, t: f64, control: &Control) -> Result<Vec<f64>, ObstacleError> {
         initial(&mut self.problem, &self.set, &self.is_given, t, control)
     }
 }
@@ -145,7 +145,7 @@ impl Obstacle {
     ///
     /// # Errors
     /// What offends; or `control` asks to stop.
-    pub fn check(&mut self, t: f64, control: &Control) -> Result<(), Cause> {
+    pub fn check(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         let n = self.grid.nodes();
         check_coefficients(self, t, control)?;
         load_at(self, &mut vec![0.0; n], t, control)?;
@@ -174,7 +174,7 @@ fn initial(
     is_given: &[bool],
     t: f64,
     control: &Control,
-) -> Result<Vec<f64>, Cause> {
+) -> Result<Vec<f64>, ObstacleError> {
     let mut u = Vec::with_capacity(is_given.len());
     let mut worst = (0.0, None);
     for (node, &is_given) in is_given.iter().enumerate() {
@@ -184,7 +184,7 @@ fn initial(
         let bound = set.project(node, value);
         let beyond = (bound - value).abs();
         if !is_given && beyond > slack(bound).max(worst.0) {
-            worst = (beyond, Some(Offence::InitialBeyond { value, bound, at }));
+            worst = (beyond, Some(ObstacleDataError::InitialBeyond { value, bound, at }));
         }
         u.push(bound);
     }
@@ -198,7 +198,7 @@ fn set_at(
     is_given: &[bool],
     t: f64,
     control: &Control,
-) -> Result<(), Cause> {
+) -> Result<(), ObstacleError> {
     let Obstacle { grid, lower, upper, conditions, .. } = problem;
     for (node, &is_given) in is_given.iter().enumerate() {
         go_on(node, t, control)?;
@@ -210,7 +210,7 @@ fn set_at(
             set.upper[node] = finite("upper_obstacle", upper, t, at)?;
         }
         if set.lower[node] > set.upper[node] && !is_given {
-            return Err(Offence::Crossing { lower: set.lower[node], upper: set.upper[node], at, t }.into());
+            return Err(ObstacleDataError::Crossing { lower: set.lower[node], upper: set.upper[node], at, t }.into());
         }
     }
     for (side, condition) in Side::all(grid.dimension()).zip(conditions) {
@@ -223,7 +223,7 @@ fn set_at(
                 upper.as_mut().map(|upper| upper.at(t, at)).filter(|upper| value > upper + slack(*upper)),
             ];
             if let [Some(bound), _] | [_, Some(bound)] = bounds {
-                return Err(Offence::GivenBeyond { side, value, bound, at, t }.into());
+                return Err(ObstacleDataError::GivenBeyond { side, value, bound, at, t }.into());
             }
             (set.lower[node], set.upper[node]) = (value, value);
         }
@@ -235,8 +235,8 @@ fn set_at(
 ///
 /// # Errors
 /// If it asks to stop.
-pub(super) fn go_on(item: usize, t: f64, control: &Control) -> Result<(), Cause> {
-    if item.is_multiple_of(AT_ONCE) { control.go_on().map_err(|_| Cause::Interrupted { t }) } else { Ok(()) }
+pub(super) fn go_on(item: usize, t: f64, control: &Control) -> Result<(), ObstacleError> {
+    if item.is_multiple_of(AT_ONCE) { control.go_on().map_err(|_| ObstacleError::Interrupted { t }) } else { Ok(()) }
 }
 
 fn slack(bound: f64) -> f64 {
@@ -253,7 +253,7 @@ pub(super) fn side_key(side: Side, kind: &str) -> String {
 }
 
 /// The value of a field, if it is a number.
-pub(super) fn finite(key: &str, field: &mut Field, t: f64, at: [f64; 3]) -> Result<f64, Offence> {
+pub(super) fn finite(key: &str, field: &mut Field, t: f64, at: [f64; 3]) -> Result<f64, ObstacleDataError> {
     let value = field.at(t, at);
-    if value.is_finite() { Ok(value) } else { Err(Offence::NotFinite { key: key.to_owned(), value, at, t }) }
+    if value.is_finite() { Ok(value) } else { Err(ObstacleDataError::NotFinite { key: key.to_owned(), value, at, t }) }
 }

@@ -1,6 +1,6 @@
 //! What may be chosen of the method, what was done, and why a step could not be made.
 
-use super::Offence;
+use super::ObstacleDataError;
 
 /// The choices of a run.
 #[derive(Clone, Copy, Debug)]
@@ -23,10 +23,10 @@ pub struct Settings {
 
 /// Why a step could not be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum Cause {
+pub enum ObstacleError {
     /// The data are not what they should be.
     #[error("{0}")]
-    Offence(Offence),
+    ObstacleDataError(ObstacleDataError),
     /// The step size fell to the rounding level of `t`, or to the least allowed.
     #[error("the step size fell to {h:e} at t = {t:?}: {why}")]
     StepTooSmall {
@@ -61,11 +61,11 @@ pub enum Cause {
     },
 }
 
-impl Cause {
+impl ObstacleError {
     /// A stable word for programs.
     pub fn code(&self) -> &'static str {
         match self {
-            Self::Offence(offence) => offence.code(),
+            Self::ObstacleDataError(offence) => offence.code(),
             Self::StepTooSmall { .. } => "step_too_small",
             Self::Unsolved { .. } => "vi_unsolved",
             Self::Memory { .. } => "too_large",

@@ -16,9 +16,9 @@
 
 use super::hidden::{Hidden, Seen};
 use super::resting::Moment;
-use super::settings::{Cause, Counts, Settings};
+use super::settings::{Counts, ObstacleError, Settings};
 use super::stage::{Stage, Unsolved};
-use super::{Obstacle, Offence, Semidiscrete};
+use super::{Obstacle, ObstacleDataError, Semidiscrete};
 use problem::Control;
 use std::f64::consts::SQRT_2;
 use std::ops::Range;
@@ -98,8 +98,8 @@ impl<'c> TrBdf2<'c> {
         (start, end): (f64, f64),
         settings: Settings,
         control: &'c Control,
-    ) -> Result<Self, Cause> {
-        let mut system = Semidiscrete::new(problem, control).map_err(|_| Cause::Interrupted { t: start })?;
+    ) -> Result<Self, ObstacleError> {
+        let mut system = Semidiscrete::new(problem, control).map_err(|_| ObstacleError::Interrupted { t: start })?;
         system.vectors_at(start, control)?;
         let u = system.initial(start, control)?;
         let n = u.len();
@@ -186,10 +186,10 @@ impl<'c> TrBdf2<'c> {
     ///
     /// # Errors
     /// Why it cannot be made.
-    pub fn step(&mut self) -> Result<(), Cause> {
+    pub fn step(&mut self) -> Result<(), ObstacleError> {
         loop {
             if self.control.poll().is_some() {
-                return Err(Cause::Interrupted { t: self.t });
+                return Err(ObstacleError::Interrupted { t: self.t });
             }
             let remaining = self.end - self.t;
             // A last step within rounding of the end is none.
@@ -206,7 +206,7 @@ impl<'c> TrBdf2<'c> {
                     (if error.is_finite() { (0.9 / error.cbrt()).max(0.1) } else { 0.1 }, "the error was too large")
                 }
                 Attempt::Unsolved(why) if self.settings.step.is_some() => {
-                    return Err(Cause::Unsolved { t: self.t, h, why });
+                    return Err(ObstacleError::Unsolved { t: self.t, h, why });
                 }
                 Attempt::Unsolved(why) => {
                     self.counts.unsolved += 1;
@@ -216,19 +216,19 @@ impl<'c> TrBdf2<'c> {
             self.was_rejected = true;
             self.h = factor * h;
             if self.h < self.settings.min_step.max(16.0 * f64::EPSILON * self.t.abs()) || self.h < f64::MIN_POSITIVE {
-                return Err(Cause::StepTooSmall { t: self.t, h: self.h, why });
+                return Err(ObstacleError::StepTooSmall { t: self.t, h: self.h, why });
             }
         }
     }
 
     /// The slope of a short step of implicit Euler, which also puts the start into `K`.
-    fn find_initial_slope(&mut self) -> Result<(), Cause> {
+    fn find_initial_slope(&mut self) -> Result<(), ObstacleError> {
         let h = INITIAL * self.h;
         self.base.copy_from_slice(&self.u);
         self.trial[1].copy_from_slice(&self.u);
         match self.solve(1, h, self.t + h)? {
             Ok(()) => {}
-            Err(why) => return Err(Cause::Unsolved { t: self.t, h, why }),
+            Err(why) => return Err(ObstacleError::Unsolved { t: self.t, h, why }),
         }
         self.slopes.swap(0, 2);
         self.moments.swap(0, 2);
@@ -238,7 +238,7 @@ impl<'c> TrBdf2<'c> {
         Ok(())
     }
 
-    fn attempt(&mut self, h: f64, next: f64) -> Result<Attempt, Cause> {
+    fn attempt(&mut self, h: f64, next: f64) -> Result<Attempt, ObstacleError> {
         let Self { base, u, slopes: [first, ..], trial, .. } = self;
         for ((base, &u), &k) in base.iter_mut().zip(u.iter()).zip(first.iter()) {
             *base = u + D * h * k;
@@ -278,14 +278,14 @@ impl<'c> TrBdf2<'c> {
     }
 
     /// The error of what nodes do between the stages without the error of the step knowing, to a part of `size`.
-    fn hidden_error(&mut self, h: f64, next: f64, size: f64) -> Result<f64, Cause> {
+    fn hidden_error(&mut self, h: f64, next: f64, size: f64) -> Result<f64, ObstacleError> {
         let times = [self.t, self.t + GAMMA * h, next];
         let seen = Seen { times, values: [&self.u, &self.trial[0], &self.trial[1]], moments: &self.moments };
         self.hidden.error(&mut self.system, &seen, NEGLIGIBLE * size, self.control)
     }
 
     /// Solves stage `i`, from the nodal values on trial there, and finds its slope; why not, if not.
-    fn solve(&mut self, i: usize, shift: f64, t: f64) -> Result<Result<(), &'static str>, Cause> {
+    fn solve(&mut self, i: usize, shift: f64, t: f64) -> Result<Result<(), &'static str>, ObstacleError> {
         self.system.vectors_at(t, self.control)?;
         self.counts.vectors += 1;
         let changed = self.system.operator_at(t, self.control)?;
@@ -299,8 +299,8 @@ impl<'c> TrBdf2<'c> {
                 self.counts.residual = self.counts.residual.max(residual);
             }
             Ok(_) => return Ok(Err("the residual is above the tolerance")),
-            Err(Unsolved::Interrupted) => return Err(Cause::Interrupted { t: self.t }),
-            Err(Unsolved::Memory) => return Err(Cause::Memory { nodes: self.u.len() }),
+            Err(Unsolved::Interrupted) => return Err(ObstacleError::Interrupted { t: self.t }),
+            Err(Unsolved::Memory) => return Err(ObstacleError::Memory { nodes: self.u.len() }),
             Err(Unsolved::Singular) => return Ok(Err("the matrix has no positive diagonal")),
             Err(Unsolved::NoSolution) => return Ok(Err("no active set was found")),
         }
@@ -385,8 +385,8 @@ fn parabola(a: f64, b: f64, c: f64, part: f64) -> f64 {
     a + of_middle * (b - a) + of_end * (c - a)
 }
 
-impl From<Offence> for Cause {
-    fn from(offence: Offence) -> Self {
-        Self::Offence(offence)
+impl From<ObstacleDataError> for ObstacleError {
+    fn from(offence: ObstacleDataError) -> Self {
+        Self::ObstacleDataError(offence)
     }
 }

@@ -13,7 +13,7 @@
 
 use super::frame::Frame;
 use super::joint::{Alpha, Beta, Equation};
-use super::signals::Course;
+use super::signals::SignalStep;
 use nalgebra::Vector3;
 
 /// The largest change of an angle within a step, in radians: the sine must tell it, and beyond a right angle it does not; nor
@@ -198,7 +198,7 @@ impl Drive {
     }
 
     /// What it does over a step from this state, with the coordinate as it is at the start.
-    pub fn begin(&self, start: f64, state: &DriveState, course: &Course) -> Driving {
+    pub fn begin(&self, start: f64, state: &DriveState, course: &SignalStep) -> Driving {
         let mut driving = Driving { start, reference: start, ..Driving::default() };
         match self.law {
             DriveLaw::Position(signal) => {

@@ -17,7 +17,7 @@ use super::drive::DriveState;
 use super::joint::{Joint, Reaction};
 use super::linkage::Linkage;
 use super::motion::Motion;
-use super::scene::Scene;
+use super::scene::MultibodySystem;
 use super::signals::Signals;
 use contact::ImpactLaw;
 use contact::law::{Cone, Contacts, Law, Report, sequential};
@@ -43,7 +43,7 @@ pub struct Mechanism<'a> {
 
 impl<'a> Mechanism<'a> {
     /// That of a scene; `places` are those of its bodies among the `moving`.
-    pub fn new(scene: &'a Scene, places: &[Option<u32>], moving: usize) -> Self {
+    pub fn new(scene: &'a MultibodySystem, places: &[Option<u32>], moving: usize) -> Self {
         let linkages = Linkage::all(&scene.joints, places, moving);
         let mut of_joint = vec![0; scene.joints.len()];
         for (k, linkage) in linkages.iter().enumerate() {
@@ -77,7 +77,7 @@ pub struct Carried {
 
 impl Carried {
     /// That of a linkage at the start.
-    pub fn of(linkage: &Linkage, scene: &Scene) -> Self {
+    pub fn of(linkage: &Linkage, scene: &MultibodySystem) -> Self {
         let coordinate = |&joint: &u32| scene.joints[joint as usize].coordinate_at_start(&scene.bodies);
         let state = |joint| DriveState { coordinate: coordinate(joint), target: 0.0 };
         Self {

@@ -9,7 +9,7 @@ use super::contact::Contact;
 use super::joint::Joint;
 use super::linkage::Linkage;
 use super::motion::Motion;
-use super::scene::Scene;
+use super::scene::MultibodySystem;
 use contact::islands::threads;
 use contact::law::{Cone, Size};
 use nalgebra::{Matrix3, Vector6};
@@ -64,7 +64,7 @@ struct Island {
 
 impl Load {
     /// Nothing touches yet.
-    pub fn of(scene: &Scene) -> Self {
+    pub fn of(scene: &MultibodySystem) -> Self {
         let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
         let place = |body: usize| moving.binary_search(&body).ok().map(|place| place as u32);
         let places: Vec<Option<u32>> = (0..scene.bodies.len()).map(place).collect();
@@ -79,7 +79,7 @@ impl Load {
     }
 
     /// The same, in the memory of what was there before.
-    pub fn begin(&mut self, scene: &Scene) {
+    pub fn begin(&mut self, scene: &MultibodySystem) {
         (self.pairs, self.contacts) = (0, 0);
         self.friction = scene.laws.any(|law| law.friction > 0.0).then_some(scene.cone);
         self.largest.clear();

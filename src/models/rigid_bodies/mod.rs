@@ -1,6 +1,6 @@
 //! Rigid bodies in space: spheres to convex hulls that touch, slide, roll and hang on joints.
 //!
-//! A [`Scene`] is what a user describes; a [`Simulation`] steps it. Positions and orientations move on the group, contacts
+//! A [`MultibodySystem`] is what a user describes; a [`MoreauStepping`] steps it. Positions and orientations move on the group, contacts
 //! obey Coulomb's law itself, and joints are eliminated exactly.
 
 mod action;
@@ -36,7 +36,7 @@ pub use motion::Motion;
 pub use outputs::{OF_BODY, OF_SCENE, between};
 pub use polyhedron::Polyhedron;
 pub use prescribed::{Linear, Prescription};
-pub use scene::{Body, Law, Laws, Overlap, Scene};
+pub use scene::{Body, Law, Laws, MultibodySystem, Overlap};
 pub use shape::Shape;
 pub use signals::Signals;
-pub use simulation::{ContactReport, Simulation, StepFailure};
+pub use simulation::{ContactReport, MoreauStepping, StepFailure};

@@ -6,7 +6,7 @@
 
 use super::joint::Joint;
 use super::motion::Motion;
-use super::scene::{Body, Scene};
+use super::scene::{Body, MultibodySystem};
 use analysis::{Analysis, Uniqueness};
 use nalgebra::{Isometry3, Vector3};
 
@@ -27,7 +27,7 @@ pub const OF_SCENE: [&str; 7] = [
     "normal_impulse",
 ];
 
-impl Scene {
+impl MultibodySystem {
     /// The names of the states of the bodies that move.
     pub fn state_names(&self) -> Vec<String> {
         let moving = self.bodies.iter().filter(|body| !body.fixed);

@@ -1,6 +1,6 @@
 //! Bodies whose motion is given: they push others, and nothing pushes them.
 
-use super::signals::{Course, Signals};
+use super::signals::{SignalStep, Signals};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 /// A motion as functions of time, by their places among those of the scene.
@@ -39,7 +39,7 @@ pub struct Prescribed {
 impl Prescription {
     /// The pose at the end of a step: a turn is the exponential of the integral of the angular velocity, which is exact about an
     /// axis that stays and of second order else.
-    fn end(&self, from: &Isometry3<f64>, course: &Course) -> Isometry3<f64> {
+    fn end(&self, from: &Isometry3<f64>, course: &SignalStep) -> Isometry3<f64> {
         let at = |values: &[f64], of: [usize; 3]| Vector3::from(of.map(|function| values[function]));
         let start = from.translation.vector;
         let position = match self.linear {

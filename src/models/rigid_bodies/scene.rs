@@ -90,7 +90,7 @@ impl Laws {
 
 /// Bodies, laws and joints.
 #[derive(Clone, Debug)]
-pub struct Scene {
+pub struct MultibodySystem {
     /// Metres a second squared.
     pub gravity: Vector3<f64>,
     /// All bodies, fixed ones too.
@@ -122,7 +122,7 @@ pub struct Overlap {
     pub depth: f64,
 }
 
-impl Scene {
+impl MultibodySystem {
     /// Pairs that overlap at the start by more than `fraction` of the smaller body's size, in order: all of them, or as
     /// many as are asked for.
     ///

@@ -20,7 +20,7 @@ pub struct Signals {
 
 /// Functions over one step.
 #[derive(Clone, Debug, Default)]
-pub struct Course {
+pub struct SignalStep {
     /// The values at the start, in the middle and at the end, and the rates at the end.
     pub start: Vec<f64>,
     pub middle: Vec<f64>,
@@ -51,9 +51,9 @@ impl Signals {
     }
 
     /// All that a step asks for.
-    pub fn over(&self, t: f64, h: f64) -> Course {
+    pub fn over(&self, t: f64, h: f64) -> SignalStep {
         if self.count == 0 {
-            return Course { h, ..Course::default() };
+            return SignalStep { h, ..SignalStep::default() };
         }
         let (end, rates) = self.at(t + h);
         let mut integrals = vec![0.0; self.count];
@@ -61,6 +61,6 @@ impl Signals {
             let values = self.at(t + node * h).0;
             integrals.iter_mut().zip(values).for_each(|(sum, value)| *sum += weight * h * value);
         }
-        Course { start: self.at(t).0, middle: self.at(t + 0.5 * h).0, end, rates, integrals, h }
+        SignalStep { start: self.at(t).0, middle: self.at(t + 0.5 * h).0, end, rates, integrals, h }
     }
 }

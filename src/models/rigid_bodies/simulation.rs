@@ -35,7 +35,7 @@ use super::joint::joined;
 use super::load::Load;
 use super::motion::Motion;
 use super::prescribed::Prescribed;
-use super::scene::Scene;
+use super::scene::MultibodySystem;
 use super::touches::Touches;
 use contact::islands::{Islands, threads};
 use contact::law::Law;
@@ -53,8 +53,8 @@ const UNSOLVED: f64 = 0.1;
 
 /// A scene in motion.
 #[derive(Debug)]
-pub struct Simulation<'a> {
-    scene: &'a Scene,
+pub struct MoreauStepping<'a> {
+    scene: &'a MultibodySystem,
     /// The bodies that move, with the velocities that the last step went with.
     moving: Vec<Motion>,
     /// The same with the velocities at its end.
@@ -84,7 +84,7 @@ pub struct Simulation<'a> {
     /// The contacts of the step.
     pub contacts: Vec<Contact>,
     /// What happened in the last step between which bodies of the scene.
-    pub happenings: Vec<(EventKind, [usize; 2])>,
+    pub new_events: Vec<(EventKind, [usize; 2])>,
     touches: Touches,
     /// What the last step said.
     pub report: ContactReport,
@@ -103,9 +103,9 @@ pub struct Simulation<'a> {
     pub most_memory: usize,
 }
 
-impl<'a> Simulation<'a> {
+impl<'a> MoreauStepping<'a> {
     /// The scene at its start, the time `t`.
-    pub fn new(scene: &'a Scene, t: f64, settings: &Settings) -> Self {
+    pub fn new(scene: &'a MultibodySystem, t: f64, settings: &Settings) -> Self {
         let mut moving = Vec::new();
         let mut places = Vec::with_capacity(scene.bodies.len());
         for body in &scene.bodies {
@@ -146,7 +146,7 @@ impl<'a> Simulation<'a> {
             prescribed,
             given,
             contacts: Vec::new(),
-            happenings: Vec::new(),
+            new_events: Vec::new(),
             touches: Touches::default(),
             report: ContactReport::default(),
             joined: joined(&scene.joints),
@@ -184,7 +184,7 @@ impl<'a> Simulation<'a> {
     pub fn step(&mut self, t: f64, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.t = t;
         self.report = ContactReport::default();
-        self.happenings.clear();
+        self.new_events.clear();
         self.contact_forces.fill(Default::default());
         self.advance(h, HALVINGS, control)?;
         self.contact_forces.iter_mut().for_each(|(force, torque)| (*force, *torque) = (*force / h, *torque / h));

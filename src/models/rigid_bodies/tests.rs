@@ -51,9 +51,9 @@ fn cube(side: f64, mass: f64, at: [f64; 3]) -> Body {
     body(Shape::Polyhedron(Polyhedron::cuboid(Vector3::repeat(0.5 * side))), mass, at)
 }
 
-fn scene(bodies: Vec<Body>, friction: f64, restitution: f64) -> Scene {
+fn scene(bodies: Vec<Body>, friction: f64, restitution: f64) -> MultibodySystem {
     let laws = Laws::of_materials(&[scene::Law { friction, restitution }]);
-    Scene {
+    MultibodySystem {
         gravity: Vector3::new(0.0, 0.0, -G),
         bodies,
         laws,
@@ -67,7 +67,7 @@ fn scene(bodies: Vec<Body>, friction: f64, restitution: f64) -> Scene {
     }
 }
 
-fn run(simulation: &mut Simulation<'_>, h: f64, steps: usize) {
+fn run(simulation: &mut MoreauStepping<'_>, h: f64, steps: usize) {
     for _ in 0..steps {
         simulation.step(0.0, h, &Control::new()).unwrap();
     }
@@ -78,7 +78,7 @@ fn a_sliding_sphere_comes_to_roll_with_five_sevenths_of_its_speed() {
     let mut ball = sphere(0.1, 1.0, [0.0, 0.0, 0.1]);
     ball.velocity = Vector3::new(2.0, 0.0, 0.0);
     let scene = scene(vec![ground(Vector3::z()), ball], 0.3, 0.0);
-    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     run(&mut simulation, 1e-3, 1000);
     let motion = simulation.ends[0];
     assert!((motion.velocity.x - 10.0 / 7.0).abs() < 1e-10, "{}", motion.velocity);
@@ -92,7 +92,7 @@ fn a_fast_sliding_sphere_never_lifts_off() {
     let mut ball = sphere(0.1, 1.0, [0.0, 0.0, 0.1]);
     ball.velocity = Vector3::new(10.0, 0.0, 0.0);
     let scene = scene(vec![ground(Vector3::z()), ball], 0.3, 0.0);
-    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     for _ in 0..500 {
         simulation.step(0.0, 1e-3, &Control::new()).unwrap();
         assert!((simulation.ends[0].pose.translation.z - 0.1).abs() < 1e-10);
@@ -106,7 +106,7 @@ fn a_stack_with_a_heavy_top_stands_still() {
         let mut bodies = vec![ground(Vector3::z())];
         bodies.extend((0..10).map(|k| cube(1.0, if k == 9 { load } else { 1.0 }, [0.0, 0.0, 0.5 + f64::from(k)])));
         let scene = scene(bodies, 0.6, 0.0);
-        let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+        let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
         let clock = std::time::Instant::now();
         run(&mut simulation, 1e-3, 2000);
         eprintln!("load {load}: {:?}, residual {:e}", clock.elapsed() / 2000, simulation.report.residual);
@@ -119,7 +119,7 @@ fn a_stack_with_a_heavy_top_stands_still() {
 }
 
 /// Spheres on a square grid on a tray that moves, which lies on the ground.
-fn on_a_tray(rows: u32) -> Scene {
+fn on_a_tray(rows: u32) -> MultibodySystem {
     let mut bodies = vec![ground(Vector3::z())];
     let tray = Polyhedron::cuboid(Vector3::new(100.0, 100.0, 1.0));
     bodies.push(body(Shape::Polyhedron(tray), 10.0, [0.0, 0.0, 0.5]));
@@ -135,7 +135,7 @@ fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
     let load = scene.load(usize::MAX, &Control::new()).unwrap();
     // Four corners of the tray and sixteen spheres.
     assert_eq!((load.contacts, load.most_touched()), (20, Some((1, 20))));
-    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     simulation.step(0.0, 1e-3, &Control::new()).unwrap();
     assert_eq!(simulation.contacts.len(), 20);
     // Blocks: the tray's contacts with each other, and those of each sphere with itself.
@@ -148,10 +148,10 @@ fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
 #[test]
 fn a_step_whose_contacts_would_take_too_much_memory_is_not_made() {
     let scene = on_a_tray(8);
-    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     let needed = scene.load(usize::MAX, &Control::new()).unwrap().bytes();
     simulation.most_memory = needed / 2;
-    let heights = |simulation: &Simulation<'_>| -> Vec<f64> {
+    let heights = |simulation: &MoreauStepping<'_>| -> Vec<f64> {
         simulation.ends.iter().map(|motion| motion.pose.translation.vector.z).collect()
     };
     let before = heights(&simulation);
@@ -171,7 +171,7 @@ fn islands_count_apart_and_joints_bring_contacts_together() {
         let balls = (0..count).map(|k| sphere(1.0, 1.0, [3.0 * f64::from(k), 0.0, 1.0]));
         scene([ground(Vector3::z())].into_iter().chain(balls).collect(), 0.3, 0.0)
     };
-    let bytes = |scene: &Scene| scene.load(usize::MAX, &Control::new()).unwrap().bytes();
+    let bytes = |scene: &MultibodySystem| scene.load(usize::MAX, &Control::new()).unwrap().bytes();
     // Islands are solved a few at a time.
     assert!(bytes(&apart(100)) < 2 * bytes(&apart(50)));
     let mut chained = apart(100);
@@ -189,7 +189,7 @@ fn nothing_is_detected_nor_assembled_for_one_who_went_away() {
     let control = Control::new();
     control.cancel();
     assert!(scene.load(usize::MAX, &control).is_err());
-    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     assert_eq!(simulation.step(0.0, 1e-3, &control), Err(StepFailure::Interrupted));
     assert_eq!(simulation.resolve(&control), Err(StepFailure::Interrupted));
 }

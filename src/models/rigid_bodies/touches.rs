@@ -49,7 +49,7 @@ impl Touches {
         contacts: impl Iterator<Item = Touched<'a>>,
         moving: &[Motion],
         fall: f64,
-        happenings: &mut Vec<(EventKind, [usize; 2])>,
+        new_events: &mut Vec<(EventKind, [usize; 2])>,
     ) {
         self.step += 1;
         let mut contacts = contacts.peekable();
@@ -60,20 +60,20 @@ impl Touches {
             while let Some(next) = contacts.next_if(|next| self::pair(next.contact) == pair) {
                 seen.add(&next, moving, fall);
             }
-            self.take(pair, &seen, happenings);
+            self.take(pair, &seen, new_events);
         }
         let step = self.step;
         self.pairs.retain(|&pair, touch| {
             let stays = touch.steps[1] == step;
             if !stays && touch.steps[1] > touch.steps[0] {
-                happenings.push((EventKind::LiftOff, places(pair)));
+                new_events.push((EventKind::LiftOff, places(pair)));
             }
             stays
         });
     }
 
-    fn take(&mut self, pair: (u32, u32), seen: &Pair, happenings: &mut Vec<(EventKind, [usize; 2])>) {
-        let mut tell = |kind| happenings.push((kind, places(pair)));
+    fn take(&mut self, pair: (u32, u32), seen: &Pair, new_events: &mut Vec<(EventKind, [usize; 2])>) {
+        let mut tell = |kind| new_events.push((kind, places(pair)));
         if seen.strikes {
             tell(EventKind::Impact);
         }

@@ -32,9 +32,9 @@ use super::part::Part;
 use super::point::Point;
 use super::reduced::{Reduced, Rows};
 use super::watched::Watched;
-use crate::consistent::InverseMass;
-use crate::face::{ActiveFace, Place};
-use crate::inside::Inside;
+use crate::consistent_variables::InverseMass;
+use crate::face::{ActiveFace, Activity};
+use crate::free_variables::FreeVariables;
 use crate::system::System;
 use nalgebra::DVector;
 use numerics::Interval;
@@ -204,7 +204,7 @@ impl Enclosure {
             // The equations of variables inside their intervals take the form of monitors as well: their values over the box
             // are too wide for long steps.
             let system = &*on.system;
-            let is_inside = |k: usize| system.face.places[k] == Place::Inside && system.set.block_of(k).is_none();
+            let is_inside = |k: usize| system.face.places[k] == Activity::Inactive && system.set.block_of(k).is_none();
             for k in (0..system.unknowns - n).filter(|&k| is_inside(k)) {
                 let slope = self.slope_of_row(system, part, h, n + k).size();
                 let noise = on.control.noise_of_g(system, k, &self.middle.y);
@@ -258,7 +258,7 @@ impl Enclosure {
             self.is_hopeless |= with_hidden && part.length == 1.0 && {
                 // A monitor that happens to be zero in the middle is as large as it is elsewhere.
                 let elsewhere = match monitor.place {
-                    Place::Inside => self.ranges[n + monitor.variable].width(),
+                    Activity::Inactive => self.ranges[n + monitor.variable].width(),
                     _ => 0.0,
                 };
                 error > MOST_PARTS as f64 * (middle + monitor.limit).abs().max(elsewhere)
@@ -269,7 +269,7 @@ impl Enclosure {
     }
 
     /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.
-    pub fn is_told(system: &System<'_>, inside: &mut Inside, monitor: &Watched) -> bool {
+    pub fn is_told(system: &System<'_>, inside: &mut FreeVariables, monitor: &Watched) -> bool {
         let n = system.states;
         let mut own = monitor.combination().by_variables(system);
         let mut weights = Vec::new();
@@ -281,7 +281,7 @@ impl Enclosure {
                 terms[j - n] += (weight * x).abs();
             }
         }
-        (0..own.len()).all(|l| system.face.places[l] != Place::Inside || own[l].abs() <= TOLD * terms[l])
+        (0..own.len()).all(|l| system.face.places[l] != Activity::Inactive || own[l].abs() <= TOLD * terms[l])
     }
 
     /// How far the unknowns may be from their polynomials, by the residuals of the equations of the face, and those of hidden
@@ -294,7 +294,7 @@ impl Enclosure {
             consistent.find_errors(system, &self.residuals[n..], &self.hidden, &mut self.errors);
         }
         self.errors.splice(0..0, std::iter::repeat_n(0.0, n));
-        for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Place::Inside) {
+        for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Activity::Inactive) {
             self.residuals[n + k] = 0.0;
         }
         constraints.add_errors(system, control, &self.middle.y, &self.residuals, &mut self.errors);
@@ -343,7 +343,7 @@ impl Enclosure {
         }
         self.hidden.clear();
         self.hidden.resize(system.unknowns - n, 0.0);
-        for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] == Place::Inside) {
+        for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] == Activity::Inactive) {
             let along = system
                 .places_of_row(n + k)
                 .filter(|&(_, j)| j < n)
@@ -356,8 +356,8 @@ impl Enclosure {
     fn lower_end(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         let value = match monitor.place {
-            Place::Lower => self.values[n + k],
-            Place::Upper => -self.values[n + k],
+            Activity::AtLower => self.values[n + k],
+            Activity::AtUpper => -self.values[n + k],
             _ if monitor.upper => monitor.bound(system, &self.values) - self.ranges[n + k],
             _ => self.ranges[n + k] - monitor.bound(system, &self.values),
         };
@@ -368,7 +368,7 @@ impl Enclosure {
     fn error_of(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         match monitor.place {
-            Place::Inside => self.errors[n + k],
+            Activity::Inactive => self.errors[n + k],
             _ => system.terms(k, |j| [self.errors[j]])[0],
         }
     }

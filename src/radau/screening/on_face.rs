@@ -1,8 +1,8 @@
 //! The equations of the face that a step kept, and which of them tell the variables inside.
 
-use crate::consistent::Consistent;
+use crate::consistent_variables::ConsistentVariables;
 use crate::constraints::Constraints;
-use crate::inside::Inside;
+use crate::free_variables::FreeVariables;
 use crate::newton_control::NewtonControl;
 use crate::system::System;
 
@@ -21,9 +21,9 @@ pub(super) enum Told {
 pub(super) struct OnFace<'a, 'p> {
     pub system: &'a mut System<'p>,
     pub control: &'a NewtonControl,
-    pub inside: &'a mut Inside,
+    pub inside: &'a mut FreeVariables,
     pub constraints: &'a mut Constraints,
-    pub consistent: Option<&'a mut Consistent>,
+    pub consistent: Option<&'a mut ConsistentVariables>,
 }
 
 impl OnFace<'_, '_> {

@@ -10,7 +10,7 @@ use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
 use super::watched::Combination;
-use crate::consistent::InverseMass;
+use crate::consistent_variables::InverseMass;
 use crate::system::System;
 use nalgebra::{DMatrix, RowDVector};
 use numerics::Interval;

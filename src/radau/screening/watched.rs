@@ -1,7 +1,7 @@
 //! The monitors of a face that are watched over a step: of each variable in an interval what must not become negative while
 //! it keeps its place.
 
-use crate::face::Place;
+use crate::face::Activity;
 use crate::system::System;
 use numerics::Interval;
 use problem::Side;
@@ -10,7 +10,7 @@ use problem::Side;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Watched {
     pub variable: usize,
-    pub place: Place,
+    pub place: Activity,
     /// Of a variable inside: whether the upper bound is meant.
     pub upper: bool,
     /// What counts as zero.
@@ -21,8 +21,8 @@ impl Watched {
     /// The monitor where `G` and `z` are these, and the bounds of the variable.
     pub fn of(&self, g: f64, z: f64, lower: f64, upper: f64) -> f64 {
         match self.place {
-            Place::Lower => g,
-            Place::Upper => -g,
+            Activity::AtLower => g,
+            Activity::AtUpper => -g,
             _ if self.upper => upper - z,
             _ => z - lower,
         }
@@ -31,15 +31,15 @@ impl Watched {
     /// The bound that it keeps from, where rows of the problem are as in `values`; zero of a variable on its bound, whose `G` it is.
     pub fn bound(&self, system: &System<'_>, values: &[Interval]) -> Interval {
         match self.place {
-            Place::Inside if self.upper => system.bound(self.variable, Side::Upper, values),
-            Place::Inside => system.bound(self.variable, Side::Lower, values),
+            Activity::Inactive if self.upper => system.bound(self.variable, Side::Upper, values),
+            Activity::Inactive => system.bound(self.variable, Side::Lower, values),
             _ => Interval::point(0.0),
         }
     }
 
     /// The sign with which `G`, or `z` where the variable is inside, enters it.
     pub fn sign(&self) -> f64 {
-        let is_negative = self.place == Place::Upper || self.place == Place::Inside && self.upper;
+        let is_negative = self.place == Activity::AtUpper || self.place == Activity::Inactive && self.upper;
         if is_negative { -1.0 } else { 1.0 }
     }
 
@@ -47,7 +47,7 @@ impl Watched {
     pub fn combination(&self) -> Combination {
         let own = vec![(self.variable, self.sign())];
         match self.place {
-            Place::Inside => Combination { variables: own, rows: Vec::new() },
+            Activity::Inactive => Combination { variables: own, rows: Vec::new() },
             _ => Combination { variables: Vec::new(), rows: own },
         }
     }
@@ -82,13 +82,13 @@ pub(super) fn watch(system: &System<'_>, limits: impl Fn(usize) -> [f64; 2], out
         let place = system.face.places[k];
         let watched = |upper: bool, limit: f64| Watched { variable: k, place, upper, limit };
         match place {
-            Place::Lower | Place::Upper => out.push(watched(false, limits(k)[1])),
-            Place::Inside => {
+            Activity::AtLower | Activity::AtUpper => out.push(watched(false, limits(k)[1])),
+            Activity::Inactive => {
                 let ends = [(false, system.set.lower[k]), (true, system.set.upper[k])];
                 let finite = ends.into_iter().filter(|(_, end)| end.is_finite());
                 out.extend(finite.map(|(upper, _)| watched(upper, limits(k)[0])));
             }
-            Place::Held | Place::Boundary(_) | Place::Vertex => {}
+            Activity::Fixed | Activity::Boundary(_) | Activity::Vertex => {}
         }
     }
 }

@@ -2,9 +2,9 @@
 //! no face is found to go on.
 
 use super::Radau;
-use crate::location::Located;
+use crate::location::EventTime;
 use crate::screening::{Between, LEAST};
-use crate::settings::{Cause, StepError};
+use crate::settings::{RejectionCause, StepError};
 use crate::stages::{Contraction, Newton};
 
 /// So many times a step along a curved face is halved, before its stages are solved without it.
@@ -18,7 +18,7 @@ pub(super) enum Attempt {
     /// them.
     Solved { h: f64, iterations: usize, coupled: bool, between: Option<Between> },
     /// To be done again with the step times this factor, and why.
-    Failed(f64, Cause),
+    Failed(f64, RejectionCause),
 }
 
 impl Radau<'_> {
@@ -56,7 +56,7 @@ impl Radau<'_> {
                     proven = violation.map_or(0.0, |(_, proven)| proven);
                     let mut located = self.locate(size, violation.map(|(theta, _)| theta))?;
                     // Of several switches within the step the stages need not show the first.
-                    if matches!(located, Located::Nowhere)
+                    if matches!(located, EventTime::Nowhere)
                         && violation.is_none()
                         && self.switching.locates()
                         && let Some(first) = self.first_violation(size)?
@@ -66,17 +66,19 @@ impl Radau<'_> {
                     }
                     (located, iterations)
                 }
-                Newton::Slow(factor) if self.stage_vi.is_none() => return Ok(Attempt::Failed(factor, Cause::Slow)),
+                Newton::Slow(factor) if self.stage_vi.is_none() => {
+                    return Ok(Attempt::Failed(factor, RejectionCause::Slow));
+                }
                 Newton::Failed(cause) if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5, cause)),
                 // A curved face may end where it cannot be followed any further: as far as it goes, then.
                 Newton::Slow(_) | Newton::Failed(_) if self.system.is_curved() && self.switching.locates() => {
-                    if std::mem::take(&mut may_turn) && self.system.turn_cones() {
+                    if std::mem::take(&mut may_turn) && self.system.swap_primal_dual_form() {
                         self.factored = None;
                         continue;
                     }
                     self.predict(size);
                     match self.locate(size, None)? {
-                        Located::Nowhere => {
+                        EventTime::Nowhere => {
                             size *= 0.5;
                             continue;
                         }
@@ -89,24 +91,24 @@ impl Radau<'_> {
                 }
             };
             match located {
-                Located::At { h, between } => {
+                EventTime::At { h, between } => {
                     return Ok(Attempt::Solved { h, iterations, coupled: false, between: Some(between) });
                 }
-                Located::Now => {}
-                Located::Behind(part) => {
+                EventTime::Now => {}
+                EventTime::Behind(part) => {
                     size *= part;
                     self.screened_short = true;
                 }
                 // Up to shortly before it the step is proven.
-                Located::Nowhere if proven >= LEAST && self.settings.step.is_none() && self.switching.locates() => {
+                EventTime::Nowhere if proven >= LEAST && self.settings.step.is_none() && self.switching.locates() => {
                     size *= std::mem::take(&mut proven);
                     self.screened_short = true;
                 }
-                Located::Nowhere if searches > 0 && self.switching.locates() => {
+                EventTime::Nowhere if searches > 0 && self.switching.locates() => {
                     searches -= 1;
                     size *= 0.5;
                 }
-                Located::Nowhere => break,
+                EventTime::Nowhere => break,
             }
         }
         self.predict(h);
@@ -138,7 +140,7 @@ impl Radau<'_> {
             &mut self.contraction,
         );
         match newton {
-            Newton::Converged { .. } if !self.are_stages_solved(h) => Newton::Failed(Cause::Diverged),
+            Newton::Converged { .. } if !self.are_stages_solved(h) => Newton::Failed(RejectionCause::Diverged),
             newton => newton,
         }
     }
@@ -147,13 +149,13 @@ impl Radau<'_> {
     /// them, it is still `missed`.
     fn couple(&mut self, h: f64, missed: Option<Between>) -> Attempt {
         let tableau = self.tableau();
-        let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5, Cause::Unsolved) };
+        let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5, RejectionCause::Unsolved) };
         self.contraction = Contraction::default();
         self.switching.remember(&self.system.face);
         match stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.clock.t, h, &self.y, &self.control) {
             Ok(()) if !self.are_stages_solved(h) => {
                 self.system.face.clone_from(&self.switching.before);
-                Attempt::Failed(0.5, Cause::Diverged)
+                Attempt::Failed(0.5, RejectionCause::Diverged)
             }
             Ok(()) => {
                 // On one face all over it is a step like any other, which may have gone over switches that no stage shows; where

@@ -19,7 +19,7 @@
 
 use super::Radau;
 use super::ripple::Ripple;
-use crate::consistent::{Consistent, InverseMass};
+use crate::consistent_variables::{ConsistentVariables, InverseMass};
 use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
 use crate::orders::Method;
@@ -160,7 +160,7 @@ impl Radau<'_> {
         let n = system.states;
         let noise = (0..n).map(|row| ROUNDING * system.terms_of_row(row, |j| [y[j].abs()])[0]);
         let (rates, noise) = (DVector::from_column_slice(&system.values[..n]), DVector::from_iterator(n, noise));
-        let (slope, noise) = match (system.mass(), consistent.as_ref().and_then(Consistent::inverse_mass)) {
+        let (slope, noise) = match (system.mass(), consistent.as_ref().and_then(ConsistentVariables::inverse_mass)) {
             (Mass::Identity, _) => (rates, noise),
             (_, Some(InverseMass::Entries(inverse))) => (inverse * rates, inverse.abs() * noise),
             _ => return,

@@ -9,7 +9,7 @@ impl Radau<'_> {
     /// Makes derivatives, factors and tolerances ready for a step of size `h`.
     pub(crate) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
         self.differentiate()?;
-        if self.system.turn_spheres(&self.y) {
+        if self.system.repivot_spheres(&self.y) {
             self.factored = None;
         }
         if self.factored != Some(h) {

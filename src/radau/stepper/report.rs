@@ -1,7 +1,7 @@
 //! What a stepper tells of itself between steps: time, values, evidence, counters.
 
 use super::Radau;
-use crate::consistent::inequality;
+use crate::consistent_variables::inequality;
 use crate::face::ActiveFace;
 use crate::work::Work;
 use problem::{ConvexSet, Dvi, FaceEquations};

@@ -2,7 +2,7 @@
 //! of `K` at the places of the matrices of the stage equations.
 
 use super::System;
-use crate::face::{ActiveFace, Place};
+use crate::face::{ActiveFace, Activity};
 use crate::layout::Layout;
 use problem::Side;
 
@@ -125,9 +125,9 @@ impl System<'_> {
             }
             let is_on_face = match (variable, side) {
                 (None, _) => true,
-                (Some(k), None) => face.places[k] == Place::Inside,
-                (Some(k), Some(Side::Lower)) => face.places[k] == Place::Lower,
-                (Some(k), Some(Side::Upper)) => face.places[k] == Place::Upper,
+                (Some(k), None) => face.places[k] == Activity::Inactive,
+                (Some(k), Some(Side::Lower)) => face.places[k] == Activity::AtLower,
+                (Some(k), Some(Side::Upper)) => face.places[k] == Activity::AtUpper,
                 (Some(_), Some(Side::Radius)) => false,
             };
             if is_on_face {
@@ -136,8 +136,8 @@ impl System<'_> {
         }
         for (&k, &place) in self.bounded.iter().zip(diagonal) {
             let is_given = match self.set.block_of(k) {
-                Some(_) => face.places[k] == Place::Held,
-                None => face.places[k] != Place::Inside,
+                Some(_) => face.places[k] == Activity::Fixed,
+                None => face.places[k] != Activity::Inactive,
             };
             if is_given {
                 visit(n + k, n + k, place, -1.0);

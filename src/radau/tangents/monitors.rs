@@ -2,7 +2,7 @@
 
 use super::stages::Rows;
 use super::{NoDerivative, Tangents, changed};
-use crate::face::{ActiveFace, Place};
+use crate::face::{ActiveFace, Activity};
 use crate::stepper::Radau;
 use nalgebra::DMatrix;
 use problem::{Dvi, Side};
@@ -67,9 +67,9 @@ impl Tangents {
         let (n, count) = (states.nrows(), self.count());
         let structure = self.problem.structure();
         let side = match (face.places[k], next.places[k]) {
-            (Place::Inside, Place::Lower) => Some(Side::Lower),
-            (Place::Inside, Place::Upper) => Some(Side::Upper),
-            (Place::Lower | Place::Upper, _) => None,
+            (Activity::Inactive, Activity::AtLower) => Some(Side::Lower),
+            (Activity::Inactive, Activity::AtUpper) => Some(Side::Upper),
+            (Activity::AtLower | Activity::AtUpper, _) => None,
             _ => return Err(NoDerivative::Block),
         };
         // The derivative of a row along a column, and the largest of its terms.
@@ -119,13 +119,13 @@ impl Tangents {
         let mut inside = Vec::new();
         for k in 0..m {
             let (by_y, by_directions) = self.equation(face, k, rows)?;
-            if face.places[k] == Place::Inside {
+            if face.places[k] == Activity::Inactive {
                 inside.push(k);
             }
             for column in 0..columns {
                 let own = match column == self.count() {
                     false => by_directions[column],
-                    true if face.places[k] == Place::Inside => by_time[n + k],
+                    true if face.places[k] == Activity::Inactive => by_time[n + k],
                     true => -self.bound_by_time(face, k, by_time),
                 };
                 let way = states.column(column);
@@ -226,7 +226,7 @@ impl Tangents {
 
     fn bound_by_time(&self, face: &ActiveFace, k: usize, by_time: &[f64]) -> f64 {
         let structure = self.problem.structure();
-        let side = if face.places[k] == Place::Lower { Side::Lower } else { Side::Upper };
+        let side = if face.places[k] == Activity::AtLower { Side::Lower } else { Side::Upper };
         let moving = structure.moving.iter().position(|moving| moving.variable == k && moving.side == side);
         moving.map_or(0.0, |p| by_time[structure.unknowns() + p])
     }

@@ -2,7 +2,7 @@
 
 use super::{NoDerivative, Tangents};
 use crate::dense_output::Step;
-use crate::face::{ActiveFace, Place};
+use crate::face::{ActiveFace, Activity};
 use crate::tableau::Tableau;
 use nalgebra::DMatrix;
 use problem::{Face, Side};
@@ -45,13 +45,13 @@ impl Tangents {
             return Err(NoDerivative::Block);
         }
         let side = match face.places[k] {
-            Place::Inside => {
+            Activity::Inactive => {
                 let row = |matrix: &DMatrix<f64>| matrix.row(n + k).iter().copied().collect();
                 return Ok((row(&rows.by_y), row(&rows.by_directions)));
             }
-            Place::Lower => Side::Lower,
-            Place::Upper => Side::Upper,
-            Place::Held | Place::Boundary(_) | Place::Vertex => return Err(NoDerivative::Block),
+            Activity::AtLower => Side::Lower,
+            Activity::AtUpper => Side::Upper,
+            Activity::Fixed | Activity::Boundary(_) | Activity::Vertex => return Err(NoDerivative::Block),
         };
         let (mut by_y, mut by_directions) = (vec![0.0; unknowns], vec![0.0; self.count()]);
         by_y[n + k] = 1.0;

@@ -6,7 +6,7 @@
 //! range of the values at both ends and in the middle, and these are nearly straight. Where rows jump, their own enclosure is
 //! the only bound.
 
-use super::{Course, Row, Unseen};
+use super::{Row, StepSamples, Unseen};
 use crate::screening::part::Part;
 use crate::stepper::Radau;
 use numerics::{Interval, is_seen, is_shown};
@@ -15,7 +15,7 @@ impl Radau<'_> {
     /// By how much, over a part, the mean of each row may be beside what its values at both ends and in the middle show.
     pub(super) fn unseen_of(
         &mut self,
-        course: &Course,
+        course: &StepSamples,
         part: &Part,
         values: &[Vec<f64>; 3],
         room: &mut Unseen,
@@ -44,7 +44,7 @@ impl Radau<'_> {
     /// distances have squares of this sum, in parts of the part.
     pub(super) fn unseen_in_space(
         &mut self,
-        course: &Course,
+        course: &StepSamples,
         part: &Part,
         squares: f64,
         room: &mut Unseen,
@@ -110,7 +110,7 @@ impl Radau<'_> {
     }
 
     /// The variation of derivatives between both ends and the middle of a part.
-    fn differentiate_at_points(&mut self, course: &Course, part: &Part, room: &mut Unseen) {
+    fn differentiate_at_points(&mut self, course: &StepSamples, part: &Part, room: &mut Unseen) {
         let unknowns = self.system.unknowns;
         room.points.resize(3 * unknowns, 0.0);
         let mut times = [0.0; 3];
@@ -134,7 +134,7 @@ impl Radau<'_> {
     }
 
     /// Whether rows vary with time by less than is allowed, all over a step.
-    pub(super) fn is_narrow_in_time(&mut self, course: &Course, part: &Part, room: &mut Unseen) -> Option<bool> {
+    pub(super) fn is_narrow_in_time(&mut self, course: &StepSamples, part: &Part, room: &mut Unseen) -> Option<bool> {
         self.enclose_in_time(course, part, room)?;
         Some(course.rows.iter().all(|row| {
             let range = room.values[row.at];
@@ -143,7 +143,7 @@ impl Radau<'_> {
     }
 
     /// Encloses rows over the times of a part, with the unknowns as they are in its middle.
-    fn enclose_in_time(&mut self, course: &Course, part: &Part, room: &mut Unseen) -> Option<()> {
+    fn enclose_in_time(&mut self, course: &StepSamples, part: &Part, room: &mut Unseen) -> Option<()> {
         let mut middle = vec![0.0; self.system.unknowns];
         course.unknowns_at(part, 0.5, &mut middle);
         room.y.iter_mut().zip(&middle).for_each(|(y, middle)| *y = Interval::point(*middle));
@@ -152,7 +152,7 @@ impl Radau<'_> {
     }
 
     /// The times of a part.
-    pub(super) fn times(&self, course: &Course, part: &Part) -> Interval {
+    pub(super) fn times(&self, course: &StepSamples, part: &Part) -> Interval {
         let at = |theta: f64| self.clock.t + theta.clamp(course.end, 1.0 - course.end) * course.h;
         Interval::new(at(part.begin), at(part.begin + part.length).max(at(part.begin).next_up()))
     }

@@ -16,7 +16,7 @@ pub struct Token {
 
 /// The text is not that of a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Malformed;
+pub struct TokenError;
 
 impl Token {
     /// A new one.
@@ -50,16 +50,16 @@ impl fmt::Debug for Token {
 }
 
 impl FromStr for Token {
-    type Err = Malformed;
+    type Err = TokenError;
 
-    fn from_str(text: &str) -> Result<Self, Malformed> {
-        let (number, secret) = text.strip_prefix("dvi_").and_then(|rest| rest.split_once('_')).ok_or(Malformed)?;
+    fn from_str(text: &str) -> Result<Self, TokenError> {
+        let (number, secret) = text.strip_prefix("dvi_").and_then(|rest| rest.split_once('_')).ok_or(TokenError)?;
         let is_hexadecimal =
             |digits: &str, count| digits.len() == count && digits.bytes().all(|c| c.is_ascii_hexdigit());
         if !is_hexadecimal(number, 16) || !is_hexadecimal(secret, 64) {
-            return Err(Malformed);
+            return Err(TokenError);
         }
-        Ok(Self { number: u64::from_str_radix(number, 16).map_err(|_| Malformed)?, secret: secret.to_owned() })
+        Ok(Self { number: u64::from_str_radix(number, 16).map_err(|_| TokenError)?, secret: secret.to_owned() })
     }
 }
 
@@ -74,9 +74,9 @@ mod tests {
         assert_eq!(text.parse(), Ok(token.clone()));
         let broken = [&text[1..], &text[..text.len() - 1], &text.replace("dvi_", "dvi"), "dvi_1_2", "", "dvi__"];
         for broken in broken {
-            assert_eq!(broken.parse::<Token>(), Err(Malformed), "{broken}");
+            assert_eq!(broken.parse::<Token>(), Err(TokenError), "{broken}");
         }
-        assert_eq!(text.replace("dvi_", "dvi_+").replacen(&text[4..5], "", 1).parse::<Token>(), Err(Malformed));
+        assert_eq!(text.replace("dvi_", "dvi_+").replacen(&text[4..5], "", 1).parse::<Token>(), Err(TokenError));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! A specification that was read, and the answer to it once it was solved at a glance: a solve depends on nothing but the
+//! A specification that was read, and the answer to it once it was solved at a solve_inline: a solve depends on nothing but the
 //! specification, so that who sends it again is given the same bytes. Who sends what another has sent is not: that somebody
 //! did is nobody's business.
 
@@ -11,7 +11,7 @@ use std::sync::{Arc, OnceLock};
 /// The bytes of an answer that is kept. With as many as are kept of specifications that is four megabytes in all.
 const SHORT: usize = 16 << 10;
 
-/// The bytes of a problem of which a step takes less time than a glance: some ten unknowns.
+/// The bytes of a problem of which a step takes less time than a solve_inline: some ten unknowns.
 const SMALL: usize = 32 << 10;
 
 /// A specification, with what is asked of it whenever it comes again.

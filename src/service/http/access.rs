@@ -65,19 +65,19 @@ impl<S: Send + Sync> FromRequestParts<S> for Client {
 
 /// Whose jobs a request may name.
 #[derive(Clone, Copy, Debug)]
-pub struct Sight {
+pub struct Visibility {
     client: Client,
     everyone: bool,
 }
 
-impl Sight {
+impl Visibility {
     /// Whether the job is within it.
     pub fn reaches(self, job: &Job) -> bool {
         self.everyone || job.client == self.client
     }
 }
 
-impl<S: Send + Sync> FromRequestParts<S> for Sight {
+impl<S: Send + Sync> FromRequestParts<S> for Visibility {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Infallible> {

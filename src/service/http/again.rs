@@ -7,8 +7,8 @@
 use super::Shared;
 use super::document::Document;
 use super::jobs::unreadable;
-use super::path::Named;
-use super::problem::{Answer, Kind, Problem};
+use super::path::JobPath;
+use super::problem::{HandlerResult, Kind, Problem};
 use super::representation::aside;
 use super::solve::{IdempotencyKey, accepted, job_under};
 use super::status::StatusInfo;
@@ -61,7 +61,11 @@ pub struct Successor(StatusInfo);
         Problem
     )
 )]
-pub async fn retry_job(State(shared): State<Shared>, Named(job): Named, key: IdempotencyKey) -> Answer<Response> {
+pub async fn retry_job(
+    State(shared): State<Shared>,
+    JobPath(job): JobPath,
+    key: IdempotencyKey,
+) -> HandlerResult<Response> {
     if ended(&job)?.ending == Ending::Successful {
         return Err(Problem::plain(Kind::AlreadySuccessful).of_job(job.id));
     }
@@ -89,10 +93,10 @@ pub async fn retry_job(State(shared): State<Shared>, Named(job): Named, key: Ide
 )]
 pub async fn continue_job(
     State(shared): State<Shared>,
-    Named(job): Named,
+    JobPath(job): JobPath,
     key: IdempotencyKey,
     further: Document,
-) -> Answer<Response> {
+) -> HandlerResult<Response> {
     let ended = ended(&job)?;
     let Further { end } =
         serde_json::from_slice(&further.bytes()).map_err(|error| wrong("", "invalid_value", &error))?;
@@ -131,7 +135,7 @@ fn last_row(results: &Results) -> io::Result<Option<(f64, HashMap<String, f64>)>
     Ok(last(0)?.map(|time| (time, values)))
 }
 
-fn ended(job: &Job) -> Answer<Arc<Ended>> {
+fn ended(job: &Job) -> HandlerResult<Arc<Ended>> {
     match job.state() {
         JobState::Ended(ended) => Ok(ended),
         JobState::Accepted(_) | JobState::Running { .. } => Err(Problem::plain(Kind::NotEnded).of_job(job.id)),
@@ -149,7 +153,7 @@ fn wrong(pointer: &str, code: &'static str, detail: &impl ToString) -> Box<Probl
 }
 
 /// The new job. Its key stands for what follows from this job, not for what was posted first.
-async fn successor(shared: &Shared, job: &Job, document: Arc<[u8]>, key: IdempotencyKey) -> Answer<Response> {
+async fn successor(shared: &Shared, job: &Job, document: Arc<[u8]>, key: IdempotencyKey) -> HandlerResult<Response> {
     let key = key.0.map(|name| Key::new(name, &[job.id.to_string().as_bytes(), &document].concat()));
     let next = job_under(shared, job.client, key, &Document::of(document), true, true).await?;
     let mut response = accepted(&shared.jobs, &next);

@@ -2,7 +2,7 @@
 
 use super::Shared;
 use super::document::Document;
-use super::problem::{Answer, Problem};
+use super::problem::{HandlerResult, Problem};
 use crate::jobs::Client;
 use axum::extract::State;
 use axum::http::header;
@@ -22,7 +22,7 @@ use axum::response::{IntoResponse, Response};
         Problem
     )
 )]
-pub async fn check(State(shared): State<Shared>, client: Client, document: Document) -> Answer<Response> {
+pub async fn check(State(shared): State<Shared>, client: Client, document: Document) -> HandlerResult<Response> {
     let summary = document.checked(&shared, client).await?.summary();
     Ok(([(header::CONTENT_TYPE, "application/json")], summary).into_response())
 }

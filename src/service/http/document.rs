@@ -4,9 +4,9 @@
 //! which is what `curl -d` says of everything.
 
 use super::Shared;
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use crate::compiled::Known;
-use crate::jobs::{Client, Fault, Refusal};
+use crate::jobs::{AdmissionError, Client, Fault};
 use crate::worker::{Checked, Facts};
 use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
@@ -39,7 +39,7 @@ impl Document {
     ///
     /// # Errors
     /// All that is wrong with it; the bound that is reached.
-    pub async fn checked(&self, shared: &Shared, client: Client) -> Answer<Correct> {
+    pub async fn checked(&self, shared: &Shared, client: Client) -> HandlerResult<Correct> {
         let bytes = self.bytes();
         if bytes.len() <= SMALL {
             if let Some(known) = shared.compiled.find(&bytes) {
@@ -52,7 +52,7 @@ impl Document {
                 return Ok(Correct::Here(known));
             }
         }
-        let turn = shared.checks.turn(client, bytes.len()).await.map_err(Refusal::from)?;
+        let turn = shared.checks.turn(client, bytes.len()).await.map_err(AdmissionError::from)?;
         match shared.checkers.check(bytes, shared.jobs.limits(), turn).await {
             Checked::Correct(facts, summary) => Ok(Correct::Elsewhere(facts, summary)),
             Checked::Wrong(findings) => Err(findings.into()),
@@ -123,7 +123,7 @@ fn is_json(headers: &HeaderMap) -> bool {
         || (media_type.contains('/') && media_type.ends_with("+json"))
 }
 
-async fn collect(mut body: Body, limit: usize) -> Answer<Vec<u8>> {
+async fn collect(mut body: Body, limit: usize) -> HandlerResult<Vec<u8>> {
     let too_large = || Problem::new(Kind::BodyTooLarge, format!("a specification may have {} MiB", limit >> 20));
     let announced = usize::try_from(body.size_hint().lower()).unwrap_or(usize::MAX);
     if announced > limit {

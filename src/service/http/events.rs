@@ -10,8 +10,8 @@
 
 use super::Shared;
 use super::event_stream::{EventSink, Gone, ServerSentEvent, event_stream};
-use super::path::Named;
-use super::problem::{Answer, Kind, Problem};
+use super::path::JobPath;
+use super::problem::{HandlerResult, Kind, Problem};
 use super::status::StatusInfo;
 use crate::context::Context;
 use crate::jobs::{self, Client, Job};
@@ -53,9 +53,9 @@ const SILENCE: Duration = Duration::from_secs(15);
 pub async fn follow_job(
     State(shared): State<Shared>,
     client: Client,
-    Named(job): Named,
+    JobPath(job): JobPath,
     LastEventId(seen): LastEventId,
-) -> Answer<Response> {
+) -> HandlerResult<Response> {
     let place = place(&shared)?;
     let (sink, response) = event_stream();
     let told = async move {
@@ -71,7 +71,7 @@ pub async fn follow_job(
 ///
 /// # Errors
 /// [`Kind::TooManyStreams`].
-pub fn place(shared: &Shared) -> Answer<OwnedSemaphorePermit> {
+pub fn place(shared: &Shared) -> HandlerResult<OwnedSemaphorePermit> {
     let taken = Arc::clone(&shared.streams).try_acquire_owned();
     taken.map_err(|_| Problem::plain(Kind::TooManyStreams).after(Duration::from_secs(10)))
 }

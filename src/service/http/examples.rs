@@ -1,7 +1,7 @@
 //! `GET /examples` and `GET /examples/{name}`: specifications that are ready to be posted to `/solve`.
 
 use super::path::Segment;
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use crate::context::address;
 use axum::Json;
 use axum::http::{HeaderName, header};
@@ -58,7 +58,7 @@ pub async fn list_examples() -> Json<Vec<Entry>> {
     params(("name" = String, Path, description = "A name from the list")),
     responses((status = 200, description = "A specification", body = specification::Document), Problem)
 )]
-pub async fn find_example(Segment(name): Segment) -> Answer<impl IntoResponse> {
+pub async fn find_example(Segment(name): Segment) -> HandlerResult<impl IntoResponse> {
     const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];
     let example = EXAMPLES.iter().find(|example| example.name == name);
     example.map(|example| (JSON, example.text)).ok_or_else(|| Problem::plain(Kind::NoSuchExample))

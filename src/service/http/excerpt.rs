@@ -8,9 +8,9 @@ use solution::Excerpt;
 
 /// The part that the address asks for; nothing for the whole.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Asked(pub Option<Excerpt>);
+pub struct ExcerptQuery(pub Option<Excerpt>);
 
-impl<S: Send + Sync> FromRequestParts<S> for Asked {
+impl<S: Send + Sync> FromRequestParts<S> for ExcerptQuery {
     type Rejection = Box<Problem>;
 
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Self::Rejection> {
@@ -49,7 +49,7 @@ mod tests {
 
     async fn asked(address: &str) -> Result<Option<Excerpt>, String> {
         let (mut parts, ()) = Request::builder().uri(address).body(()).unwrap().into_parts();
-        let asked = Asked::from_request_parts(&mut parts, &()).await;
+        let asked = ExcerptQuery::from_request_parts(&mut parts, &()).await;
         asked.map(|asked| asked.0).map_err(|problem| serde_json::to_value(problem).unwrap()["detail"].to_string())
     }
 

@@ -4,7 +4,7 @@
 use super::docs;
 use super::openapi::{DESCRIPTION, POLICY};
 use super::path::Segment;
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use crate::context::address;
 use crate::guide::{self, Chapter, escaped};
 use axum::extract::RawQuery;
@@ -38,7 +38,7 @@ fn answered(html: &str) -> Page {
     tag = "catalogue",
     responses((status = 200, description = "A page", body = String, content_type = "text/html"))
 )]
-pub async fn read_guide() -> Answer<Page> {
+pub async fn read_guide() -> HandlerResult<Page> {
     find(CHAPTERS.first())
 }
 
@@ -52,11 +52,11 @@ pub async fn read_guide() -> Answer<Page> {
     params(("chapter" = String, Path, description = "The name of a chapter")),
     responses((status = 200, description = "A page", body = String, content_type = "text/html"), Problem)
 )]
-pub async fn read_chapter(Segment(name): Segment) -> Answer<Page> {
+pub async fn read_chapter(Segment(name): Segment) -> HandlerResult<Page> {
     find(CHAPTERS.iter().find(|chapter| chapter.name == name))
 }
 
-fn find(chapter: Option<&Chapter>) -> Answer<Page> {
+fn find(chapter: Option<&Chapter>) -> HandlerResult<Page> {
     let chapter = chapter.ok_or_else(|| Problem::plain(Kind::NotFound))?;
     Ok(answered(&page(&chapter.title, &chapter.name, &chapter.html)))
 }

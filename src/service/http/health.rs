@@ -1,7 +1,7 @@
 //! `GET /healthz`, `GET /readyz`, `GET /version`.
 
 use super::Shared;
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use axum::Json;
 use axum::extract::State;
 use serde::Serialize;
@@ -47,7 +47,7 @@ pub async fn check_health() -> Json<Well> {
     tag = "service",
     responses((status = 200, description = "It takes on work", body = Well), Problem)
 )]
-pub async fn check_readiness(State(shared): State<Shared>) -> Answer<Json<Well>> {
+pub async fn check_readiness(State(shared): State<Shared>) -> HandlerResult<Json<Well>> {
     if shared.jobs.is_draining() {
         return Err(Problem::plain(Kind::Draining));
     }

@@ -5,7 +5,7 @@
 //!
 //! Every request of HTTP/1.1 has exactly one `Host` (RFC 9112, section 3.2).
 
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use crate::Options;
 use axum::extract::Request;
 use axum::http::uri::Authority;
@@ -16,7 +16,7 @@ use std::net::IpAddr;
 const OPEN: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
 /// Lets through what names this service.
-pub fn refuse_other_hosts(request: &Request, options: &Options) -> Answer<()> {
+pub fn refuse_other_hosts(request: &Request, options: &Options) -> HandlerResult<()> {
     let given = host(request.headers(), request.version())?;
     if options.asks_tokens() || !options.listen.ip().is_loopback() || OPEN.contains(&request.uri().path()) {
         return Ok(());
@@ -34,7 +34,7 @@ pub fn refuse_other_hosts(request: &Request, options: &Options) -> Answer<()> {
 }
 
 /// The one `Host`; nothing in HTTP/1.0, which has none.
-fn host(headers: &HeaderMap, version: Version) -> Answer<Option<Authority>> {
+fn host(headers: &HeaderMap, version: Version) -> HandlerResult<Option<Authority>> {
     let mut given = headers.get_all(header::HOST).iter();
     match (given.next(), given.next()) {
         (None, _) if version < Version::HTTP_11 => Ok(None),

@@ -1,8 +1,8 @@
 //! `GET /jobs`: the client's own jobs, or everyone's for who may see them, newest first, a page at a time. How many there are in all is not told: it would
 //! cost a look at each and be wrong at once.
 
-use super::access::Sight;
-use super::problem::{Answer, Problem};
+use super::access::Visibility;
+use super::problem::{HandlerResult, Problem};
 use super::query::Query;
 use super::status::StatusInfo;
 use super::{Shared, no_store};
@@ -55,7 +55,7 @@ pub struct JobList {
     ),
     responses((status = 200, description = "A page; `Link` has the next", body = JobList), Problem)
 )]
-pub async fn list_jobs(State(shared): State<Shared>, sight: Sight, filter: Filter) -> Response {
+pub async fn list_jobs(State(shared): State<Shared>, sight: Visibility, filter: Filter) -> Response {
     let mut jobs = shared.jobs.all();
     jobs.retain(|job| sight.reaches(job));
     jobs.sort_unstable_by_key(|job| Reverse(job.id));
@@ -90,7 +90,7 @@ impl Filter {
 impl<S: Send + Sync> FromRequestParts<S> for Filter {
     type Rejection = Box<Problem>;
 
-    async fn from_request_parts(parts: &mut Parts, state: &S) -> Answer<Self> {
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> HandlerResult<Self> {
         let Ok(mut query) = Query::from_request_parts(parts, state).await;
         let within = format_args!("a whole number from 1 to {MOST}").to_string();
         let filter = Self {

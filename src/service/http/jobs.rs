@@ -1,7 +1,7 @@
 //! `GET /jobs/{id}`, `GET /jobs/{id}/specification`, `POST /jobs/{id}/cancel`, `DELETE /jobs/{id}`.
 
-use super::path::Named;
-use super::problem::{Answer, Kind, Problem};
+use super::path::JobPath;
+use super::problem::{HandlerResult, Kind, Problem};
 use super::status::StatusInfo;
 use super::{Shared, no_store};
 use crate::jobs::{JobId, is_damage};
@@ -23,7 +23,7 @@ use std::io;
     params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
     responses((status = 200, description = "Where the job stands", body = StatusInfo), Problem)
 )]
-pub async fn find_job(State(shared): State<Shared>, Named(job): Named) -> impl IntoResponse {
+pub async fn find_job(State(shared): State<Shared>, JobPath(job): JobPath) -> impl IntoResponse {
     (no_store(), Json(StatusInfo::of(&job, &shared.jobs)))
 }
 
@@ -37,7 +37,10 @@ pub async fn find_job(State(shared): State<Shared>, Named(job): Named) -> impl I
     params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
     responses((status = 200, description = "What was posted", body = specification::Document), Problem)
 )]
-pub async fn find_specification(State(shared): State<Shared>, Named(job): Named) -> Answer<impl IntoResponse> {
+pub async fn find_specification(
+    State(shared): State<Shared>,
+    JobPath(job): JobPath,
+) -> HandlerResult<impl IntoResponse> {
     let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
     Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json"))], Bytes::from_owner(document)))
 }
@@ -58,7 +61,7 @@ pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
     params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
     responses((status = 200, description = "Where the job stands", body = StatusInfo), Problem)
 )]
-pub async fn cancel_job(State(shared): State<Shared>, Named(job): Named) -> Answer<impl IntoResponse> {
+pub async fn cancel_job(State(shared): State<Shared>, JobPath(job): JobPath) -> HandlerResult<impl IntoResponse> {
     shared.jobs.cancel(&job).await?;
     Ok((no_store(), Json(StatusInfo::of(&job, &shared.jobs))))
 }
@@ -73,7 +76,7 @@ pub async fn cancel_job(State(shared): State<Shared>, Named(job): Named) -> Answ
     params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
     responses((status = 204, description = "It is forgotten"), Problem)
 )]
-pub async fn delete_job(State(shared): State<Shared>, Named(job): Named) -> Answer<StatusCode> {
+pub async fn delete_job(State(shared): State<Shared>, JobPath(job): JobPath) -> HandlerResult<StatusCode> {
     shared.jobs.forget(&job).await?;
     Ok(StatusCode::NO_CONTENT)
 }

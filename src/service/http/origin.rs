@@ -3,12 +3,12 @@
 //! request-header"), so the type of the body protects nothing. Browsers say where a request comes from, in
 //! `Sec-Fetch-Site` and, those without it, in `Origin`; other clients send neither.
 
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use axum::extract::Request;
 use axum::http::{HeaderMap, Method, header};
 
 /// Lets through what changes nothing, and what comes from no page or from one of this service.
-pub fn refuse_other_sites(request: &Request) -> Answer<()> {
+pub fn refuse_other_sites(request: &Request) -> HandlerResult<()> {
     let changes_nothing = matches!(*request.method(), Method::GET | Method::HEAD | Method::OPTIONS);
     if changes_nothing || is_own(request.headers()) { Ok(()) } else { Err(Problem::plain(Kind::CrossSite)) }
 }

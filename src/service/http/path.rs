@@ -1,7 +1,7 @@
 //! What stands in the path of a request: a name, or the id of a job.
 
 use super::Shared;
-use super::access::Sight;
+use super::access::Visibility;
 use super::problem::{Kind, Problem};
 use crate::jobs::{Job, JobId};
 use axum::extract::{FromRequestParts, RawPathParams};
@@ -23,9 +23,9 @@ impl<S: Send + Sync> FromRequestParts<S> for Segment {
 }
 
 /// The job that the path names, if its client is the one who asks.
-pub struct Named(pub Arc<Job>);
+pub struct JobPath(pub Arc<Job>);
 
-impl FromRequestParts<Shared> for Named {
+impl FromRequestParts<Shared> for JobPath {
     type Rejection = Box<Problem>;
 
     async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Self::Rejection> {
@@ -33,7 +33,7 @@ impl FromRequestParts<Shared> for Named {
         let Ok(id) = text.parse::<JobId>() else {
             return Err(Problem::new(Kind::NoSuchJob, "the id of a job is a UUID, as `Location` gave it"));
         };
-        let Ok(sight) = Sight::from_request_parts(parts, shared).await;
+        let Ok(sight) = Visibility::from_request_parts(parts, shared).await;
         let job = shared.jobs.find(id).filter(|job| sight.reaches(job));
         let missing = || if shared.jobs.is_damaged(id) { Kind::Damaged } else { Kind::NoSuchJob };
         job.map(Self).ok_or_else(|| Problem::plain(missing()).of_job(id))

@@ -3,7 +3,7 @@
 
 use super::retry_after;
 use crate::context::address;
-use crate::jobs::{Fault, JobId, Refusal, Unwritable};
+use crate::jobs::{AdmissionError, Fault, JobId, Unwritable};
 use crate::worker::Finding;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -168,7 +168,7 @@ pub struct Problem {
 }
 
 /// What handlers return: errors are rare, so they are kept out of line.
-pub type Answer<T> = Result<T, Box<Problem>>;
+pub type HandlerResult<T> = Result<T, Box<Problem>>;
 
 impl Problem {
     /// A problem of this kind; `detail` is about this occurrence.
@@ -231,20 +231,20 @@ impl From<Vec<Finding>> for Box<Problem> {
     }
 }
 
-impl From<Refusal> for Box<Problem> {
-    fn from(refusal: Refusal) -> Self {
+impl From<AdmissionError> for Box<Problem> {
+    fn from(refusal: AdmissionError) -> Self {
         match refusal {
-            Refusal::QueueFull(time) => Problem::plain(Kind::QueueFull).after(time),
-            Refusal::QueueBytes(time) => Problem::plain(Kind::QueueBytes).after(time),
-            Refusal::ClientShare(time) => Problem::plain(Kind::ClientShare).after(time),
-            Refusal::Memory(bytes) => {
+            AdmissionError::QueueFull(time) => Problem::plain(Kind::QueueFull).after(time),
+            AdmissionError::QueueBytes(time) => Problem::plain(Kind::QueueBytes).after(time),
+            AdmissionError::ClientShare(time) => Problem::plain(Kind::ClientShare).after(time),
+            AdmissionError::Memory(bytes) => {
                 let detail = format!("about {} MiB are needed: {}", bytes >> 20, Kind::TooMuchMemory.meaning());
                 Problem::new(Kind::TooMuchMemory, detail)
             }
-            Refusal::KeyReused => Problem::plain(Kind::KeyReused),
-            Refusal::KeyInUse => Problem::plain(Kind::KeyInUse).after(Duration::from_secs(1)),
-            Refusal::Unwritable => Unwritable.into(),
-            Refusal::Draining => Problem::plain(Kind::Draining).after(Duration::from_secs(10)),
+            AdmissionError::KeyReused => Problem::plain(Kind::KeyReused),
+            AdmissionError::KeyInUse => Problem::plain(Kind::KeyInUse).after(Duration::from_secs(1)),
+            AdmissionError::Unwritable => Unwritable.into(),
+            AdmissionError::Draining => Problem::plain(Kind::Draining).after(Duration::from_secs(10)),
         }
     }
 }

@@ -3,7 +3,7 @@
 
 use super::negotiation::{self, MediaType};
 use super::path::Segment;
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use crate::context::address;
 use axum::Json;
 use axum::http::{HeaderMap, HeaderValue, header};
@@ -72,7 +72,7 @@ const FORMS: [(Form, MediaType); 3] =
         Problem
     )
 )]
-pub async fn list_problems(headers: HeaderMap) -> Answer<Response> {
+pub async fn list_problems(headers: HeaderMap) -> HandlerResult<Response> {
     let rows: Vec<Row> = explanation::pages().iter().map(Row::from).collect();
     answer(&headers, "The codes of errors, warnings and refusals", &rows, |rows| Json(rows).into_response())
 }
@@ -92,12 +92,17 @@ pub async fn list_problems(headers: HeaderMap) -> Answer<Response> {
         Problem
     )
 )]
-pub async fn find_problem(Segment(code): Segment, headers: HeaderMap) -> Answer<Response> {
+pub async fn find_problem(Segment(code): Segment, headers: HeaderMap) -> HandlerResult<Response> {
     let page = explanation::find(&code).ok_or_else(|| Problem::plain(Kind::NoSuchProblem))?;
     answer(&headers, page.code, &[Row::from(page)], |rows| Json(rows.first()).into_response())
 }
 
-fn answer(headers: &HeaderMap, title: &str, rows: &[Row], json: impl FnOnce(&[Row]) -> Response) -> Answer<Response> {
+fn answer(
+    headers: &HeaderMap,
+    title: &str,
+    rows: &[Row],
+    json: impl FnOnce(&[Row]) -> Response,
+) -> HandlerResult<Response> {
     let mut response = match negotiation::choose(headers, &FORMS) {
         Some(Form::Json) => json(rows),
         Some(Form::Html) => Html(html(title, rows)).into_response(),

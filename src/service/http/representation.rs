@@ -5,8 +5,8 @@ use super::jobs::unreadable;
 use super::negotiation::{MediaType, choose};
 use super::part::{Part, no_excerpt};
 use super::pieces::{Making, Pieces, Taken, Unwritten};
-use super::problem::{Answer, Kind, Problem};
-use crate::jobs::{Client, Job, JobId, Refusal, Results, SHORT};
+use super::problem::{HandlerResult, Kind, Problem};
+use crate::jobs::{AdmissionError, Client, Job, JobId, Results, SHORT};
 use axum::body::{Body, Bytes};
 use axum::extract::FromRequestParts;
 use axum::http::HeaderValue;
@@ -77,7 +77,7 @@ impl Representation {
         results: Arc<Results>,
         excerpt: Option<Excerpt>,
         shared: &Shared,
-    ) -> Answer<Body> {
+    ) -> HandlerResult<Body> {
         if self == Self::Json
             && excerpt.is_none()
             && let Some(json) = results.text()
@@ -133,7 +133,7 @@ const UNCOUNTED: usize = 4 << 10;
 const FEW: usize = 256;
 
 /// An answer of so many numbers in pieces, or at once if they are few.
-fn pieces(mut answer: Unwritten, numbers: usize, job: JobId, shared: &Shared) -> Answer<Body> {
+fn pieces(mut answer: Unwritten, numbers: usize, job: JobId, shared: &Shared) -> HandlerResult<Body> {
     if numbers > FEW {
         return Ok(Body::new(Pieces::new(answer, shared.room.clone())));
     }
@@ -156,11 +156,11 @@ pub async fn aside<T: Send + 'static>(
     client: Client,
     large: bool,
     work: impl FnOnce() -> T + Send + 'static,
-) -> Answer<T> {
+) -> HandlerResult<T> {
     if !large {
         return Ok(work());
     }
-    let turn = shared.turns.turn(client, 0).await.map_err(Refusal::from)?;
+    let turn = shared.turns.turn(client, 0).await.map_err(AdmissionError::from)?;
     let work = move || {
         let _turn = turn;
         work()

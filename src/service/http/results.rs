@@ -9,10 +9,10 @@
 //! `Dvi-Trusted` is `true` or `false` with every answer that has results, in whatever form: a table has no place for the
 //! verdict.
 
-use super::excerpt::Asked;
+use super::excerpt::ExcerptQuery;
 use super::jobs::unreadable;
-use super::path::Named;
-use super::problem::{Answer, Kind, Problem};
+use super::path::JobPath;
+use super::problem::{HandlerResult, Kind, Problem};
 use super::representation::Representation;
 use super::security::PICTURE;
 use super::{Shared, no_store};
@@ -59,11 +59,11 @@ const REPEATED: HeaderName = HeaderName::from_static("dvi-repeated");
 )]
 pub async fn find_results(
     State(shared): State<Shared>,
-    Named(job): Named,
+    JobPath(job): JobPath,
     representation: Representation,
-    Asked(excerpt): Asked,
+    ExcerptQuery(excerpt): ExcerptQuery,
     headers: HeaderMap,
-) -> Answer<Response> {
+) -> HandlerResult<Response> {
     let jobs::State::Ended(ended) = job.state() else {
         let time = shared.jobs.time_to_end(&job);
         return Err(Problem::plain(Kind::ResultsNotReady).of_job(job.id).after(time));
@@ -110,7 +110,7 @@ pub async fn represent(
     ended: &Ended,
     representation: Representation,
     excerpt: Option<Excerpt>,
-) -> Answer<Response> {
+) -> HandlerResult<Response> {
     if ended.damaged {
         return Err(Problem::plain(Kind::Damaged).of_job(job.id));
     }

@@ -6,7 +6,7 @@
 use super::document::Document;
 use super::event_stream::ServerSentEvent;
 use super::preferences::Preferences;
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use super::results::represent;
 use super::solve_stream::{self, Delivery};
 use super::status::StatusInfo;
@@ -64,7 +64,7 @@ pub async fn solve(
     key: IdempotencyKey,
     Anew(anew): Anew,
     document: Document,
-) -> Answer<Response> {
+) -> HandlerResult<Response> {
     let representation = match delivery {
         Delivery::Whole(representation) => representation,
         Delivery::Stream => {
@@ -108,7 +108,7 @@ async fn job(
     document: &Document,
     lasting: bool,
     anew: bool,
-) -> Answer<Arc<Job>> {
+) -> HandlerResult<Arc<Job>> {
     let key = key.0.map(|name| Key::new(name, &document.bytes()));
     job_under(shared, client, key, document, lasting, anew).await
 }
@@ -121,14 +121,14 @@ pub async fn job_under(
     document: &Document,
     lasting: bool,
     anew: bool,
-) -> Answer<Arc<Job>> {
+) -> HandlerResult<Arc<Job>> {
     let document_bytes = document.bytes();
     if let Some(key) = &key
         && let Some(job) = shared.jobs.recall(client, key)?
     {
         return Ok(job);
     }
-    // Asked before the specification is read, so that refusing costs next to nothing.
+    // ExcerptQuery before the specification is read, so that refusing costs next to nothing.
     shared.jobs.admits(client, document_bytes.len())?;
     let (facts, known) = document.checked(shared, client).await?.facts();
     let order = Order { client, facts, known, anew, document: document_bytes, key };
@@ -136,8 +136,8 @@ pub async fn job_under(
 }
 
 /// The end of a job, if it comes in time. If not, the job is on the disk when this returns.
-async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> Answer<Option<Arc<Ended>>> {
-    let departure = Departure::watch(Arc::clone(jobs), Arc::clone(job));
+async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> HandlerResult<Option<Arc<Ended>>> {
+    let departure = AbandonGuard::watch(Arc::clone(jobs), Arc::clone(job));
     let ended = timeout(wait, job.settled()).await.ok().flatten();
     departure.disarm();
     if ended.is_some() {
@@ -168,12 +168,12 @@ pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
 
 /// Dropped with the waiting request when its client goes away, it forgets the job, whose name nobody was told. Where there
 /// is a key, the client can come back, and another request may wait for the same job: it goes on.
-pub struct Departure {
+pub struct AbandonGuard {
     jobs: Arc<Jobs>,
     job: Option<Arc<Job>>,
 }
 
-impl Departure {
+impl AbandonGuard {
     /// Watches over the job of a waiting client.
     pub fn watch(jobs: Arc<Jobs>, job: Arc<Job>) -> Self {
         Self { jobs, job: Some(job).filter(|job| !job.has_key()) }
@@ -185,7 +185,7 @@ impl Departure {
     }
 }
 
-impl Drop for Departure {
+impl Drop for AbandonGuard {
     fn drop(&mut self) {
         if let Some(job) = self.job.take() {
             tracing::debug!(job.id = %job.id, "the client of job {} went away", job.id);

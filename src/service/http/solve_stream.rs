@@ -5,10 +5,10 @@ use super::Shared;
 use super::event_stream::{EventSink, Gone, MEDIA_TYPE, event_stream};
 use super::events::{follow, place};
 use super::negotiation::{MediaType, choose};
-use super::problem::{Answer, Kind, Problem};
+use super::problem::{HandlerResult, Kind, Problem};
 use super::representation::Representation;
 use super::results::represent;
-use super::solve::Departure;
+use super::solve::AbandonGuard;
 use crate::context::Context;
 use crate::jobs::{self, Client, Job};
 use axum::body::HttpBody;
@@ -44,8 +44,8 @@ impl<S: Send + Sync> FromRequestParts<S> for Delivery {
 ///
 /// # Errors
 /// [`Kind::TooManyStreams`].
-pub fn stream(shared: Shared, client: Client, job: Arc<Job>) -> Answer<Response> {
-    let departure = Departure::watch(Arc::clone(&shared.jobs), Arc::clone(&job));
+pub fn stream(shared: Shared, client: Client, job: Arc<Job>) -> HandlerResult<Response> {
+    let departure = AbandonGuard::watch(Arc::clone(&shared.jobs), Arc::clone(&job));
     let place = place(&shared)?;
     let (sink, response) = event_stream();
     let told = async move {

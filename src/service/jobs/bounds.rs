@@ -34,13 +34,13 @@ impl Bounds {
     }
 
     /// Why nothing more goes in, and when there should be room again.
-    pub fn refusal(&self, intake: &Intake, full: Full) -> Refusal {
+    pub fn refusal(&self, intake: &Intake, full: Full) -> AdmissionError {
         // One in ten of the places: whoever comes back then finds one, even if others come back too.
         match full {
-            Full::Queue => Refusal::QueueFull(intake.time_for(self.queue.places.div_ceil(10))),
-            Full::Bytes => Refusal::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
+            Full::Queue => AdmissionError::QueueFull(intake.time_for(self.queue.places.div_ceil(10))),
+            Full::Bytes => AdmissionError::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
             Full::Share => {
-                Refusal::ClientShare(intake.time_for(self.queue.share.div_ceil(10) * intake.queue.clients()))
+                AdmissionError::ClientShare(intake.time_for(self.queue.share.div_ceil(10) * intake.queue.clients()))
             }
         }
     }
@@ -48,7 +48,7 @@ impl Bounds {
 
 /// Why a job is not taken on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
+pub enum AdmissionError {
     /// Every place in the queue is taken; there should be one after this time.
     QueueFull(Duration),
     /// The specifications that wait are as large as they may be; there should be room after this time.
@@ -68,7 +68,7 @@ pub enum Refusal {
 }
 
 /// There is no room to wait for a check either.
-impl From<Full> for Refusal {
+impl From<Full> for AdmissionError {
     fn from(full: Full) -> Self {
         match full {
             Full::Queue => Self::QueueFull(UNMEASURED),
@@ -78,13 +78,13 @@ impl From<Full> for Refusal {
     }
 }
 
-impl From<Unwritable> for Refusal {
+impl From<Unwritable> for AdmissionError {
     fn from(_: Unwritable) -> Self {
         Self::Unwritable
     }
 }
 
-impl From<Mismatch> for Refusal {
+impl From<Mismatch> for AdmissionError {
     fn from(_: Mismatch) -> Self {
         Self::KeyReused
     }

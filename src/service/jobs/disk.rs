@@ -24,7 +24,7 @@ use super::marks::Marks;
 use super::reserve::Reserve;
 use super::results::Long;
 use super::tables::FORMAT;
-use super::writer::{Place, Unwritable, Writer};
+use super::writer::{Unwritable, WriteSlot, Writer};
 use super::{JobId, Record, Results, is_damage};
 use crate::digest::Digest;
 use std::collections::HashSet;
@@ -143,7 +143,7 @@ impl Disk {
     ///
     /// # Errors
     /// The store cannot be written.
-    pub async fn place(&self) -> Result<Place, Unwritable> {
+    pub async fn place(&self) -> Result<WriteSlot, Unwritable> {
         self.writer.place().await
     }
 

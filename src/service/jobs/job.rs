@@ -119,7 +119,7 @@ pub enum Halt {
 
 /// What keeps a job when the process ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Keeping {
+pub(super) enum Persistence {
     /// Nothing.
     Memory,
     /// The disk, as soon as it has been written.
@@ -132,9 +132,9 @@ pub(super) enum Keeping {
 
 /// What changes in the life of a job.
 #[derive(Debug)]
-pub(super) struct Life {
+pub(super) struct Lifecycle {
     pub state: State,
-    pub keeping: Keeping,
+    pub keeping: Persistence,
     /// It is left to the next process.
     pub parked: bool,
 }
@@ -171,10 +171,10 @@ pub struct Job {
     /// The request that posted it, in this process.
     pub(super) context: Context,
     /// What it is of, until it starts, where that was read here; and whether it is to be solved though the answer may be known.
-    glance: Mutex<Option<(Arc<Known>, bool)>>,
+    solve_inline: Mutex<Option<(Arc<Known>, bool)>>,
     /// It has had its first slice.
     sliced: AtomicBool,
-    life: Mutex<Life>,
+    life: Mutex<Lifecycle>,
     settled: Notify,
     /// Wakes whoever supervises its worker when it is to stop.
     pub(super) halted: Notify,
@@ -210,7 +210,7 @@ impl Job {
     /// A job that has been accepted this moment, to be kept by memory or by the disk.
     pub(super) fn new(order: Order, lasting: bool) -> Self {
         let Order { client, facts: Facts { label, horizon, problem, memory }, document, key, known, anew } = order;
-        let keeping = if lasting { Keeping::Storing } else { Keeping::Memory };
+        let keeping = if lasting { Persistence::Storing } else { Persistence::Memory };
         Self {
             id: JobId(Uuid::now_v7()),
             client,
@@ -226,9 +226,9 @@ impl Job {
             document: (!lasting).then(|| Arc::clone(&document)),
             digest: OnceLock::new(),
             context: Context::current(),
-            glance: Mutex::new(known.map(|known| (known, anew))),
+            solve_inline: Mutex::new(known.map(|known| (known, anew))),
             sliced: AtomicBool::new(false),
-            life: Mutex::new(Life { state: State::Accepted(Some(document)), keeping, parked: false }),
+            life: Mutex::new(Lifecycle { state: State::Accepted(Some(document)), keeping, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
         }
@@ -254,9 +254,9 @@ impl Job {
             document: None,
             digest: document.map_or_else(OnceLock::new, OnceLock::from),
             context: Context::default(),
-            glance: Mutex::default(),
+            solve_inline: Mutex::default(),
             sliced: AtomicBool::new(false),
-            life: Mutex::new(Life { state, keeping: Keeping::Disk, parked: false }),
+            life: Mutex::new(Lifecycle { state, keeping: Persistence::Disk, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
         }
@@ -290,7 +290,7 @@ impl Job {
 
     /// Whether nobody wants what it comes to.
     pub(super) fn is_forgotten(&self) -> bool {
-        self.lock().keeping == Keeping::Forgotten
+        self.lock().keeping == Persistence::Forgotten
     }
 
     /// Whether the disk keeps it, or is about to.
@@ -339,8 +339,8 @@ impl Job {
     }
 
     /// What it is of, once, where that is in hand.
-    pub(super) fn glance(&self) -> Option<(Arc<Known>, bool)> {
-        self.glance.lock().unwrap_or_else(PoisonError::into_inner).take()
+    pub(super) fn solve_inline(&self) -> Option<(Arc<Known>, bool)> {
+        self.solve_inline.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
     /// Running to accepted, with what was posted, unless it was asked to stop meanwhile; what it is to become then.
@@ -430,14 +430,14 @@ impl Job {
         }
     }
 
-    pub(super) fn lock(&self) -> MutexGuard<'_, Life> {
+    pub(super) fn lock(&self) -> MutexGuard<'_, Lifecycle> {
         self.life.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Life {
+impl Lifecycle {
     pub fn is_lasting(&self) -> bool {
-        matches!(self.keeping, Keeping::Storing | Keeping::Disk)
+        matches!(self.keeping, Persistence::Storing | Persistence::Disk)
     }
 
     /// Ends what has not ended.

@@ -19,7 +19,6 @@ mod disk;
 mod drain_rate;
 mod ended;
 mod files;
-mod glance;
 mod guarded;
 mod home;
 mod idempotency;
@@ -38,6 +37,7 @@ mod results;
 mod salvage;
 mod seal;
 mod shortage;
+mod solve_inline;
 mod spent;
 mod spool;
 mod stopping;
@@ -50,7 +50,7 @@ mod work;
 mod writer;
 
 pub use apart::is_sound;
-pub use bounds::{Bounds, Refusal};
+pub use bounds::{AdmissionError, Bounds};
 pub use client::Client;
 pub use ended::{Ended, Ending, Fault, Held, Timing};
 pub use idempotency::Key;
@@ -71,7 +71,7 @@ use super::metrics::Metrics;
 use super::worker::Limits;
 use intake::Intake;
 use jiff::Timestamp;
-use job::Keeping;
+use job::Persistence;
 use problem::Control;
 use queue::FairQueue;
 use record::Record;
@@ -152,13 +152,13 @@ impl Jobs {
     ///
     /// # Errors
     /// The bound that is reached.
-    pub fn admits(&self, client: Client, document_bytes: usize) -> Result<(), Refusal> {
+    pub fn admits(&self, client: Client, document_bytes: usize) -> Result<(), AdmissionError> {
         self.admit(&self.lock(), client, document_bytes)
     }
 
-    fn admit(&self, intake: &Intake, client: Client, document_bytes: usize) -> Result<(), Refusal> {
+    fn admit(&self, intake: &Intake, client: Client, document_bytes: usize) -> Result<(), AdmissionError> {
         if intake.draining {
-            return Err(Refusal::Draining);
+            return Err(AdmissionError::Draining);
         }
         intake.queue.admits(client, document_bytes).map_err(|full| self.bounds.refusal(intake, full))
     }
@@ -167,7 +167,7 @@ impl Jobs {
     ///
     /// # Errors
     /// The key stands for something else, or its job is not yet on the disk.
-    pub fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, Refusal> {
+    pub fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, AdmissionError> {
         self.store.index().recall(client, key)?.map(known).transpose()
     }
 
@@ -190,10 +190,10 @@ impl Jobs {
     ///
     /// # Errors
     /// The bound that is reached.
-    pub async fn submit(&self, order: Order, lasting: bool) -> Result<Arc<Job>, Refusal> {
+    pub async fn submit(&self, order: Order, lasting: bool) -> Result<Arc<Job>, AdmissionError> {
         let memory = order.facts.memory;
         if memory > self.bounds.memory {
-            return Err(Refusal::Memory(memory));
+            return Err(AdmissionError::Memory(memory));
         }
         if !lasting && let Some(job) = self.solve_at_a_glance(&order).await {
             return Ok(job);
@@ -407,6 +407,6 @@ pub fn is_damage(error: &io::Error) -> bool {
 }
 
 /// The job that was posted before, once it is where it is to be.
-fn known(job: Arc<Job>) -> Result<Arc<Job>, Refusal> {
-    if job.lock().keeping == Keeping::Storing { Err(Refusal::KeyInUse) } else { Ok(job) }
+fn known(job: Arc<Job>) -> Result<Arc<Job>, AdmissionError> {
+    if job.lock().keeping == Persistence::Storing { Err(AdmissionError::KeyInUse) } else { Ok(job) }
 }

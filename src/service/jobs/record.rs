@@ -3,7 +3,7 @@
 use super::Client;
 use super::ended::{Ended, Held};
 use super::idempotency::Key;
-use super::job::{Estimate, Halt, Job, Keeping, Life, State};
+use super::job::{Estimate, Halt, Job, Lifecycle, Persistence, State};
 use crate::digest::Digest;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
@@ -76,17 +76,19 @@ impl Job {
         let life = self.lock();
         let record = Record::of(self, &life);
         match (life.keeping, life.ended()) {
-            (Keeping::Disk, Some(ended)) if !matches!(ended.held, Some(Held::Memory(_))) => Some(record.ended(ended)),
+            (Persistence::Disk, Some(ended)) if !matches!(ended.held, Some(Held::Memory(_))) => {
+                Some(record.ended(ended))
+            }
             // One that waits to be written.
-            (Keeping::Disk, _) => Some(record),
-            (Keeping::Memory | Keeping::Storing | Keeping::Forgotten, _) => None,
+            (Persistence::Disk, _) => Some(record),
+            (Persistence::Memory | Persistence::Storing | Persistence::Forgotten, _) => None,
         }
     }
 }
 
 impl Record {
     /// The row of `job` at this point of its `life`.
-    pub fn of(job: &Job, life: &Life) -> Self {
+    pub fn of(job: &Job, life: &Lifecycle) -> Self {
         let (underway, dismissed) = match &life.state {
             State::Running { halt, .. } => (true, *halt == Some(Halt::Dismiss)),
             State::Accepted(_) | State::Ended(_) => (false, false),

@@ -10,12 +10,12 @@ use super::change::Change;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
-use super::job::{Halt, Job, JobId, Keeping, Life, State};
+use super::job::{Halt, Job, JobId, Lifecycle, Persistence, State};
 use super::marks::Marks;
 use super::shortage::Taken;
 use super::spool::Spool;
 use super::unsaved::Unsaved;
-use super::writer::{Answer, Place, Unwritable};
+use super::writer::{Unwritable, WriteSlot, Written};
 use super::{Record, Results};
 use crate::digest::Digest;
 use crate::metrics::Metrics;
@@ -98,7 +98,7 @@ impl Store {
     ///
     /// # Errors
     /// The disk takes no change.
-    pub async fn place(&self) -> Result<Option<Place>, Unwritable> {
+    pub async fn place(&self) -> Result<Option<WriteSlot>, Unwritable> {
         match &self.disk {
             Some(_) if !self.is_writable() => Err(Unwritable),
             Some(disk) => disk.place().await.map(Some),
@@ -107,21 +107,21 @@ impl Store {
     }
 
     /// A place for news of a job that the disk keeps, on a full disk too.
-    async fn passage(&self) -> Result<Option<Place>, Unwritable> {
+    async fn passage(&self) -> Result<Option<WriteSlot>, Unwritable> {
         let Some(disk) = &self.disk else { return Ok(None) };
         disk.place().await.map(Some)
     }
 
     /// Hands `job` to the disk.
-    pub fn store(&self, job: &Arc<Job>, life: &mut Life, document: Arc<[u8]>, place: Place) -> Answer {
-        life.keeping = Keeping::Storing;
+    pub fn store(&self, job: &Arc<Job>, life: &mut Lifecycle, document: Arc<[u8]>, place: WriteSlot) -> Written {
+        life.keeping = Persistence::Storing;
         job.digest.get_or_init(|| Digest::of(&document));
         let change = Change { document: Some(document), ..Change::record(job.id, &Record::of(job, life)) };
         let stored = Arc::clone(job);
         place.send(change, move |written| {
             let mut life = stored.lock();
-            if life.keeping == Keeping::Storing {
-                life.keeping = if written.is_ok() { Keeping::Disk } else { Keeping::Memory };
+            if life.keeping == Persistence::Storing {
+                life.keeping = if written.is_ok() { Persistence::Disk } else { Persistence::Memory };
             }
         })
     }
@@ -131,17 +131,17 @@ impl Store {
     /// # Errors
     /// The disk did not take it.
     pub async fn outlive(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
-        if job.lock().keeping == Keeping::Disk {
+        if job.lock().keeping == Persistence::Disk {
             return Ok(());
         }
         let Some(place) = self.place().await? else { return Ok(()) };
         let answer = {
             let mut life = job.lock();
             match (&job.document, &life.state, life.keeping) {
-                (_, State::Ended(_), _) | (_, _, Keeping::Disk | Keeping::Forgotten) => return Ok(()),
-                (Some(document), _, Keeping::Memory) => self.store(job, &mut life, Arc::clone(document), place),
+                (_, State::Ended(_), _) | (_, _, Persistence::Disk | Persistence::Forgotten) => return Ok(()),
+                (Some(document), _, Persistence::Memory) => self.store(job, &mut life, Arc::clone(document), place),
                 // Behind the change that stores it.
-                (_, _, Keeping::Storing | Keeping::Memory) => place.send(Change::default(), drop),
+                (_, _, Persistence::Storing | Persistence::Memory) => place.send(Change::default(), drop),
             }
         };
         answer.written().await
@@ -207,14 +207,14 @@ impl Store {
         let kept = ended.clone();
         let is_long = matches!(&ended.held, Some(Held::Memory(results)) if results.text().is_none());
         // No file without a row: a kill in between would leave one that nobody knows.
-        if is_long && job.lock().keeping == Keeping::Storing {
+        if is_long && job.lock().keeping == Persistence::Storing {
             self.flush().await;
         }
-        let is_forgotten = job.lock().keeping == Keeping::Forgotten;
+        let is_forgotten = job.lock().keeping == Persistence::Forgotten;
         let put_away = if is_forgotten { Ok((ended, None)) } else { disk.put_away(job.id, ended) };
         let place = disk.place().await;
         let life = job.lock();
-        if life.keeping == Keeping::Forgotten {
+        if life.keeping == Persistence::Forgotten {
             drop(life);
             disk.discard(job.id);
             self.unsaved.forget(job, kept.bytes());
@@ -260,7 +260,7 @@ impl Store {
                 }
                 State::Ended(_) => return Ok(()),
             }
-            let tell = |place: Place| place.send(Change::record(job.id, &record), drop);
+            let tell = |place: WriteSlot| place.send(Change::record(job.id, &record), drop);
             (place.map(|place| place.filter(|_| life.is_lasting()).map(tell)), forgotten)
         };
         job.wake();
@@ -361,7 +361,7 @@ impl Store {
     }
 
     /// Removes jobs, no longer in the index, from the disk.
-    async fn erase(&self, jobs: Vec<Arc<Job>>) -> Result<Option<Answer>, Unwritable> {
+    async fn erase(&self, jobs: Vec<Arc<Job>>) -> Result<Option<Written>, Unwritable> {
         let mut stored = Vec::new();
         for job in jobs {
             let mut life = job.lock();
@@ -369,7 +369,7 @@ impl Store {
             if life.is_lasting() {
                 stored.push(job.id);
             }
-            life.keeping = Keeping::Forgotten;
+            life.keeping = Persistence::Forgotten;
         }
         if stored.is_empty() {
             return Ok(None);
@@ -385,7 +385,7 @@ impl Store {
     }
 }
 
-async fn written(answer: Option<Answer>) -> Result<(), Unwritable> {
+async fn written(answer: Option<Written>) -> Result<(), Unwritable> {
     match answer {
         Some(answer) => answer.written().await,
         None => Ok(()),

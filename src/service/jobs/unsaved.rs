@@ -2,7 +2,7 @@
 //! again. The disk knows such a job as one that has not ended, so that a start in between solves it once more.
 
 use super::ended::Ended;
-use super::job::{Job, Life, State};
+use super::job::{Job, Lifecycle, State};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Jobs whose ends are to be written.
@@ -86,7 +86,7 @@ impl Unsaved {
     }
 }
 
-impl Life {
+impl Lifecycle {
     /// The end that has been told, if it has.
     pub fn ended(&self) -> Option<&Arc<Ended>> {
         match &self.state {

@@ -32,30 +32,30 @@ pub struct Unwritable;
 pub type Then = Box<dyn FnOnce(Result<(), Unwritable>) + Send>;
 
 /// The place of one change among those that wait.
-pub struct Place(OwnedPermit<(Change, Then)>);
+pub struct WriteSlot(OwnedPermit<(Change, Then)>);
 
-impl Place {
+impl WriteSlot {
     /// Hands over the change that the place is for. Changes are made in the order in which they are handed over.
     pub fn take(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) {
         self.0.send((change, Box::new(then)));
     }
 
     /// Hands over the change that the place is for; what became of it comes out, after `then`.
-    pub fn send(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) -> Answer {
+    pub fn send(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) -> Written {
         let (answer, answered) = oneshot::channel();
         self.take(change, move |written| {
             then(written);
             // Whoever asked may be gone.
             let _ = answer.send(written);
         });
-        Answer(answered)
+        Written(answered)
     }
 }
 
 /// What becomes of a change.
-pub struct Answer(oneshot::Receiver<Result<(), Unwritable>>);
+pub struct Written(oneshot::Receiver<Result<(), Unwritable>>);
 
-impl Answer {
+impl Written {
     /// Returns when the change has been made.
     ///
     /// # Errors
@@ -91,8 +91,8 @@ impl Writer {
     ///
     /// # Errors
     /// The thread is gone.
-    pub async fn place(&self) -> Result<Place, Unwritable> {
-        self.changes.clone().reserve_owned().await.map(Place).map_err(|_| Unwritable)
+    pub async fn place(&self) -> Result<WriteSlot, Unwritable> {
+        self.changes.clone().reserve_owned().await.map(WriteSlot).map_err(|_| Unwritable)
     }
 
     /// Whether the latest change could not be made, or the next one cannot be.

@@ -89,13 +89,13 @@ impl Checkers {
 
 /// Whether whoever asked for a check still waits for it.
 #[derive(Debug, Default)]
-struct Asked {
+struct CheckRequest {
     halted: Notify,
     is_unwanted: AtomicBool,
 }
 
 /// Dropped with a request, it stops the check that the request waits for.
-struct Waits(Arc<Asked>);
+struct Waits(Arc<CheckRequest>);
 
 impl Drop for Waits {
     fn drop(&mut self) {

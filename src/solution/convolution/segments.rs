@@ -8,7 +8,7 @@ use crate::{
     CheckCode, Diagnostics, Event, EventKind, Failure, Refinement, Screening, Solution, Status, Steps, Warning,
 };
 use analysis::Analysis;
-use convolution::{Place, SegmentSettings, Segments};
+use convolution::{Activity, SegmentSettings, Segments};
 use models::ConvolutionModel;
 use problem::{Control, Dvi};
 
@@ -48,7 +48,7 @@ pub(super) fn integrate(
         let made = control.part(started..started + 1.0 / RUNS as f64, || {
             let segments = Segments::new(&mut **problem, &model.kernel, &settings, plan.start, plan.end, control);
             let segments = segments.map_err(|error| failure(&error, &plan.names[..m], plan.start, &plan.initial));
-            let course = segments.and_then(|segments| Course::new(model, segments, &plan.names[..m]));
+            let course = segments.and_then(|segments| SegmentedRun::new(model, segments, &plan.names[..m]));
             let mut course = course.map_err(|failure| ending(control, failure))?;
             let ended = run.drive(&mut course);
             course.finish(&mut run.diagnostics);
@@ -107,7 +107,7 @@ pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnos
 }
 
 /// A run with the names that its columns go by.
-struct Course<'p> {
+struct SegmentedRun<'p> {
     segments: Segments<'p>,
     names: &'p [String],
     /// The elements told; the first is made at once, since `z` at the start is that of its functions.
@@ -124,7 +124,7 @@ struct Course<'p> {
     values: Vec<f64>,
 }
 
-impl<'p> Course<'p> {
+impl<'p> SegmentedRun<'p> {
     fn new(model: &ConvolutionModel, segments: Segments<'p>, names: &'p [String]) -> Result<Self, Failure> {
         let structure = model.forcing.structure();
         let moves = |k: usize| structure.moving.iter().any(|bound| bound.variable == k);
@@ -152,7 +152,7 @@ impl<'p> Course<'p> {
         stepped.map_err(|error| failure(&error, self.names, self.segments.t(), &self.ends))?;
         self.ends = self.segments.ends();
         for switch in self.segments.take_switches() {
-            let kind = if switch.to == Place::Inside { EventKind::Activated } else { EventKind::Deactivated };
+            let kind = if switch.to == Activity::Inactive { EventKind::Activated } else { EventKind::Deactivated };
             self.events.push(Event { t: switch.t, kind, of: self.names[switch.variable].clone() });
             self.switches += 1;
         }
@@ -160,7 +160,7 @@ impl<'p> Course<'p> {
     }
 }
 
-impl Stepper for Course<'_> {
+impl Stepper for SegmentedRun<'_> {
     fn t(&self) -> f64 {
         if self.told == 0 { self.start } else { self.segments.t() }
     }

@@ -9,7 +9,7 @@ use crate::expression::Expression;
 use crate::lowering::{Lowering, Named, Start};
 use crate::model::Model;
 use crate::ordered::Ordered;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::wording::abridged;
 use crate::written::{Lowered, Written};
 use expression::Node;
@@ -34,7 +34,7 @@ impl Written for CircuitProblem {
         self.components.as_ref().map_or(0, Vec::len)
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.named(), place);
         lowering.use_definitions(&self.definitions);
         let model = match (&self.components, &self.netlist) {
@@ -71,13 +71,13 @@ pub(super) struct Circuit<'a> {
     pub(super) components: &'a [Component],
     /// The component of each element.
     pub(super) owners: Vec<usize>,
-    place: Place<'a>,
+    place: Pointer<'a>,
     /// The line of each in a netlist.
     pub(super) lines: Option<&'a [usize]>,
 }
 
 impl<'a> Circuit<'a> {
-    fn new(components: &'a [Component], place: Place<'a>, lines: Option<&'a [usize]>) -> Self {
+    fn new(components: &'a [Component], place: Pointer<'a>, lines: Option<&'a [usize]>) -> Self {
         let owners =
             components.iter().enumerate().flat_map(|(k, component)| vec![k; component.nodes().len()]).collect();
         Self { components, owners, place, lines }
@@ -205,7 +205,7 @@ impl<'a> Circuit<'a> {
     }
 
     /// Calls back with the place of a component's member; of a netlist all have one place.
-    pub(super) fn within<T>(&self, k: usize, key: &str, call: impl FnOnce(&Place<'_>) -> T) -> T {
+    pub(super) fn within<T>(&self, k: usize, key: &str, call: impl FnOnce(&Pointer<'_>) -> T) -> T {
         match self.lines {
             Some(_) => call(&self.place),
             None => call(&self.place.index(self.owners[k]).key(self.owner(k).key()).key(key)),

@@ -14,7 +14,7 @@ use expression::{ExpressionError, Node};
 use models::circuit::{
     CircuitParameters, Columns, Element, Equations as Forms, Fault, Law, NormalTree, Port, Quantity, System, Terms,
 };
-use models::{DviModel, Equations, KinkAdvice, Linear, Outputs, ParametricTerms, Refusal};
+use models::{DviModel, Equations, KinkAdvice, Linear, LoweringError, Outputs, ParametricTerms};
 use problem::{Mass, Warning};
 use std::sync::Arc;
 
@@ -82,7 +82,7 @@ pub(super) fn model(
         let laws = dependent::laws(circuit, drives, (elements, &forms, &system), (names, definitions), lowering);
         let (rows, parametric) = system.dependent_rows(&mut lowering.graph, &forms, &laws);
         let pointer = |_: usize| names.whole.clone();
-        let refused = |refusals: Vec<Refusal>| {
+        let refused = |refusals: Vec<LoweringError>| {
             refusals
                 .into_iter()
                 .map(|refusal| dvi::refused(refusal, &state_names, &variable_names, pointer))

@@ -10,7 +10,7 @@ use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
 use crate::matrix::Matrix;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use convolution::{Function, Kernel, Term};
 use expression::{ExpressionError, Node, Tape};
 use nalgebra::DMatrix;
@@ -24,7 +24,7 @@ pub type Lowered = (Kernel, f64, DMatrix<f64>);
 
 impl KernelOfTime {
     /// Lowers a kernel of `m` rows and columns, unless there is an error.
-    pub(super) fn lower(&self, m: usize, place: &Place<'_>, lowering: &mut Lowering) -> Option<Lowered> {
+    pub(super) fn lower(&self, m: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Lowered> {
         match (&self.fractional, &self.entries) {
             (Some(fractional), None) => {
                 if self.exponent.is_some() {
@@ -46,7 +46,7 @@ impl KernelOfTime {
 }
 
 impl FractionalKernel {
-    fn lower(&self, m: usize, place: &Place<'_>, lowering: &mut Lowering) -> Option<Lowered> {
+    fn lower(&self, m: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Lowered> {
         let exponent = exponent(&self.exponent, &place.key("exponent"), lowering);
         let matrix = match &self.matrix {
             Some(matrix) => matrix.entries((m, m), &place.key("matrix"), lowering),
@@ -63,7 +63,7 @@ impl FractionalKernel {
 }
 
 /// A constant above 0 and at most 2.
-fn exponent(exponent: &Expression, place: &Place<'_>, lowering: &mut Lowering) -> Option<f64> {
+fn exponent(exponent: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<f64> {
     let value = lowering.constant(exponent, place)?;
     if value > HIGHEST_INDEX {
         lowering.errors.push(too_high(place, value));
@@ -77,7 +77,7 @@ fn exponent(exponent: &Expression, place: &Place<'_>, lowering: &mut Lowering) -
     Some(value)
 }
 
-fn too_high(place: &Place<'_>, index: f64) -> SpecificationError {
+fn too_high(place: &Pointer<'_>, index: f64) -> SpecificationError {
     let detail = format!(
         "the index is {index}: above 2 the inequality has solutions for special data only, and limits of approximate \
          solutions need not be solutions"
@@ -89,7 +89,7 @@ fn of_entries(
     entries: &Matrix,
     given: Option<&Expression>,
     m: usize,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> Option<Lowered> {
     let exponent = match given {
@@ -138,7 +138,7 @@ fn of_entries(
 }
 
 /// What is said of entries that are all zero at zero, and their derivatives as well.
-fn vanishing(place: &Place<'_>, exponent: f64) -> SpecificationError {
+fn vanishing(place: &Pointer<'_>, exponent: f64) -> SpecificationError {
     if exponent < 1.0 {
         let detail = format!("all entries are zero at t = 0: the index is above the exponent {exponent}");
         return SpecificationError::new(place.to_string(), "conflict", detail)

@@ -13,7 +13,7 @@ use super::lowering::{Lowering, Named, Start};
 use super::matrix::Matrix;
 use super::model::Model;
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::set::{self, Block, LoweredSet};
 use super::start;
 use super::tables::TableOfPoints;
@@ -100,7 +100,7 @@ impl Written for ConvolutionProblem {
         self.variables.len()
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, self.named(), place);
         lowering.use_definitions(&self.definitions);
         let m = self.variables.len();

@@ -5,7 +5,7 @@ use crate::directions::DIRECTIONS;
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::range::{in_range, positive};
 use models::elastic::Lame;
 use models::finite_elements::{Axis, Grid};
@@ -116,7 +116,7 @@ impl ElasticBody {
 
 impl ElasticProblem {
     /// The grid, if there is one.
-    pub(super) fn geometry(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Geometry> {
+    pub(super) fn geometry(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Geometry> {
         let (shape, extents) = self.body.extents();
         let at = place.key("elements");
         let counts = self.elements.counts(extents.len(), (1, "body"), &at, lowering);
@@ -149,7 +149,7 @@ impl ElasticProblem {
     }
 
     /// What the body is made of, if that is given as it should be.
-    pub(super) fn law(&self, geometry: &Geometry, place: &Place<'_>, lowering: &mut Lowering) -> Option<Law> {
+    pub(super) fn law(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Law> {
         let density = positive(&self.density, "density", &place.key("density"), lowering);
         let dimension = geometry.grid.dimension();
         let (key, modulus, other) = match geometry.is_string {

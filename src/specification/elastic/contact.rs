@@ -7,7 +7,7 @@ use super::sides::unknown;
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::range::in_range;
 use models::elastic::ContactNode;
 use models::finite_elements::Side;
@@ -45,7 +45,7 @@ impl ElasticProblem {
         geometry: &Geometry,
         clamped: &[bool],
         displacement: &[f64],
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> (Vec<ContactNode>, Vec<String>) {
         let elements = place.key("elements");
@@ -105,7 +105,7 @@ impl ElasticProblem {
         name: &str,
         contact: &ElasticContact,
         geometry: &Geometry,
-        (place, elements): (&Place<'_>, &Place<'_>),
+        (place, elements): (&Pointer<'_>, &Pointer<'_>),
         lowering: &mut Lowering,
     ) -> Option<(f64, Vec<Meeting>)> {
         let side = geometry.side(name, place, lowering)?;
@@ -139,7 +139,7 @@ impl ElasticProblem {
         name: &str,
         contact: &ElasticContact,
         geometry: &Geometry,
-        (place, elements): (&Place<'_>, &Place<'_>),
+        (place, elements): (&Pointer<'_>, &Pointer<'_>),
         lowering: &mut Lowering,
     ) -> Option<(f64, Vec<Meeting>)> {
         let towards = match name {
@@ -189,7 +189,7 @@ impl Geometry {
 }
 
 /// The coefficient of friction.
-fn friction(contact: &ElasticContact, geometry: &Geometry, place: &Place<'_>, lowering: &mut Lowering) -> f64 {
+fn friction(contact: &ElasticContact, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> f64 {
     let Some(friction) = &contact.friction else { return 0.0 };
     let place = place.key("friction");
     if geometry.components == 1 {

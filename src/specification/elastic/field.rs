@@ -4,7 +4,7 @@ use crate::directions::DIRECTIONS;
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use expression::Node;
 use models::finite_elements::Grid;
 
@@ -14,11 +14,11 @@ pub(super) struct Field<'a> {
     /// The points asked for so far.
     points: usize,
     dimension: usize,
-    place: &'a Place<'a>,
+    place: &'a Pointer<'a>,
 }
 
 impl<'a> Field<'a> {
-    pub(super) fn read(expression: &Expression, grid: &Grid, place: &'a Place<'a>, lowering: &mut Lowering) -> Self {
+    pub(super) fn read(expression: &Expression, grid: &Grid, place: &'a Pointer<'a>, lowering: &mut Lowering) -> Self {
         Self { node: lowering.node(expression, place), points: 0, dimension: grid.dimension(), place }
     }
 

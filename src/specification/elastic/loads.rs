@@ -6,7 +6,7 @@ use super::field::Field;
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use expression::Node;
 use models::finite_elements::{Element, Quadrature};
 use serde::Deserialize;
@@ -27,7 +27,7 @@ impl ElasticStart {
     pub(super) fn lower(
         &self,
         geometry: &Geometry,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> (Vec<f64>, Vec<f64>) {
         let mut of = |given: &Option<Vec<Expression>>, key: &str| {
@@ -51,7 +51,7 @@ impl Geometry {
     pub(super) fn components_of<'e>(
         &self,
         given: Option<&'e [Expression]>,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> &'e [Expression] {
         match given {
@@ -72,7 +72,7 @@ impl Geometry {
 
 impl ElasticProblem {
     /// The force on every displacement: that by volume and that by area, at the nodes of each element.
-    pub(super) fn loads(&self, geometry: &Geometry, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+    pub(super) fn loads(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let grid = &geometry.grid;
         let zero = lowering.graph.constant(0.0);
         let mut loads = vec![zero; grid.nodes() * geometry.components];
@@ -105,7 +105,7 @@ fn add(
     density: &[Expression],
     shares: &[f64],
     geometry: &Geometry,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     loads: &mut [Node],
     lowering: &mut Lowering,
 ) {

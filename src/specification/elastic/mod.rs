@@ -18,7 +18,7 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Named, Start};
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::start;
 use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
@@ -126,7 +126,7 @@ impl Written for ElasticProblem {
         self.unknowns().saturating_mul(A_DISPLACEMENT)
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, self.named(), place);
         let Some(geometry) = self.geometry(place, &mut lowering) else { return (lowering, None) };
         let names = DIRECTIONS.into_iter().take(geometry.grid.dimension());

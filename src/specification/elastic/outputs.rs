@@ -5,10 +5,10 @@ use super::body::Geometry;
 use crate::directions::DIRECTIONS;
 use crate::error::SpecificationError;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use expression::Node;
 use models::Outputs;
-use models::elastic::{ContactNode, Continuum, Place as Unknown, Rough, Semidiscrete, Slip};
+use models::elastic::{ContactNode, Continuum, DisplacementIndex as Unknown, Frictional, Semidiscrete, Slip};
 
 /// The names of states and variables.
 pub(super) struct Names {
@@ -99,7 +99,7 @@ pub(super) fn lower(
     nodes.extend(forces);
     for (side, name) in sides.iter().enumerate() {
         for (axis, name_of_axis) in DIRECTIONS.iter().enumerate().take(continuum.components) {
-            let of_side = |rough: &&Rough| continuum.contacts[rough.contact].side == side;
+            let of_side = |rough: &&Frictional| continuum.contacts[rough.contact].side == side;
             let along = |slip: &&Slip| slip.displacement % continuum.components == axis;
             let slips = lowered.rough.iter().filter(of_side).flat_map(|rough| &rough.slips).filter(along);
             let forces: Vec<Node> = slips.map(|slip| graph.input(1 + slip.force)).collect();
@@ -116,7 +116,7 @@ pub(super) fn lower(
 
 impl ElasticProblem {
     /// The probes by what they are made of.
-    pub(super) fn probes(&self, geometry: &Geometry, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Probe> {
+    pub(super) fn probes(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Probe> {
         let place = place.key("probes");
         let mut probes = Vec::new();
         for (name, point) in self.probes.iter() {

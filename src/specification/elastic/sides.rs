@@ -4,14 +4,14 @@ use super::ElasticProblem;
 use super::body::Geometry;
 use crate::error::SpecificationError;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::wording::{abridged, listed};
 use expression::nearest;
 use models::finite_elements::Side;
 
 impl Geometry {
     /// The side of that name; what is none is reported.
-    pub(super) fn side(&self, name: &str, place: &Place<'_>, lowering: &mut Lowering) -> Option<Side> {
+    pub(super) fn side(&self, name: &str, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Side> {
         let found = Side::all(self.grid.dimension()).find(|side| side.name() == name);
         if found.is_none() {
             let names = || Side::all(self.grid.dimension()).map(Side::name);
@@ -22,7 +22,7 @@ impl Geometry {
 }
 
 /// Reports a name that is none of those there are.
-pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Place<'_>, lowering: &mut Lowering) {
+pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Pointer<'_>, lowering: &mut Lowering) {
     let detail = format!("`{}` is no side of this body", abridged(name));
     let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
     let near = nearest(name, names.iter().copied());
@@ -31,7 +31,7 @@ pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Place<'_>, lowering:
 
 impl ElasticProblem {
     /// Which displacements are held.
-    pub(super) fn clamped(&self, geometry: &Geometry, place: &Place<'_>, lowering: &mut Lowering) -> Vec<bool> {
+    pub(super) fn clamped(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<bool> {
         let place = place.key("clamped");
         let components = geometry.components;
         let mut clamped = vec![false; geometry.grid.nodes() * components];

@@ -3,7 +3,7 @@
 use super::super::error::SpecificationError;
 use super::super::expression::Expression;
 use super::super::lowering::{Constant, Lowering};
-use super::super::place::Place;
+use super::super::pointer::Pointer;
 use super::super::wording::{abridged, listed};
 use expression::{Assumption, Node, Scope, nearest};
 use models::ContactCoefficient;
@@ -83,13 +83,13 @@ pub(super) fn lower(
     contacts: &[Contact],
     joints: &[Joint],
     n: usize,
-    problem: &Place<'_>,
+    problem: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> LoweredContacts {
     let mut lowered = LoweredContacts::default();
     let mut scope = Scope::new();
     let zero = lowering.graph.constant(0.0);
-    let mut name = |name: &str, place: &Place<'_>, lowering: &mut Lowering| {
+    let mut name = |name: &str, place: &Pointer<'_>, lowering: &mut Lowering| {
         if let Err(error) = scope.bind(name, zero) {
             let error = SpecificationError::new(place.key("name").to_string(), "contact_name", error.to_string());
             lowering
@@ -143,7 +143,7 @@ impl Friction {
     fn lower(
         &self,
         n: usize,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         data: &mut ContactData,
         slips: &mut Vec<Node>,
         lowering: &mut Lowering,
@@ -200,7 +200,7 @@ impl Friction {
 }
 
 /// An expression in `t` and the coordinates.
-fn holonomic(expression: &Expression, what: &str, n: usize, place: &Place<'_>, lowering: &mut Lowering) -> Node {
+fn holonomic(expression: &Expression, what: &str, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Node {
     let Some(node) = lowering.node(expression, place) else { return lowering.graph.constant(1.0) };
     let inputs = lowering.graph.inputs(node);
     if inputs.iter().any(|&input| input > n) {
@@ -219,7 +219,7 @@ fn in_range(
     expression: &Expression,
     what: &str,
     (least, most): (f64, f64),
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> Option<Constant> {
     let constant = lowering.parametric(expression, place)?;
@@ -234,7 +234,7 @@ fn in_range(
 }
 
 /// The error of a force on something that is no coordinate.
-pub(super) fn unknown_coordinate(name: &str, coordinates: &[String], place: &Place<'_>) -> SpecificationError {
+pub(super) fn unknown_coordinate(name: &str, coordinates: &[String], place: &Pointer<'_>) -> SpecificationError {
     let names = || coordinates.iter().map(String::as_str);
     SpecificationError::new(place.to_string(), "unknown_name", format!("`{}` is not a coordinate", abridged(name)))
         .expected(listed(names()))

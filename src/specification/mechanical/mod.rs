@@ -17,12 +17,14 @@ use super::kinks;
 use super::lowering::{Lowering, Named, Start};
 use super::matrix::Matrix;
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use contact::LoweredContacts;
 use expression::Node;
-use models::{MechanicalModel, MechanicalRows, ParametricTerms, SymbolicMechanics, Underivable, velocity_name};
+use models::{
+    DifferentiationError, MechanicalModel, MechanicalRows, ParametricTerms, SymbolicMechanics, velocity_name,
+};
 use problem::Mass;
 use serde::Deserialize;
 use std::sync::Arc;
@@ -110,7 +112,7 @@ impl Written for MechanicalProblem {
         2 * self.coordinates.len()
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.named(), place);
         if self.interpenetration == Interpenetration::Resolve {
             // Where a start is moved to is no expression in parameters.
@@ -138,7 +140,7 @@ impl Written for MechanicalProblem {
         lowering.use_definitions(&self.definitions);
         let (initial, start_terms) = self.initial(place, &mut lowering);
         let mass = self.mass.nodes((n, n), &place.key("mass"), &mut lowering);
-        let of_place = |what: &str, node: Node, pointer: &Place<'_>, lowering: &mut Lowering| {
+        let of_place = |what: &str, node: Node, pointer: &Pointer<'_>, lowering: &mut Lowering| {
             if lowering.graph.inputs(node).iter().any(|&input| input > n) {
                 let error = SpecificationError::new(
                     pointer.to_string(),
@@ -174,10 +176,12 @@ impl Written for MechanicalProblem {
             Ok(system) => system,
             Err(refusal) => {
                 let (pointer, error) = match refusal {
-                    Underivable::Dynamics(error) => (place.to_string(), error),
-                    Underivable::Joint(k, error) => (place.key("joints").index(k).to_string(), error),
-                    Underivable::Gap(k, error) => (place.key("contacts").index(k).key("gap").to_string(), error),
-                    Underivable::Slip(_, error) => (place.key("contacts").to_string(), error),
+                    DifferentiationError::Dynamics(error) => (place.to_string(), error),
+                    DifferentiationError::Joint(k, error) => (place.key("joints").index(k).to_string(), error),
+                    DifferentiationError::Gap(k, error) => {
+                        (place.key("contacts").index(k).key("gap").to_string(), error)
+                    }
+                    DifferentiationError::Slip(_, error) => (place.key("contacts").to_string(), error),
                 };
                 lowering.errors.push(SpecificationError::new(pointer, error.code, error.message));
                 return (lowering, None);
@@ -197,12 +201,12 @@ impl Written for MechanicalProblem {
 }
 
 /// What is wrong with a system that was bound to other parameters at its start, time `t`; it was not to be moved.
-pub(super) fn check_start(model: &MechanicalModel, t: f64, problem: &Place<'_>, errors: &mut Errors) {
+pub(super) fn check_start(model: &MechanicalModel, t: f64, problem: &Pointer<'_>, errors: &mut Errors) {
     start::settle(&mut model.clone(), t, Interpenetration::Refuse, problem, errors);
 }
 
 impl MechanicalProblem {
-    fn initial(&self, place: &Place<'_>, lowering: &mut Lowering) -> (Vec<f64>, Vec<Node>) {
+    fn initial(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> (Vec<f64>, Vec<Node>) {
         let place = place.key("coordinates");
         let zero = (0.0, lowering.graph.constant(0.0));
         let mut values = Vec::with_capacity(2 * self.coordinates.len());
@@ -217,7 +221,7 @@ impl MechanicalProblem {
         values.into_iter().unzip()
     }
 
-    fn forces(&self, coordinates: &[String], place: &Place<'_>, lowering: &mut Lowering) -> Vec<Node> {
+    fn forces(&self, coordinates: &[String], place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let place = place.key("forces");
         let mut forces = vec![lowering.graph.constant(0.0); coordinates.len()];
         for (name, force) in self.forces.iter() {
@@ -232,7 +236,7 @@ impl MechanicalProblem {
     }
 
     /// The names of outputs must differ: a coordinate may be called as the gap of a contact is.
-    fn check_names(&self, model: &MechanicalModel, place: &Place<'_>, lowering: &mut Lowering) {
+    fn check_names(&self, model: &MechanicalModel, place: &Pointer<'_>, lowering: &mut Lowering) {
         let mut names: Vec<&String> = model.output_names.iter().collect();
         names.sort_unstable();
         for pair in names.windows(2).filter(|pair| pair[0] == pair[1]) {

@@ -2,7 +2,7 @@
 //! overlap.
 
 use super::super::error::{Errors, SpecificationError};
-use super::super::place::Place;
+use super::super::pointer::Pointer;
 use super::Interpenetration;
 use contact::{ImpactLaw, State, VelocityStep};
 use models::MechanicalModel;
@@ -20,7 +20,7 @@ pub(super) fn settle(
     model: &mut MechanicalModel,
     t: f64,
     interpenetration: Interpenetration,
-    problem: &Place<'_>,
+    problem: &Pointer<'_>,
     errors: &mut Errors,
 ) {
     let mut system = model.problem();
@@ -88,7 +88,7 @@ pub(super) fn settle(
 }
 
 /// Whether the mass matrix is finite, symmetric and positive definite.
-fn check_mass(mass: &DMatrix<f64>, place: &Place<'_>, errors: &mut Errors) -> bool {
+fn check_mass(mass: &DMatrix<f64>, place: &Pointer<'_>, errors: &mut Errors) -> bool {
     let size = mass.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     let n = mass.nrows();
     for i in 0..n {

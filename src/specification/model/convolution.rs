@@ -1,6 +1,6 @@
 //! Problems with memory, by convolution quadrature.
 
-use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, name_of_stages, refuse, refuse_impacts};
+use super::{By, FIXED, Ladder, Model, Request, Sizes, Varied, WithStages, name_of_stages, refuse, refuse_impacts};
 use crate::checked::Specification;
 use crate::convolution::{self, numbers, plan_of};
 use crate::error::Errors;
@@ -50,7 +50,7 @@ impl Model for ConvolutionModel {
         true
     }
 
-    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+    fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         convolution::check(self, asked.method, asked.time, errors);
         if !matches!(asked.method.name, MethodName::Auto | MethodName::Convolution) {
             refuse("name", "this problem has a memory", "`auto` or `convolution`", errors);

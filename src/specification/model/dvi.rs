@@ -1,10 +1,10 @@
 //! Differential variational inequalities, by Radau IIA.
 
-use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, name_of_stages, refuse, refuse_impacts};
+use super::{By, FIXED, Ladder, Model, Request, Sizes, Varied, WithStages, name_of_stages, refuse, refuse_impacts};
 use crate::checked::Specification;
 use crate::error::{Errors, SpecificationError};
 use crate::method::MethodName;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::search::Search;
 use crate::stages::Stages;
 use crate::start;
@@ -68,7 +68,7 @@ impl Model for DviModel {
         DviModel::with_parameters(self, values).map(|model| Arc::new(model) as Arc<dyn Model>)
     }
 
-    fn check_start(&self, t: f64, problem: &Place<'_>, errors: &mut Errors) {
+    fn check_start(&self, t: f64, problem: &Pointer<'_>, errors: &mut Errors) {
         start::check(self, t, |_| problem.to_string(), errors);
     }
 
@@ -80,7 +80,7 @@ impl Model for DviModel {
         true
     }
 
-    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+    fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         check_index(self, asked, errors);
         match asked.method.name {
             MethodName::Contact | MethodName::TrBdf2 => {
@@ -146,8 +146,8 @@ impl Model for DviModel {
 
 /// Refuses what no method here solves as it is posed. Variables in bounded sets have no impulses, so that their index is no
 /// reason.
-fn check_index(model: &DviModel, asked: &Asked<'_>, errors: &mut Errors) {
-    let Asked { analysis, method, .. } = asked;
+fn check_index(model: &DviModel, asked: &Request<'_>, errors: &mut Errors) {
+    let Request { analysis, method, .. } = asked;
     match analysis.unbounded_index {
         Some(index) if index >= 3.0 && !method.accept_index_three => {
             let detail = format!(

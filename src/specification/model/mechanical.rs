@@ -1,11 +1,11 @@
 //! Mechanical systems in generalised coordinates, by the steppers of contact.
 
-use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, refuse};
+use super::{By, FIXED, Ladder, Model, Request, Sizes, Varied, WithStages, refuse};
 use crate::checked::Specification;
 use crate::error::{Errors, SpecificationError};
 use crate::mechanical;
 use crate::method::{Impacts, Method, MethodName};
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::stages::Stages;
 use analysis::Analysis;
 use models::{MechanicalModel, Parameters, Unbindable};
@@ -45,7 +45,7 @@ impl Model for MechanicalModel {
         MechanicalModel::with_parameters(self, values).map(|model| Arc::new(model) as Arc<dyn Model>)
     }
 
-    fn check_start(&self, t: f64, problem: &Place<'_>, errors: &mut Errors) {
+    fn check_start(&self, t: f64, problem: &Pointer<'_>, errors: &mut Errors) {
         mechanical::check_start(self, t, problem, errors);
     }
 
@@ -63,7 +63,7 @@ impl Model for MechanicalModel {
         MechanicalModel::analyse(self)
     }
 
-    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+    fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         let method = asked.method;
         match method.impacts() {
             Impacts::Locate => check_friction(self, errors),

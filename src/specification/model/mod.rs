@@ -15,7 +15,7 @@ use super::checked::Specification;
 use super::document::Time;
 use super::error::{Errors, SpecificationError};
 use super::method::Method;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::stages::Stages;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
@@ -74,7 +74,7 @@ pub trait Model: Any + Debug + Send + Sync {
     }
 
     /// What is wrong with its start at time `t`, once other parameters are bound. It is reported at the problem.
-    fn check_start(&self, _t: f64, _problem: &Place<'_>, _errors: &mut Errors) {}
+    fn check_start(&self, _t: f64, _problem: &Pointer<'_>, _errors: &mut Errors) {}
 
     /// What the theory says of it at time `t` and its initial states.
     fn analyse(&self, t: f64) -> Analysis;
@@ -85,7 +85,7 @@ pub trait Model: Any + Debug + Send + Sync {
     }
 
     /// Refuses what no method here solves as it is posed, and methods that are not for it.
-    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors);
+    fn check_method(&self, asked: &Request<'_>, errors: &mut Errors);
 
     /// Why nothing may end a run of it before its end; `None` where it may.
     fn no_stop(&self) -> Option<&'static str> {
@@ -179,7 +179,7 @@ pub struct Ladder {
 
 /// What was asked of a problem.
 #[derive(Clone, Copy, Debug)]
-pub struct Asked<'a> {
+pub struct Request<'a> {
     pub analysis: &'a Analysis,
     pub method: &'a Method,
     pub time: Time,
@@ -190,7 +190,7 @@ const FIXED: &str = " at fixed steps";
 
 /// Refuses a key of the method.
 fn refuse(key: &str, detail: &str, expected: &str, errors: &mut Errors) {
-    let error = SpecificationError::new(Place::Root.key("method").key(key).to_string(), "conflict", detail);
+    let error = SpecificationError::new(Pointer::Root.key("method").key(key).to_string(), "conflict", detail);
     errors.push(error.expected(expected));
 }
 

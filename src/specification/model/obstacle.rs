@@ -1,6 +1,6 @@
 //! Parabolic obstacle problems on a grid, by the trapezoidal rule with backward differences.
 
-use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, refuse, refuse_impacts};
+use super::{By, FIXED, Ladder, Model, Request, Sizes, Varied, WithStages, refuse, refuse_impacts};
 use crate::checked::Specification;
 use crate::error::Errors;
 use crate::method::{MethodName, ViSolverName};
@@ -46,7 +46,7 @@ impl Model for Obstacle {
         Obstacle::analyse(self)
     }
 
-    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+    fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         let method = asked.method;
         if !matches!(method.name, MethodName::Auto | MethodName::TrBdf2) {
             refuse("name", "obstacle problems have a method of their own", "`auto` or `tr_bdf2`", errors);

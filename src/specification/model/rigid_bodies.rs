@@ -1,13 +1,13 @@
 //! Rigid bodies in space, by time stepping.
 
 use super::mechanical::{NOT_COMPARED, refuse_other_methods};
-use super::{Asked, By, FIXED, Ladder, Model, Sizes, Varied, WithStages, refuse};
+use super::{By, FIXED, Ladder, Model, Request, Sizes, Varied, WithStages, refuse};
 use crate::checked::Specification;
 use crate::error::Errors;
 use crate::method::{Impacts, Switches, ViSolverName};
 use crate::stages::Stages;
 use analysis::Analysis;
-use models::rigid_bodies::{Load, Scene};
+use models::rigid_bodies::{Load, MultibodySystem};
 use problem::{Control, Warning};
 use solution::{Diagnostics, Plan, Solution};
 
@@ -20,17 +20,17 @@ const ENOUGH: usize = 1 << 47;
 /// The numbers of one state of a body: position, quaternion, velocity, rotation.
 const NUMBERS_A_BODY: usize = 13;
 
-impl Model for Scene {
+impl Model for MultibodySystem {
     fn state_names(&self) -> Vec<String> {
-        Scene::state_names(self)
+        MultibodySystem::state_names(self)
     }
 
     fn output_names(&self) -> Vec<String> {
-        Scene::output_names(self)
+        MultibodySystem::output_names(self)
     }
 
     fn initial(&self) -> Vec<f64> {
-        Scene::initial(self)
+        MultibodySystem::initial(self)
     }
 
     fn warnings(&self) -> &[Warning] {
@@ -38,14 +38,14 @@ impl Model for Scene {
     }
 
     fn sizes(&self) -> Sizes {
-        Sizes { states: Scene::state_names(self).len(), ..Sizes::default() }
+        Sizes { states: MultibodySystem::state_names(self).len(), ..Sizes::default() }
     }
 
     fn analyse(&self, _t: f64) -> Analysis {
-        Scene::analyse(self)
+        MultibodySystem::analyse(self)
     }
 
-    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+    fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         let method = asked.method;
         if method.impacts == Some(Impacts::Locate) {
             let detail = "bodies in space take impacts as they fall into steps";
@@ -79,7 +79,7 @@ impl Model for Scene {
     }
 
     fn load(&self, most: usize, control: &Control) -> Load {
-        Scene::load(self, most.saturating_mul(FAR_BEYOND).min(ENOUGH), control).unwrap_or_default()
+        MultibodySystem::load(self, most.saturating_mul(FAR_BEYOND).min(ENOUGH), control).unwrap_or_default()
     }
 
     fn numbers(&self, _specification: &Specification) -> usize {

@@ -1,6 +1,6 @@
 //! Static variational inequalities, by the portfolio of solvers of one.
 
-use super::{Asked, By, Model, Sizes, Varied, WithStages, refuse, refuse_impacts};
+use super::{By, Model, Request, Sizes, Varied, WithStages, refuse, refuse_impacts};
 use crate::checked::Specification;
 use crate::error::Errors;
 use crate::method::MethodName;
@@ -62,7 +62,7 @@ impl Model for StaticModel {
         Analysis { because, ..Analysis::default() }
     }
 
-    fn check_method(&self, asked: &Asked<'_>, errors: &mut Errors) {
+    fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         let method = asked.method;
         if method.name != MethodName::Auto {
             refuse("name", "a static problem has no steps", "`auto`, or to be left out", errors);

@@ -5,7 +5,7 @@ use crate::directions::{missing, surplus};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use models::obstacle::Field;
 use serde::Deserialize;
 use serde::de::value::MapAccessDeserializer;
@@ -42,7 +42,7 @@ impl PerDirection {
         &self,
         dimension: usize,
         spreads: bool,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> Vec<Field> {
         match self {

@@ -5,7 +5,7 @@ use crate::elements::Elements;
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use models::finite_elements::{Axis, Grid};
 use serde::Deserialize;
 use utoipa::ToSchema;
@@ -36,7 +36,7 @@ impl Domain {
     }
 
     /// The grid, if it is one.
-    pub(super) fn grid(&self, given: &Elements, problem: &Place<'_>, lowering: &mut Lowering) -> Option<Grid> {
+    pub(super) fn grid(&self, given: &Elements, problem: &Pointer<'_>, lowering: &mut Lowering) -> Option<Grid> {
         let (place, place_of_elements) = (problem.key("domain"), problem.key("elements"));
         let dimension = self.dimension();
         if self.z.is_some() && dimension == 1 {
@@ -56,7 +56,7 @@ impl Domain {
     }
 }
 
-fn interval(ends: &[Expression; 2], place: &Place<'_>, lowering: &mut Lowering) -> Option<(f64, f64)> {
+fn interval(ends: &[Expression; 2], place: &Pointer<'_>, lowering: &mut Lowering) -> Option<(f64, f64)> {
     let [lower, upper] = [0, 1].map(|end| lowering.constant(&ends[end], &place.index(end)));
     let (lower, upper) = (lower?, upper?);
     if upper - lower > 1e-12 * lower.abs().max(upper.abs()) && (upper - lower).is_finite() {

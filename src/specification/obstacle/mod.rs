@@ -16,11 +16,11 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::{Lowering, Named, Start};
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
 use models::finite_elements::{Grid, Quadrature};
-use models::obstacle::{Cause, Field, Obstacle, Probe, largest_peclet};
+use models::obstacle::{Field, Obstacle, ObstacleError, Probe, largest_peclet};
 use serde::Deserialize;
 use solution::Warning;
 use std::sync::Arc;
@@ -116,7 +116,7 @@ impl Written for ObstacleProblem {
         self.nodes().saturating_mul(A_NODE)
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, self.named(), place);
         let dimension = self.domain.dimension();
         let place_of_domain = place.key("domain");
@@ -157,7 +157,7 @@ impl Written for ObstacleProblem {
             let checked = problem.check(t, lowering.control);
             match checked.and_then(|()| largest_peclet(&mut problem, t, lowering.control)) {
                 Ok(peclet) => problem.warnings.extend((peclet > 1.0).then(|| unresolved(peclet))),
-                Err(Cause::Offence(offence)) => {
+                Err(ObstacleError::ObstacleDataError(offence)) => {
                     let pointer = format!("{place}/{}", offence.key());
                     let error = SpecificationError::new(pointer, offence.code(), offence.to_string());
                     lowering.errors.push(error.expected(offence.expected()));
@@ -174,7 +174,7 @@ impl Written for ObstacleProblem {
 }
 
 impl ObstacleProblem {
-    fn probes(&self, grid: Option<&Grid>, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Probe> {
+    fn probes(&self, grid: Option<&Grid>, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Probe> {
         let dimension = self.domain.dimension();
         let mut probes = Vec::with_capacity(self.probes.len());
         for (name, point) in self.probes.iter() {
@@ -213,7 +213,7 @@ impl ObstacleProblem {
 }
 
 /// The function that an expression is; zero where it cannot be read.
-fn field(expression: &Expression, place: &Place<'_>, lowering: &mut Lowering) -> Field {
+fn field(expression: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Field {
     let node = lowering.node_or_zero(expression, place);
     Field::new(&lowering.graph, node)
 }

@@ -3,7 +3,7 @@
 use super::field;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use models::finite_elements::Side;
 use models::obstacle::{Condition, Field};
 use serde::Deserialize;
@@ -40,7 +40,7 @@ pub enum BoundaryCondition {
 
 impl Boundary {
     /// The conditions on all sides of a domain of so many directions.
-    pub(super) fn lower(&self, dimension: usize, place: &Place<'_>, lowering: &mut Lowering) -> Vec<Condition> {
+    pub(super) fn lower(&self, dimension: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Condition> {
         let given = [&self.x_min, &self.x_max, &self.y_min, &self.y_max, &self.z_min, &self.z_max];
         for (side, condition) in Side::all(3).zip(given) {
             if side.direction >= dimension && condition.is_some() {
@@ -53,7 +53,7 @@ impl Boundary {
     }
 }
 
-fn lower(condition: Option<&BoundaryCondition>, place: &Place<'_>, lowering: &mut Lowering) -> Condition {
+fn lower(condition: Option<&BoundaryCondition>, place: &Pointer<'_>, lowering: &mut Lowering) -> Condition {
     match condition {
         None => {
             let zero = lowering.graph.constant(0.0);

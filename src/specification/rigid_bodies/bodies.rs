@@ -8,7 +8,7 @@ use super::{Material, Ordered};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::range;
 use crate::wording::{abridged, listed};
 use expression::nearest;
@@ -83,7 +83,7 @@ impl BodyMotion {
     pub(super) fn lower(
         &self,
         body: &RigidBody,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         functions: &mut Functions,
         lowering: &mut Lowering,
     ) -> Option<(Prescription, Option<Vector3<f64>>)> {
@@ -137,7 +137,7 @@ impl RigidBody {
         &self,
         name: String,
         materials: &Ordered<Material>,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         warnings: &mut Vec<Warning>,
         lowering: &mut Lowering,
     ) -> Option<Body> {
@@ -183,7 +183,7 @@ impl RigidBody {
     }
 
     /// The place of its material; the last is that of bodies without one.
-    fn material(&self, materials: &Ordered<Material>, place: &Place<'_>, lowering: &mut Lowering) -> usize {
+    fn material(&self, materials: &Ordered<Material>, place: &Pointer<'_>, lowering: &mut Lowering) -> usize {
         let Some(name) = &self.material else { return materials.len() };
         materials.names().position(|known| known == name).unwrap_or_else(|| {
             let detail = format!("`{}` is no material", abridged(name));
@@ -194,7 +194,7 @@ impl RigidBody {
         })
     }
 
-    fn check_rest(&self, velocity: Vector3<f64>, omega: Vector3<f64>, place: &Place<'_>, lowering: &mut Lowering) {
+    fn check_rest(&self, velocity: Vector3<f64>, omega: Vector3<f64>, place: &Pointer<'_>, lowering: &mut Lowering) {
         for (key, value) in [("velocity", velocity), ("angular_velocity", omega)] {
             if value != Vector3::zeros() {
                 lowering.errors.report(&place.key(key), "conflict", "a fixed body does not move");
@@ -206,7 +206,7 @@ impl RigidBody {
     fn inertial(
         &self,
         parts: &[(Shape, Isometry3<f64>)],
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
         // Volume, and its first and second moments about the origin of the frame of the body.

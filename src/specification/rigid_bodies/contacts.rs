@@ -4,7 +4,7 @@ use super::{Expression, Ordered};
 use crate::error::SpecificationError;
 use crate::lowering::Lowering;
 use crate::mechanical::ConeName;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::range::in_range;
 use crate::wording::{abridged, listed};
 use contact::law::Cone;
@@ -61,7 +61,7 @@ pub struct MaterialPair {
 
 impl BodyContacts {
     /// The set of friction.
-    pub(super) fn cone(&self, place: &Place<'_>, lowering: &mut Lowering) -> Cone {
+    pub(super) fn cone(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Cone {
         let facets = self.facets.unwrap_or(FACETS);
         if self.facets.is_some() && (self.cone == ConeName::Quadratic || !(4..=64).contains(&facets)) {
             let detail = format!("{facets} corners for a {:?} cone", self.cone).to_lowercase();
@@ -79,7 +79,7 @@ impl BodyContacts {
 pub(super) fn groups<'a>(
     contacts: &'a BodyContacts,
     known: &HashSet<&str>,
-    problem: &Place<'_>,
+    problem: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> (HashMap<&'a str, u32>, HashSet<(u32, u32)>) {
     let place = problem.key("contacts");
@@ -111,7 +111,7 @@ fn coefficients(
     friction: Option<&Expression>,
     restitution: Option<&Expression>,
     default: Law,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> Law {
     let mut read = |value: Option<&Expression>, what: &str, range: (fn(f64) -> bool, &str), default: f64| {
@@ -127,7 +127,7 @@ fn coefficients(
 pub(super) fn lower(
     contacts: &BodyContacts,
     materials: &Ordered<Material>,
-    problem: &Place<'_>,
+    problem: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> Laws {
     let place = problem.key("contacts");

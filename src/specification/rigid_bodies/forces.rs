@@ -4,7 +4,7 @@ use super::vectors::{self, Vector};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::wording::{abridged, listed};
 use ::expression::{Graph, Node, Tape, nearest};
 use models::rigid_bodies::{Action, Body, DERIVED, OF_BODY, OUTPUTS, inputs_of};
@@ -61,7 +61,7 @@ pub(super) fn lower(
     forces: &[BodyForce],
     bodies: &[Body],
     names: &HashMap<String, usize>,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering<'_>,
 ) -> Vec<Action> {
     let moving: Vec<usize> = (0..bodies.len()).filter(|&body| !bodies[body].fixed).collect();
@@ -101,7 +101,7 @@ fn find(
     name: &str,
     bodies: &[Body],
     names: &HashMap<String, usize>,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering<'_>,
 ) -> Option<usize> {
     let known = || bodies.iter().map(|body| body.name.as_str());
@@ -126,7 +126,7 @@ fn action(
     nodes: &[Node],
     bodies: &[Body],
     moving: &[usize],
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering<'_>,
 ) -> Option<Action> {
     let numbers = OF_BODY.len();

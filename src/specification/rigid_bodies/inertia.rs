@@ -3,7 +3,7 @@
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::range;
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
@@ -24,7 +24,7 @@ pub enum Inertia {
 const ROUNDING: f64 = 1e-9;
 
 /// The matrix: positive definite, and no principal moment above the sum of the others.
-pub(super) fn lower(inertia: &Inertia, place: &Place<'_>, lowering: &mut Lowering) -> Option<Matrix3<f64>> {
+pub(super) fn lower(inertia: &Inertia, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Matrix3<f64>> {
     let matrix = match inertia {
         Inertia::Moments(moments) => {
             let value = |i, _| range::positive(&moments[i], "moment of inertia", &place.index(i), lowering);

@@ -5,10 +5,10 @@ use super::vectors::{self, Vector};
 use crate::error::{Errors, SpecificationError};
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::wording::{abridged, listed};
 use expression::nearest;
-use models::rigid_bodies::{self, Body, Drive, DriveLaw, JointKind, Scene};
+use models::rigid_bodies::{self, Body, Drive, DriveLaw, JointKind, MultibodySystem};
 use nalgebra::{Unit, Vector3};
 use serde::Deserialize;
 use std::collections::HashMap;
@@ -100,7 +100,13 @@ const ROUNDING: f64 = 1e-6;
 
 /// Reports the joints that the velocities at the start, the time `t`, tear, or that a motor drives at another rate. Their points
 /// and axes are placed at the start, and hold.
-pub(super) fn refuse_torn(joints: &[BodyJoint], scene: &Scene, t: Option<f64>, place: &Place<'_>, errors: &mut Errors) {
+pub(super) fn refuse_torn(
+    joints: &[BodyJoint],
+    scene: &MultibodySystem,
+    t: Option<f64>,
+    place: &Pointer<'_>,
+    errors: &mut Errors,
+) {
     let (values, rates) = t.map(|t| scene.signals.at(t)).unwrap_or_default();
     let rounding = t.map_or(0.0, |t| scene.signals.rounding(t));
     for (k, (given, joint)) in joints.iter().zip(&scene.joints).enumerate() {
@@ -142,7 +148,7 @@ pub(super) fn lower(
     joints: &[BodyJoint],
     bodies: &[Body],
     names: &HashMap<String, usize>,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     functions: &mut Functions,
     lowering: &mut Lowering,
 ) -> Vec<rigid_bodies::Joint> {
@@ -188,7 +194,7 @@ pub(super) fn pair(
     given: &[String],
     bodies: &[Body],
     names: &HashMap<String, usize>,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> Option<((usize, Option<usize>), bool)> {
     if given.is_empty() || given.len() > 2 {

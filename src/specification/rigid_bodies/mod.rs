@@ -33,10 +33,10 @@ use super::expression::Expression;
 use super::lowering::{Lowering, Named, Start};
 use super::mechanical::Interpenetration;
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
-use models::rigid_bodies::Scene;
+use models::rigid_bodies::MultibodySystem;
 use motors::Functions;
 use serde::Deserialize;
 use std::collections::HashMap;
@@ -116,7 +116,7 @@ impl Written for RigidBodiesProblem {
         bodies.saturating_mul(bodies).saturating_mul(A_PAIR_OF_BODIES)
     }
 
-    fn lower<'c>(&self, place: &Place<'_>, start: Start<'c>) -> Lowered<'c> {
+    fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::new(start, self.named(), place);
         let has_motions = self.bodies.iter().any(|body| body.motion.is_some());
         if !self.forces.is_empty() || has_motions || self.joints.iter().any(BodyJoint::has_motor) {
@@ -172,7 +172,7 @@ impl Written for RigidBodiesProblem {
         let actions = forces::lower(&self.forces, &bodies, &names, &place.key("forces"), &mut lowering);
         let signals = functions.signals(&lowering);
         let resolve = self.interpenetration == Interpenetration::Resolve;
-        let scene = Scene {
+        let scene = MultibodySystem {
             gravity: gravity.unwrap_or_default(),
             bodies,
             laws,

@@ -5,7 +5,7 @@ use super::springs;
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::range::in_range;
 use ::expression::{Node, Tape};
 use models::rigid_bodies::{DriveLaw, ForceLaw, Limits, Servo, Signals};
@@ -67,7 +67,7 @@ pub struct JointLimits {
 }
 
 impl JointLimits {
-    pub(super) fn lower(&self, place: &Place<'_>, lowering: &mut Lowering<'_>) -> Limits {
+    pub(super) fn lower(&self, place: &Pointer<'_>, lowering: &mut Lowering<'_>) -> Limits {
         let mut read = |value: &Option<Expression>, key: &str, range: (fn(f64) -> bool, &str)| {
             value.as_ref().and_then(|value| in_range(value, key, range, &place.key(key), lowering))
         };
@@ -102,7 +102,7 @@ pub(super) struct Functions {
 
 impl Functions {
     /// The place of a function with its rate; none if it depends on more than time.
-    pub fn add(&mut self, given: &Expression, place: &Place<'_>, lowering: &mut Lowering<'_>) -> Option<usize> {
+    pub fn add(&mut self, given: &Expression, place: &Pointer<'_>, lowering: &mut Lowering<'_>) -> Option<usize> {
         let node = lowering.node(given, place)?;
         if lowering.graph.inputs(node).iter().any(|&input| input > 0) {
             let error = SpecificationError::new(
@@ -151,7 +151,7 @@ impl Functions {
 /// How a joint is driven, if it is.
 pub(super) fn lower(
     joint: &AxialJoint,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     functions: &mut Functions,
     lowering: &mut Lowering<'_>,
 ) -> Option<(DriveLaw, Limits)> {
@@ -203,7 +203,7 @@ pub(super) fn lower(
 /// The place of a function that is finite at the start.
 pub(super) fn finite(
     given: &Expression,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     functions: &mut Functions,
     lowering: &mut Lowering<'_>,
 ) -> Option<usize> {
@@ -218,7 +218,7 @@ pub(super) fn finite(
 }
 
 impl ServoMotor {
-    fn lower(&self, place: &Place<'_>, functions: &mut Functions, lowering: &mut Lowering<'_>) -> Option<Servo> {
+    fn lower(&self, place: &Pointer<'_>, functions: &mut Functions, lowering: &mut Lowering<'_>) -> Option<Servo> {
         let law = springs::law((&self.stiffness, &self.damping), place, lowering);
         let most = self.largest_effort.as_ref().and_then(|most| {
             in_range(most, "largest effort", (|x| x > 0.0, "above 0"), &place.key("largest_effort"), lowering)

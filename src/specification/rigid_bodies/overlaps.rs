@@ -1,15 +1,15 @@
 //! Bodies that overlap at the start, each pair by name.
 
 use crate::error::{Errors, MOST, SpecificationError};
-use crate::place::Place;
-use models::rigid_bodies::Scene;
+use crate::pointer::Pointer;
+use models::rigid_bodies::MultibodySystem;
 use problem::Control;
 
 /// Overlaps in parts of the size of the smaller body that are rounding.
 const ROUNDING: f64 = 1e-6;
 
 /// Reports what overlaps, until `control` asks to stop.
-pub(super) fn refuse(scene: &Scene, bodies: &Place<'_>, control: &Control, errors: &mut Errors) {
+pub(super) fn refuse(scene: &MultibodySystem, bodies: &Pointer<'_>, control: &Control, errors: &mut Errors) {
     // One more than can be listed says that there are more.
     for overlap in scene.overlaps(ROUNDING, MOST + 1, control).unwrap_or_default() {
         let [a, b] = overlap.bodies.map(|k| scene.bodies[k].name.as_str());

@@ -4,7 +4,7 @@ use super::vectors::{self, Vector};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::range;
 use models::rigid_bodies::{Polyhedron, Shape};
 use nalgebra::{Isometry3, Vector3};
@@ -121,7 +121,7 @@ const MOST_POINTS: usize = 1_000;
 
 impl RigidShape {
     /// Its shapes, with their places in the frame of the body.
-    pub(super) fn parts(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Vec<(Shape, Isometry3<f64>)>> {
+    pub(super) fn parts(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Vec<(Shape, Isometry3<f64>)>> {
         let Self::Compound(parts) = self else {
             return Some(vec![(self.lower(place, lowering)?, Isometry3::identity())]);
         };
@@ -145,8 +145,8 @@ impl RigidShape {
     }
 
     /// The shape, if it is one.
-    fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
-        let length = |value: &Expression, place: &Place<'_>, key: &str, lowering: &mut Lowering| {
+    fn lower(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Shape> {
+        let length = |value: &Expression, place: &Pointer<'_>, key: &str, lowering: &mut Lowering| {
             range::positive(value, key, &place.key(key), lowering)
         };
         match self {
@@ -189,7 +189,7 @@ impl RigidShape {
 }
 
 impl HullShape {
-    fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
+    fn lower(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Shape> {
         if self.points.len() > MOST_POINTS {
             let detail = format!("{} points", self.points.len());
             let error = SpecificationError::new(place.to_string(), "too_many_points", detail);
@@ -208,10 +208,10 @@ impl HullShape {
 }
 
 impl MeshShape {
-    fn lower(&self, place: &Place<'_>, lowering: &mut Lowering) -> Option<Shape> {
+    fn lower(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Shape> {
         let vertices = corners(&self.vertices, &place.key("vertices"), lowering);
         let place = place.key("triangles");
-        let report = |place: &Place<'_>, detail: String, expected: &str, lowering: &mut Lowering| {
+        let report = |place: &Pointer<'_>, detail: String, expected: &str, lowering: &mut Lowering| {
             let error = SpecificationError::new(place.to_string(), "degenerate_mesh", detail);
             lowering.errors.push(error.expected(expected));
         };
@@ -242,6 +242,6 @@ impl MeshShape {
     }
 }
 
-fn corners(points: &[Vector], place: &Place<'_>, lowering: &mut Lowering) -> Vec<Vector3<f64>> {
+fn corners(points: &[Vector], place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Vector3<f64>> {
     points.iter().enumerate().map(|(k, point)| vectors::lower(point, &place.index(k), lowering)).collect()
 }

@@ -5,7 +5,7 @@ use super::vectors::{self, Vector};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::range::in_range;
 use models::rigid_bodies::{Body, DriveLaw, ForceLaw, Joint};
 use serde::Deserialize;
@@ -37,7 +37,7 @@ pub(super) fn lower(
     springs: &[BodySpring],
     bodies: &[Body],
     names: &HashMap<String, usize>,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering<'_>,
 ) -> Vec<Joint> {
     let mut lowered = Vec::with_capacity(springs.len());
@@ -69,7 +69,7 @@ pub(super) fn lower(
 /// A spring and a damper, at least one of which does something.
 pub(super) fn law(
     (stiffness, damping): (&Option<Expression>, &Option<Expression>),
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering<'_>,
 ) -> ForceLaw {
     let mut read = |value: &Option<Expression>, key: &str| {

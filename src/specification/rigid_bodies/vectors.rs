@@ -3,19 +3,19 @@
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 
 /// Three constant expressions.
 pub type Vector = [Expression; 3];
 
 /// The value; zero where a component has none, which is reported.
-pub(super) fn lower(vector: &Vector, place: &Place<'_>, lowering: &mut Lowering) -> Vector3<f64> {
+pub(super) fn lower(vector: &Vector, place: &Pointer<'_>, lowering: &mut Lowering) -> Vector3<f64> {
     Vector3::from_fn(|i, _| lowering.constant(&vector[i], &place.index(i)).unwrap_or(0.0))
 }
 
 /// A direction; a vector of no length is reported.
-pub(super) fn direction(vector: &Vector, place: &Place<'_>, lowering: &mut Lowering) -> Unit<Vector3<f64>> {
+pub(super) fn direction(vector: &Vector, place: &Pointer<'_>, lowering: &mut Lowering) -> Unit<Vector3<f64>> {
     let before = lowering.errors.is_empty();
     let value = lower(vector, place, lowering);
     Unit::try_new(value, 0.0).unwrap_or_else(|| {
@@ -30,7 +30,7 @@ pub(super) fn direction(vector: &Vector, place: &Place<'_>, lowering: &mut Lower
 /// An orientation, with the length of the quaternion that was given; one of no length is reported.
 pub(super) fn orientation(
     given: Option<&[Expression; 4]>,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> (UnitQuaternion<f64>, f64) {
     let none = (UnitQuaternion::identity(), 1.0);

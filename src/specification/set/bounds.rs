@@ -4,7 +4,7 @@ use super::{BoxBlock, LoweredSet};
 use crate::error::SpecificationError;
 use crate::expression::Expression;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use expression::Node;
 use problem::{MovingBound, Side};
 
@@ -14,7 +14,7 @@ impl LoweredSet {
         block: &BoxBlock,
         members: &[usize],
         states: usize,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) {
         let lower = block.lower.as_ref().and_then(|bound| bound_node(bound, states, &place.key("lower"), lowering));
@@ -35,7 +35,7 @@ impl LoweredSet {
     }
 
     /// Sets a constant bound, or takes up one that moves.
-    pub(super) fn set_bound(&mut self, bound: MovingBound, node: Node, place: &Place<'_>, lowering: &Lowering) {
+    pub(super) fn set_bound(&mut self, bound: MovingBound, node: Node, place: &Pointer<'_>, lowering: &Lowering) {
         match lowering.graph.value(node) {
             Some(value) => {
                 bound.place(value, &mut self.set);
@@ -55,7 +55,7 @@ impl LoweredSet {
 pub(super) fn bound_node(
     bound: &Expression,
     states: usize,
-    place: &Place<'_>,
+    place: &Pointer<'_>,
     lowering: &mut Lowering,
 ) -> Option<Node> {
     let node = lowering.node(bound, place)?;

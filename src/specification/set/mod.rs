@@ -7,7 +7,7 @@ use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
 use super::matrix::Matrix;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::wording::{abridged, listed};
 use expression::Node;
 use expression::nearest;
@@ -108,7 +108,7 @@ impl Block {
     }
 
     /// Where the names of its variables stand.
-    fn names<'a>(&self, place: &'a Place<'a>) -> Place<'a> {
+    fn names<'a>(&self, place: &'a Pointer<'a>) -> Pointer<'a> {
         match self {
             Block::Box(_) | Block::Ball(_) | Block::Polyhedron(_) => place.key("of"),
             _ => *place,
@@ -121,7 +121,7 @@ pub(super) fn lower(
     blocks: Option<&[Block]>,
     states: usize,
     variables: &[String],
-    problem: &Place<'_>,
+    problem: &Pointer<'_>,
     pointer: impl Fn(usize) -> String,
     lowering: &mut Lowering,
 ) -> LoweredSet {
@@ -186,7 +186,7 @@ pub(super) fn lower(
     lowered
 }
 
-fn unknown_variable(name: &str, variables: &[String], place: &Place<'_>) -> SpecificationError {
+fn unknown_variable(name: &str, variables: &[String], place: &Pointer<'_>) -> SpecificationError {
     let names = || variables.iter().map(String::as_str);
     SpecificationError::new(place.to_string(), "unknown_name", format!("`{}` is not a variable", abridged(name)))
         .expected(listed(names()))

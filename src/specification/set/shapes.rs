@@ -4,7 +4,7 @@ use super::bounds::bound_node;
 use super::{BallBlock, LoweredSet, PolyhedronBlock};
 use crate::error::SpecificationError;
 use crate::lowering::Lowering;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use problem::{MovingBound, Polyhedron, Shape, Side};
 
 /// The variables of one block: projections onto it are dense.
@@ -19,7 +19,7 @@ impl LoweredSet {
         block: &BallBlock,
         members: Vec<usize>,
         states: usize,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) {
         let at = place.key("radius");
@@ -38,13 +38,13 @@ impl LoweredSet {
         }
     }
 
-    pub(super) fn second_order_cone(&mut self, members: Vec<usize>, place: &Place<'_>, lowering: &mut Lowering) {
+    pub(super) fn second_order_cone(&mut self, members: Vec<usize>, place: &Pointer<'_>, lowering: &mut Lowering) {
         if is_size_right(members.len(), 2, place, lowering) {
             self.set.bind(members, Shape::SecondOrderCone);
         }
     }
 
-    pub(super) fn simplex(&mut self, members: Vec<usize>, place: &Place<'_>, lowering: &mut Lowering) {
+    pub(super) fn simplex(&mut self, members: Vec<usize>, place: &Pointer<'_>, lowering: &mut Lowering) {
         if is_size_right(members.len(), 1, place, lowering) {
             self.set.bind(members, Shape::Simplex);
         }
@@ -54,7 +54,7 @@ impl LoweredSet {
         &mut self,
         block: &PolyhedronBlock,
         members: Vec<usize>,
-        place: &Place<'_>,
+        place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) {
         let (rows, columns) = (block.b.len(), block.of.len());
@@ -91,7 +91,7 @@ impl LoweredSet {
 }
 
 /// Reports a block that has too few members, or too many.
-fn is_size_right(members: usize, least: usize, place: &Place<'_>, lowering: &mut Lowering) -> bool {
+fn is_size_right(members: usize, least: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> bool {
     let right = (least..=MOST_MEMBERS).contains(&members);
     if !right {
         let code = if members < least { "too_few_members" } else { "too_many_members" };

@@ -4,7 +4,7 @@ use crate::error::{Errors, SpecificationError};
 use crate::expression::Expression;
 use crate::lowering::{Lowering, Named, Start};
 use crate::ordered::Ordered;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use crate::wording::{abridged, listed};
 use expression::{Node, Tape, nearest};
 use problem::EventKind;
@@ -145,10 +145,10 @@ pub fn lower(
     asked: Option<&Ordered<Reducer>>,
     nameable: &Nameable<'_>,
     horizon: (f64, f64),
-    (problem, start): (&Place<'_>, Start<'_>),
+    (problem, start): (&Pointer<'_>, Start<'_>),
     errors: &mut Errors,
 ) -> Reducers {
-    let of_sweep = Place::Root.key("sweep");
+    let of_sweep = Pointer::Root.key("sweep");
     let place = of_sweep.key("collect");
     let default: Ordered<Reducer>;
     let asked = match asked {
@@ -201,7 +201,7 @@ struct Lowered<'a, 'c> {
 }
 
 impl Lowered<'_, '_> {
-    fn reduction(&mut self, reducer: &Reducer, place: &Place<'_>) -> Option<Reduction> {
+    fn reduction(&mut self, reducer: &Reducer, place: &Pointer<'_>) -> Option<Reduction> {
         let (expression, over, key) = match reducer {
             Reducer::Final(expression) => (expression, Over::Final, "final"),
             Reducer::Initial(expression) => (expression, Over::Initial, "initial"),
@@ -252,7 +252,7 @@ impl Lowered<'_, '_> {
         self.value(expression, over, &of)
     }
 
-    fn value(&mut self, expression: &Expression, over: Over, place: &Place<'_>) -> Option<Reduction> {
+    fn value(&mut self, expression: &Expression, over: Over, place: &Pointer<'_>) -> Option<Reduction> {
         let node = self.lowering.node(expression, place)?;
         let at = self.nodes.iter().position(|known| *known == node).unwrap_or_else(|| {
             self.nodes.push(node);
@@ -261,7 +261,7 @@ impl Lowered<'_, '_> {
         Some(Reduction::Value { at, over })
     }
 
-    fn selected(&mut self, selector: &Selector, place: &Place<'_>) -> Option<solution::Selected> {
+    fn selected(&mut self, selector: &Selector, place: &Pointer<'_>) -> Option<solution::Selected> {
         let Selector { kind, of } = selector;
         let known = if *kind == EventKind::Crossed { Some(self.nameable.labels) } else { self.nameable.of_events };
         if let (Some(known), Some(of)) = (known, of)

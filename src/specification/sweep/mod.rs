@@ -21,7 +21,7 @@ use super::json::Json;
 use super::lowering::Start;
 use super::method::out_of_range;
 use super::ordered::Ordered;
-use super::place::Place;
+use super::pointer::Pointer;
 use super::{reading, vectors};
 use problem::Control;
 use serde::Deserialize;
@@ -117,10 +117,10 @@ impl SweepRequest {
         prepared: &Prepared,
         nameable: &Nameable<'_>,
         horizon: (f64, f64),
-        (problem, start): (&Place<'_>, Start<'_>),
+        (problem, start): (&Pointer<'_>, Start<'_>),
         errors: &mut Errors,
     ) -> Option<SweepPlan> {
-        let place = Place::Root.key("sweep");
+        let place = Pointer::Root.key("sweep");
         let mut found = Errors::default();
         let design = self.design(&place, &mut found);
         let reducers = collect::lower(self.collect.as_ref(), nameable, horizon, (problem, start), &mut found);
@@ -138,7 +138,7 @@ impl SweepRequest {
     }
 
     /// Names of columns are not to stand twice.
-    fn check_names(&self, reducers: &Reducers, place: &Place<'_>, errors: &mut Errors) {
+    fn check_names(&self, reducers: &Reducers, place: &Pointer<'_>, errors: &mut Errors) {
         let own =
             ["member", "status", "trusted", "error", "steps", "switches", "residual", "warnings", "period", "stable"];
         let swept: Vec<&str> = match (&self.over, &self.table) {
@@ -157,7 +157,7 @@ impl SweepRequest {
         }
     }
 
-    fn design(&self, place: &Place<'_>, errors: &mut Errors) -> Option<Design> {
+    fn design(&self, place: &Pointer<'_>, errors: &mut Errors) -> Option<Design> {
         let ranges = match (&self.over, &self.table) {
             (Some(_), Some(_)) => {
                 errors.report(&place.key("table"), "conflict", "`over` and `table` both have values for the members");
@@ -209,7 +209,7 @@ impl SweepRequest {
         Some(Design::new(name, ranges, members, self.seed))
     }
 
-    fn members(&self, name: DesignName, ranges: &[Range], place: &Place<'_>, errors: &mut Errors) -> Option<usize> {
+    fn members(&self, name: DesignName, ranges: &[Range], place: &Pointer<'_>, errors: &mut Errors) -> Option<usize> {
         let is_drawn = matches!(name, DesignName::Random | DesignName::Sobol | DesignName::LatinHypercube);
         let key = place.key("count");
         match self.count {
@@ -291,7 +291,7 @@ impl SweepRequest {
 }
 
 impl TableOfMembers {
-    fn ranges(&self, place: &Place<'_>, errors: &mut Errors) -> Option<Vec<Range>> {
+    fn ranges(&self, place: &Pointer<'_>, errors: &mut Errors) -> Option<Vec<Range>> {
         let rows = place.key("rows");
         if self.columns.is_empty() || self.rows.is_empty() {
             errors.report(place, "empty", "a table of members has at least one column and one row");

@@ -4,7 +4,7 @@
 //! distribution is `mean + sd Phi^-1(u)`.
 
 use crate::error::{Errors, SpecificationError};
-use crate::place::Place;
+use crate::pointer::Pointer;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Error, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer};
@@ -80,7 +80,7 @@ impl Range {
     }
 
     /// Reports what is wrong with it.
-    pub fn check(&self, place: &Place<'_>, errors: &mut Errors) {
+    pub fn check(&self, place: &Pointer<'_>, errors: &mut Errors) {
         let mut refuse = |detail: String, expected: &str| {
             errors.push(SpecificationError::new(place.to_string(), "out_of_range", detail).expected(expected));
         };

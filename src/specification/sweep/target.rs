@@ -7,7 +7,7 @@
 use super::range::Range;
 use crate::error::{Errors, SpecificationError};
 use crate::json::Json;
-use crate::place::{Step, pointer};
+use crate::pointer::{Step, pointer};
 use crate::vectors::Vectors;
 use crate::wording::{abridged, listed};
 use expression::nearest;

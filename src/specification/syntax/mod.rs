@@ -6,7 +6,7 @@ mod formats;
 mod scanner;
 
 use crate::error::SpecificationError;
-use crate::place::{Step, pointer};
+use crate::pointer::{Step, pointer};
 use crate::wording::abridged;
 use scanner::{Fault, Wanted};
 

@@ -10,7 +10,7 @@ mod range;
 use super::deserializer::COMMENT;
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
-use super::place::{Step, pointer};
+use super::pointer::{Step, pointer};
 use super::wording::abridged;
 use range::{MOST_ELEMENTS, Range, Values, replaced};
 use std::collections::{HashMap, HashSet};
@@ -88,7 +88,7 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
         }
     }
     for key in ["problem", "stop", "output", "sensitivities"] {
-        let mut place = Place { new: vec![Step::Key(key.to_owned())], old: vec![Step::Key(key.to_owned())] };
+        let mut place = ExpandedPath { new: vec![Step::Key(key.to_owned())], old: vec![Step::Key(key.to_owned())] };
         if let Some((_, value)) = members.iter_mut().find(|(name, _)| name == key) {
             expansion.value(value, &mut place);
         }
@@ -99,7 +99,7 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
 }
 
 /// A place in the document, and in what it is written out to.
-struct Place {
+struct ExpandedPath {
     new: Vec<Step>,
     old: Vec<Step>,
 }
@@ -114,7 +114,7 @@ struct Expansion<'e> {
 }
 
 impl Expansion<'_> {
-    fn value(&mut self, value: &mut Json, place: &mut Place) {
+    fn value(&mut self, value: &mut Json, place: &mut ExpandedPath) {
         match value {
             Json::Object(members) => self.members(members, place),
             Json::List(items) => self.items(items, place),
@@ -122,7 +122,7 @@ impl Expansion<'_> {
         }
     }
 
-    fn members(&mut self, members: &mut Vec<(String, Json)>, place: &mut Place) {
+    fn members(&mut self, members: &mut Vec<(String, Json)>, place: &mut ExpandedPath) {
         let written = std::mem::take(members);
         for (key, mut value) in written {
             let step = Step::Key(key.clone());
@@ -150,7 +150,7 @@ impl Expansion<'_> {
         }
     }
 
-    fn items(&mut self, items: &mut Vec<Json>, place: &mut Place) {
+    fn items(&mut self, items: &mut Vec<Json>, place: &mut ExpandedPath) {
         let written = std::mem::take(items);
         for (index, mut item) in written.into_iter().enumerate() {
             let step = Step::Index(index);
@@ -194,7 +194,7 @@ impl Expansion<'_> {
         value: &Json,
         values: &Values<'_>,
         (position, count): (usize, Option<usize>),
-        place: &Place,
+        place: &ExpandedPath,
     ) -> Json {
         match value {
             Json::Text(text) => Json::Text(replaced(text, values)),
@@ -225,7 +225,7 @@ impl Expansion<'_> {
     }
 
     /// The range of a name, where it has one that is right.
-    fn range<'t>(&mut self, name: &'t str, place: &Place, step: &Step) -> Option<Range<'t>> {
+    fn range<'t>(&mut self, name: &'t str, place: &ExpandedPath, step: &Step) -> Option<Range<'t>> {
         let at = || pointer(&[place.old.as_slice(), std::slice::from_ref(step)].concat());
         let sizes = std::cell::RefCell::new(Vec::new());
         let size = |name: &str| {
@@ -260,7 +260,7 @@ impl Expansion<'_> {
         Some(range)
     }
 
-    fn remember(&mut self, place: &Place) {
+    fn remember(&mut self, place: &ExpandedPath) {
         self.vectors.origins.insert(pointer(&place.new), pointer(&place.old));
     }
 }

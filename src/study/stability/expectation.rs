@@ -12,7 +12,7 @@ use specification::{Specification, SpecificationError};
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Expectation {
     /// Outputs that are known.
-    Answer(Answer),
+    ExpectedValues(ExpectedValues),
     /// Outputs that stay within a bound at all times.
     Bounded {
         /// Their names.
@@ -29,13 +29,13 @@ pub enum Expectation {
     /// The code of a warning.
     Warning(String),
     /// An end with a code instead of an answer.
-    Refusal(Refusal),
+    ExpectedError(ExpectedError),
 }
 
 /// Known outputs.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Answer {
+pub struct ExpectedValues {
     /// Expressions in `t` and the parameters of the problem, by name.
     pub of: Map<String, Value>,
     /// `-log10` of the largest error, as a part of the largest value.
@@ -76,7 +76,7 @@ pub struct Events {
 /// An end with a code.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Refusal {
+pub struct ExpectedError {
     /// The code, of a specification or a run.
     pub code: String,
     /// When the run ends.
@@ -105,10 +105,10 @@ impl Expectation {
     pub fn judge(&self, case: &Case, solution: &Result<Solution, Vec<SpecificationError>>) -> Finding {
         let expected = self.words();
         let judged = match (self, solution) {
-            (Self::Refusal(refusal), _) => refusal.judge(solution),
+            (Self::ExpectedError(refusal), _) => refusal.judge(solution),
             (_, Err(errors)) => Err(format!("refused: {}", codes(errors))),
             (_, Ok(solution)) if solution.status != Status::Completed => Err(ended(solution)),
-            (Self::Answer(answer), Ok(solution)) => answer.judge(case, solution),
+            (Self::ExpectedValues(answer), Ok(solution)) => answer.judge(case, solution),
             (Self::Bounded { of, by }, Ok(solution)) => bounded(of, *by, solution),
             (Self::Energy(most), Ok(solution)) => energy(*most, solution),
             (Self::Event(events), Ok(solution)) => events.judge(solution),
@@ -130,7 +130,7 @@ impl Expectation {
 
     fn words(&self) -> String {
         match self {
-            Self::Answer(Answer { of, digits, at }) => {
+            Self::ExpectedValues(ExpectedValues { of, digits, at }) => {
                 let names: Vec<&str> = of.keys().map(String::as_str).collect();
                 let at = if *at == At::End { " at the end" } else { "" };
                 format!("{} to {digits} digits{at}", names.join(", "))
@@ -147,14 +147,14 @@ impl Expectation {
             }
             Self::Steps(most) => format!("at most {most} steps"),
             Self::Warning(code) => format!("the warning {code}"),
-            Self::Refusal(Refusal { code, time, .. }) => {
+            Self::ExpectedError(ExpectedError { code, time, .. }) => {
                 time.map_or_else(|| format!("refused: {code}"), |t| format!("refused: {code} at {t}"))
             }
         }
     }
 }
 
-impl Answer {
+impl ExpectedValues {
     fn judge(&self, case: &Case, solution: &Solution) -> Result<String, String> {
         let exact = self.exact(case, &solution.trajectory.t)?;
         let mut largest = 0.0_f64;
@@ -216,7 +216,7 @@ impl Events {
     }
 }
 
-impl Refusal {
+impl ExpectedError {
     fn judge(&self, solution: &Result<Solution, Vec<SpecificationError>>) -> Result<String, String> {
         match solution {
             Err(errors) => verdict(errors.iter().any(|error| error.code == self.code), codes(errors)),

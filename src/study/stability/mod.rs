@@ -5,7 +5,7 @@ mod evidence;
 mod expectation;
 
 pub use evidence::Stability;
-pub use expectation::{Answer, Events, Expectation, Finding, Refusal};
+pub use expectation::{Events, Expectation, ExpectedError, ExpectedValues, Finding};
 
 use problem::Control;
 use serde::{Deserialize, Serialize};

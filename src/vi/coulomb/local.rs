@@ -38,7 +38,7 @@ pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option
 pub(super) enum Diagonal {
     /// Normal and tangents do not act on each other, and the tangents are alike, as those of spheres: stick and slip
     /// have closed forms, with `1 / W_nn` and `1 / W_tt`.
-    Round { of_normal: f64, of_tangent: f64 },
+    Isotropic { of_normal: f64, of_tangent: f64 },
     /// Any other.
     Full(Matrix3<f64>),
 }
@@ -61,7 +61,7 @@ impl Diagonal {
         ];
         let w_nn = matrix[(0, 0)];
         if w_nn > 0.0 && w_tt > 0.0 && rest.iter().all(|x| x.abs() <= DECOUPLED * w_tt) {
-            Self::Round { of_normal: w_nn.recip(), of_tangent: w_tt.recip() }
+            Self::Isotropic { of_normal: w_nn.recip(), of_tangent: w_tt.recip() }
         } else {
             Self::Full(*matrix)
         }
@@ -74,7 +74,7 @@ impl Diagonal {
             return Some(Vector3::zeros());
         }
         match *self {
-            Self::Round { of_normal, of_tangent } => {
+            Self::Isotropic { of_normal, of_tangent } => {
                 let normal = -q.x * of_normal;
                 let stick = tangent(&q) * -of_tangent;
                 let (size, radius) = (stick.norm_squared(), mu * normal);

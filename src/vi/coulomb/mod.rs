@@ -32,4 +32,4 @@ pub use cone::FrictionCone;
 pub use evidence::Evidence;
 pub use local::solve_contact;
 pub use portfolio::{Attempt, Coulomb, Limits, Method, Report};
-pub use problem::{CoulombProblem, Malformed};
+pub use problem::{CoulombProblem, CoulombProblemError};

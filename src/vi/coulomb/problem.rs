@@ -14,7 +14,7 @@ pub struct CoulombProblem {
 
 /// Why data are no contact problem.
 #[derive(Clone, Debug, Error, PartialEq)]
-pub enum Malformed {
+pub enum CoulombProblemError {
     /// Lengths do not agree.
     #[error("{contacts} contacts need {contacts} vectors q and {contacts} coefficients, got {q} and {mu}")]
     Shape {
@@ -46,13 +46,13 @@ pub enum Malformed {
 
 impl CoulombProblem {
     /// Checks and keeps the data of `n = matrix.len()` contacts.
-    pub fn new(matrix: BlockMatrix, q: Vec<Vector3<f64>>, mu: Vec<f64>) -> Result<Self, Malformed> {
+    pub fn new(matrix: BlockMatrix, q: Vec<Vector3<f64>>, mu: Vec<f64>) -> Result<Self, CoulombProblemError> {
         let problem = Self { matrix, q, mu };
         problem.check().map(|()| problem)
     }
 
     /// Takes over other data, in the memory of these; with an error, what is left is not to be solved.
-    pub fn replace(&mut self, matrix: &BlockMatrix, q: &[Vector3<f64>], mu: &[f64]) -> Result<(), Malformed> {
+    pub fn replace(&mut self, matrix: &BlockMatrix, q: &[Vector3<f64>], mu: &[f64]) -> Result<(), CoulombProblemError> {
         self.matrix.clone_from(matrix);
         self.q.clear();
         self.q.extend_from_slice(q);
@@ -61,17 +61,17 @@ impl CoulombProblem {
         self.check()
     }
 
-    fn check(&self) -> Result<(), Malformed> {
+    fn check(&self) -> Result<(), CoulombProblemError> {
         let contacts = self.matrix.len();
         let (q, mu) = (self.q.len(), self.mu.len());
         if q != contacts || mu != contacts {
-            return Err(Malformed::Shape { contacts, q, mu });
+            return Err(CoulombProblemError::Shape { contacts, q, mu });
         }
         if !self.matrix.is_finite() || !self.q.iter().flatten().all(|x| x.is_finite()) {
-            return Err(Malformed::NotFinite);
+            return Err(CoulombProblemError::NotFinite);
         }
         match self.mu.iter().position(|mu| !(mu.is_finite() && *mu >= 0.0)) {
-            Some(contact) => Err(Malformed::Coefficient { contact, value: self.mu[contact] }),
+            Some(contact) => Err(CoulombProblemError::Coefficient { contact, value: self.mu[contact] }),
             None => Ok(()),
         }
     }
@@ -83,12 +83,12 @@ impl CoulombProblem {
         values: &[f64],
         q: &[f64],
         mu: Vec<f64>,
-    ) -> Result<Self, Malformed> {
+    ) -> Result<Self, CoulombProblemError> {
         let contacts = mu.len();
         if q.len() != 3 * contacts {
-            return Err(Malformed::Shape { contacts, q: q.len() / 3, mu: contacts });
+            return Err(CoulombProblemError::Shape { contacts, q: q.len() / 3, mu: contacts });
         }
-        let bad = Malformed::Index { contacts };
+        let bad = CoulombProblemError::Index { contacts };
         if offsets.len() != 3 * contacts + 1 || columns.len() != values.len() {
             return Err(bad);
         }

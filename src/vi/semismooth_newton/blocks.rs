@@ -12,9 +12,9 @@
 //! variational inequality problem via the D-gap function*). Where that fails too, some iterations of Douglas-Rachford
 //! splitting give a new start, from a sequence of its own that converges for every monotone problem.
 
+use crate::d_gap::Gap;
 use crate::elimination::solve_augmented;
-use crate::gap::Gap;
-use crate::gauge::Gauge;
+use crate::residual::Gauge;
 use crate::splitting::Splitting;
 use crate::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
 use nalgebra::DMatrixViewMut;

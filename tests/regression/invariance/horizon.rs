@@ -1,7 +1,7 @@
 //! What happens up to a time does not depend on how long the run goes on: the scenes are solved to their end and to a
 //! hundred times it, with outputs at the same times, and states and events up to the end are compared.
 
-use super::scenes::{SCENES, Scene, Tolerances};
+use super::scenes::{MultibodySystem, SCENES, Tolerances};
 use super::{Answer, solve};
 use crate::known::{Failure, Known, assert_known};
 
@@ -15,7 +15,7 @@ const KNOWN: Known = &[("rigid bodies, default step: ball thrown with spin", "ev
 const BEFORE: f64 = 1.0 - 1e-6;
 
 /// The answer up to the end of the scene, where the run goes on to a multiple of it.
-fn answer(scene: &Scene, beyond: f64) -> Result<Answer, String> {
+fn answer(scene: &MultibodySystem, beyond: f64) -> Result<Answer, String> {
     let (specification, end) = scene.specification([1.0; 3], 21, beyond);
     let mut solution = solve(&specification)?;
     if let Some(error) = solution.error.as_ref().filter(|error| error.time < end) {
@@ -26,7 +26,7 @@ fn answer(scene: &Scene, beyond: f64) -> Result<Answer, String> {
 }
 
 /// How the longer run differs from the shorter one up to its end, if it does: in a word, and with what was measured.
-fn difference(scene: &Scene, short: &Answer) -> Option<(&'static str, String)> {
+fn difference(scene: &MultibodySystem, short: &Answer) -> Option<(&'static str, String)> {
     let long = match answer(scene, BEYOND) {
         Ok(long) => long,
         Err(cause) => return Some(("failed", cause)),

@@ -11,7 +11,7 @@ pub type Units = [f64; 3];
 pub type Dimension = [f64; 3];
 
 /// A specification that can be written in any units.
-pub struct Scene {
+pub struct MultibodySystem {
     pub name: &'static str,
     /// What the units are of.
     pub axes: [&'static str; 3],
@@ -49,8 +49,8 @@ const FORCE: Dimension = [1.0, 1.0, -2.0];
 const VALUE: Dimension = [1.0, 0.0, 0.0];
 
 /// Every scene.
-pub const SCENES: [Scene; 20] = [
-    Scene {
+pub const SCENES: [MultibodySystem; 20] = [
+    MultibodySystem {
         name: "dvi: friction on a belt",
         axes: MECHANICS,
         write: belt,
@@ -58,7 +58,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(2),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "dvi: friction in the plane",
         axes: MECHANICS,
         write: disk,
@@ -66,7 +66,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(4),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "dvi: pendulum of index two",
         axes: MECHANICS,
         write: pendulum_of_index_two,
@@ -74,7 +74,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(4),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "filippov: a circle that turns round",
         axes: MECHANICS,
         write: circle,
@@ -82,7 +82,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(2),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "lcs: two queues",
         axes: FIELDS,
         write: queues,
@@ -90,7 +90,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(2),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "circuit: rectifier with a filter",
         axes: CIRCUITS,
         write: rectifier,
@@ -98,7 +98,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(2),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "mechanical, located: bouncing ball",
         axes: MECHANICS,
         write: |units| located(bouncing_ball(units)),
@@ -106,7 +106,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(2),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "mechanical, located: ball with spin",
         axes: MECHANICS,
         write: |units| located(spinning_ball(units)),
@@ -114,7 +114,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(6),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "mechanical, located: block that rocks",
         axes: MECHANICS,
         write: |units| located(rocking_block(units)),
@@ -129,7 +129,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(6),
         within: 1e-5,
     },
-    Scene {
+    MultibodySystem {
         name: "mechanical, located: pendulum and wall",
         axes: MECHANICS,
         write: |units| located(pendulum_and_wall(units)),
@@ -137,7 +137,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(4),
         within: 1e-6,
     },
-    Scene {
+    MultibodySystem {
         name: "mechanical, time stepping: ball with spin",
         axes: MECHANICS,
         write: |units| stepped(spinning_ball(units)),
@@ -145,7 +145,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::None,
         within: 1e-9,
     },
-    Scene {
+    MultibodySystem {
         name: "mechanical, time stepping: block that rocks",
         axes: MECHANICS,
         write: |units| stepped(rocking_block(units)),
@@ -153,7 +153,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::None,
         within: 1e-9,
     },
-    Scene {
+    MultibodySystem {
         name: "mechanical, time stepping: pendulum and wall",
         axes: MECHANICS,
         write: |units| stepped(pendulum_and_wall(units)),
@@ -161,7 +161,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::None,
         within: 1e-9,
     },
-    Scene {
+    MultibodySystem {
         name: "rigid bodies: ball thrown with spin",
         axes: MECHANICS,
         write: |units| stepped(thrown_ball(units)),
@@ -169,7 +169,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::None,
         within: 1e-9,
     },
-    Scene {
+    MultibodySystem {
         name: "rigid bodies: boxes that fall on each other",
         axes: MECHANICS,
         write: |units| stepped(boxes(units)),
@@ -177,7 +177,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::None,
         within: 1e-9,
     },
-    Scene {
+    MultibodySystem {
         name: "rigid bodies, default step: ball thrown with spin",
         axes: MECHANICS,
         write: |units| by_default(thrown_ball(units)),
@@ -185,7 +185,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::None,
         within: 1e-9,
     },
-    Scene {
+    MultibodySystem {
         name: "elastic: bar thrown at a wall",
         axes: MECHANICS,
         write: bar,
@@ -193,7 +193,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::All(LENGTH),
         within: 1e-5,
     },
-    Scene {
+    MultibodySystem {
         name: "obstacle: membrane let down",
         axes: FIELDS,
         write: membrane,
@@ -201,7 +201,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::All(VALUE),
         within: 1e-4,
     },
-    Scene {
+    MultibodySystem {
         name: "convolution: Abel's kernel",
         axes: FIELDS,
         write: abel,
@@ -209,7 +209,7 @@ pub const SCENES: [Scene; 20] = [
         tolerances: Tolerances::Fields(1),
         within: 1e-2,
     },
-    Scene {
+    MultibodySystem {
         name: "convolution: a relaxation between bounds",
         axes: FIELDS,
         write: relaxation_with_memory,
@@ -219,7 +219,7 @@ pub const SCENES: [Scene; 20] = [
     },
 ];
 
-impl Scene {
+impl MultibodySystem {
     /// The scene with outputs at a number of times from its start to its end, and the length of a unit of time. The run
     /// goes on to a multiple of the end.
     pub fn specification(&self, units: Units, count: usize, beyond: f64) -> (Value, f64) {

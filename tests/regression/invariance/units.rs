@@ -1,7 +1,7 @@
 //! An answer is the same in any units: the scenes are written anew in units from 1e-9 to 1e9 of the plain ones, with
 //! absolute tolerances that follow, and states, events and verdict are compared after they are scaled back.
 
-use super::scenes::{SCENES, Scene, Units, unit};
+use super::scenes::{MultibodySystem, SCENES, Units, unit};
 use super::{Answer, incomplete, solve};
 use crate::known::{Failure, Known, assert_known};
 
@@ -15,7 +15,7 @@ const MIXED: [Units; 3] = [[1e9, 1e-6, 1e3], [1e-6, 1e6, 1e-6], [1e-3, 1e-3, 1e9
 const KNOWN: Known = &[];
 
 /// The units to try, each with a name.
-fn units(scene: &Scene) -> Vec<(String, Units)> {
+fn units(scene: &MultibodySystem) -> Vec<(String, Units)> {
     let single = (0..3).flat_map(|axis| {
         SCALES.map(|scale| {
             let mut units = [1.0; 3];
@@ -27,7 +27,7 @@ fn units(scene: &Scene) -> Vec<(String, Units)> {
     single.chain(mixed).collect()
 }
 
-fn answer(scene: &Scene, units: Units) -> Result<Answer, String> {
+fn answer(scene: &MultibodySystem, units: Units) -> Result<Answer, String> {
     let (specification, end) = scene.specification(units, 21, 1.0);
     let solution = solve(&specification)?;
     if let Some(cause) = incomplete(&solution) {
@@ -38,7 +38,7 @@ fn answer(scene: &Scene, units: Units) -> Result<Answer, String> {
 }
 
 /// How the answer in some units is not the plain one, if it is not: in a word, and with what was measured.
-fn difference(scene: &Scene, plain: &Answer, units: Units) -> Option<(&'static str, String)> {
+fn difference(scene: &MultibodySystem, plain: &Answer, units: Units) -> Option<(&'static str, String)> {
     let found = match answer(scene, units) {
         Ok(found) => found,
         Err(cause) => return Some(("failed", cause)),

@@ -3,7 +3,7 @@
 
 use dvi::contact::law::Cone;
 use dvi::contact::{ImpactLaw, Settings};
-use dvi::models::rigid_bodies::{Body, Collider, Law, Laws, Scene, Shape, Signals};
+use dvi::models::rigid_bodies::{Body, Collider, Law, Laws, MultibodySystem, Shape, Signals};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use std::collections::HashSet;
 
@@ -36,7 +36,7 @@ fn body(shape: Shape, at: Vector3<f64>, mass: f64) -> Body {
 }
 
 /// `side` spheres in each direction.
-pub fn scene(side: usize) -> Scene {
+pub fn scene(side: usize) -> MultibodySystem {
     let mut random = 1_u64;
     let mut jitter = || {
         random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -57,7 +57,7 @@ pub fn scene(side: usize) -> Scene {
     }
     let laws = Laws::of_materials(&[Law { friction: 0.5, restitution: 0.0 }]);
     let gravity = Vector3::new(0.0, 0.0, -9.81);
-    Scene {
+    MultibodySystem {
         gravity,
         bodies,
         laws,

@@ -2,13 +2,13 @@
 //! energy.
 
 use super::heap::{H, RADIUS, SETTINGS, scene};
-use dvi::models::rigid_bodies::Simulation;
+use dvi::models::rigid_bodies::MoreauStepping;
 use dvi::problem::Control;
 
 #[test]
 fn a_heap_of_spheres_that_falls_obeys_the_law_in_every_step() {
     let scene = scene(5);
-    let mut simulation = Simulation::new(&scene, 0.0, &SETTINGS);
+    let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     let mut last: f64 = simulation.energies().iter().sum();
     let (start, mut most) = (last, 0);
     for step in 0..250 {

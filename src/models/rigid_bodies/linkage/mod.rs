@@ -23,7 +23,7 @@ use super::frame::Frame;
 use super::joint::{Joint, Reaction, Row};
 use super::midpoint::{Midpoint, apart as apart_of};
 use super::motion::Motion;
-use super::signals::Course;
+use super::signals::SignalStep;
 use contact::islands::Islands;
 use nalgebra::{Matrix3, Matrix6, Vector6};
 
@@ -146,7 +146,7 @@ impl<'a> Linked<'a> {
     }
 
     /// Begins a step: forces are taken to stay what they were.
-    pub fn begin(&mut self, starts: &[Frame], course: &Course) {
+    pub fn begin(&mut self, starts: &[Frame], course: &SignalStep) {
         let h = course.h;
         self.impulses.iter_mut().zip(&self.forces).for_each(|(impulse, force)| *impulse = force * h);
         self.corrections.fill(Vector6::zeros());

@@ -3,21 +3,21 @@
 use super::super::contact::Contact;
 use super::super::frame::Frame;
 use super::super::touches::Touched;
-use super::Simulation;
+use super::MoreauStepping;
 use nalgebra::Vector3;
 
-impl Simulation<'_> {
+impl MoreauStepping<'_> {
     /// Notes what happened between bodies, while the impulses of the step before are at hand.
     pub(super) fn follow(&mut self, h: f64) {
-        let (mut touches, mut happenings) = (std::mem::take(&mut self.touches), std::mem::take(&mut self.happenings));
+        let (mut touches, mut new_events) = (std::mem::take(&mut self.touches), std::mem::take(&mut self.new_events));
         let touched = |contact| Touched {
             contact,
             was_struck: self.kept.contains_key(&contact.key),
             is_closed: contact.stays_closed(),
         };
         let fall = h * self.scene.gravity.norm();
-        touches.follow(self.contacts.iter().map(touched), &self.moving, fall, &mut happenings);
-        (self.touches, self.happenings) = (touches, happenings);
+        touches.follow(self.contacts.iter().map(touched), &self.moving, fall, &mut new_events);
+        (self.touches, self.new_events) = (touches, new_events);
     }
 
     /// The gaps at the end of a step `h` with the velocities as they stand.

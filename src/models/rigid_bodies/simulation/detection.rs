@@ -4,7 +4,7 @@ use super::super::collision::{BroadPhase, ContactPoint, contacts};
 use super::super::contact::Contact;
 use super::super::load::Load;
 use super::super::motion::Motion;
-use super::{Simulation, StepFailure, overlaps};
+use super::{MoreauStepping, StepFailure, overlaps};
 use nalgebra::Vector3;
 use problem::Control;
 
@@ -25,7 +25,7 @@ fn margin(motion: &Motion, reach: f64, fall: f64, h: f64) -> f64 {
     h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
 }
 
-impl Simulation<'_> {
+impl MoreauStepping<'_> {
     /// Finds the contacts that may close within `h`.
     pub(super) fn detect(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         let (scene, moving, places) = (self.scene, &self.moving, &self.places);

@@ -1,9 +1,9 @@
 //! Forces that are outputs: of contacts, and of joints.
 
 use super::super::joint::Joint;
-use super::Simulation;
+use super::MoreauStepping;
 
-impl Simulation<'_> {
+impl MoreauStepping<'_> {
     /// Contact forces of the bodies for which they are asked for, and what joints with a name do, in the order of outputs.
     pub fn forces(&self, out: &mut Vec<f64>) {
         out.clear();

@@ -1,8 +1,8 @@
 //! Bodies that overlap, by what curvature does to a step or from the start, are moved apart without a velocity.
 
 use super::super::contact::Contact;
-use super::super::scene::Scene;
-use super::{Simulation, StepFailure};
+use super::super::scene::MultibodySystem;
+use super::{MoreauStepping, StepFailure};
 use nalgebra::Vector3;
 use problem::Control;
 
@@ -13,7 +13,7 @@ pub(super) const OVERLAP: f64 = 5e-7;
 const ROUNDS: usize = 3;
 const ROUNDS_AT_START: usize = 100;
 
-impl Simulation<'_> {
+impl MoreauStepping<'_> {
     /// Moves bodies apart that overlap, and gives them the velocities that their joints let them have, by the least change
     /// in the norm of the masses; false if that did not do.
     ///
@@ -95,7 +95,7 @@ impl Simulation<'_> {
 }
 
 /// The size of the smaller of two bodies.
-pub(super) fn smaller(scene: &Scene, a: usize, b: usize) -> f64 {
+pub(super) fn smaller(scene: &MultibodySystem, a: usize, b: usize) -> f64 {
     let reach = |body: usize| scene.bodies[body].collider.reach();
     reach(a).min(reach(b))
 }

@@ -3,14 +3,14 @@
 use super::super::contact::Contact;
 use super::super::island::{Island, Mechanism, Unsolved};
 use super::super::joint::Joint;
-use super::Simulation;
+use super::MoreauStepping;
 use contact::islands::solve_apart;
 use contact::law::Law;
 
 /// Contacts of the islands but the largest that are worth another thread.
 const WORTH_A_THREAD: usize = 200;
 
-impl Simulation<'_> {
+impl MoreauStepping<'_> {
     /// Gives every island to `solve`, with a solver of the contact law, and takes over what came of it.
     pub(super) fn solve_each(
         &mut self,

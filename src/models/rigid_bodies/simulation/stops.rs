@@ -5,9 +5,9 @@ use super::super::contact::{Contact, STOPS};
 use super::super::drive::Coordinate;
 use super::super::frame::Frame;
 use super::super::scene::Law;
-use super::{Simulation, overlaps};
+use super::{MoreauStepping, overlaps};
 
-impl Simulation<'_> {
+impl MoreauStepping<'_> {
     /// Adds the stops of all joints that have any to the contacts.
     pub(super) fn add_stops(&mut self) {
         for (linkage, carried) in self.mechanism.linkages.iter().zip(&self.carried) {

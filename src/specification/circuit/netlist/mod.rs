@@ -26,7 +26,7 @@ mod waveform;
 
 use super::components::Component;
 use crate::error::SpecificationError;
-use crate::place::Place;
+use crate::pointer::Pointer;
 use arithmetic::Scope;
 use component::Rest;
 pub(crate) use deck::Transient;
@@ -67,7 +67,7 @@ impl NetlistError {
     }
 
     /// The error at the place of the netlist.
-    pub fn at(self, place: &Place<'_>) -> SpecificationError {
+    pub fn at(self, place: &Pointer<'_>) -> SpecificationError {
         let detail = format!("line {}, column {}: {}", self.line, self.column, self.detail);
         SpecificationError::new(place.to_string(), self.code, detail).expected(self.expected)
     }

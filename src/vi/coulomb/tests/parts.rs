@@ -4,7 +4,7 @@ use super::super::alart_curnier;
 use super::super::cone::FrictionCone;
 use super::super::linear::BlockSystem;
 use super::super::scaling::Scaling;
-use super::super::{BlockMatrix, CoulombProblem, Evidence, Malformed};
+use super::super::{BlockMatrix, CoulombProblem, CoulombProblemError, Evidence};
 use super::Random;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
@@ -121,10 +121,10 @@ fn malformed_data_are_refused_with_the_reason() {
     let zero = vec![Vector3::zeros()];
     assert_eq!(BlockMatrix::from_blocks(1, [(0, 1, Matrix3::zeros())]), None);
     let refused = |q, mu| CoulombProblem::new(one(), q, mu).expect_err("malformed");
-    assert_eq!(refused(vec![], vec![0.1]), Malformed::Shape { contacts: 1, q: 0, mu: 1 });
-    assert_eq!(refused(zero.clone(), vec![-0.1]), Malformed::Coefficient { contact: 0, value: -0.1 });
-    assert!(matches!(refused(zero, vec![f64::NAN]), Malformed::Coefficient { contact: 0, .. }));
-    assert_eq!(refused(vec![Vector3::repeat(f64::NAN)], vec![0.1]), Malformed::NotFinite);
+    assert_eq!(refused(vec![], vec![0.1]), CoulombProblemError::Shape { contacts: 1, q: 0, mu: 1 });
+    assert_eq!(refused(zero.clone(), vec![-0.1]), CoulombProblemError::Coefficient { contact: 0, value: -0.1 });
+    assert!(matches!(refused(zero, vec![f64::NAN]), CoulombProblemError::Coefficient { contact: 0, .. }));
+    assert_eq!(refused(vec![Vector3::repeat(f64::NAN)], vec![0.1]), CoulombProblemError::NotFinite);
     let read = |offsets: &[usize], columns: &[usize]| {
         CoulombProblem::from_csr(offsets, columns, &vec![1.0; columns.len()], &[0.0; 3], vec![0.1])
     };
@@ -135,6 +135,6 @@ fn malformed_data_are_refused_with_the_reason() {
         (&[0, 2, 1, 3], &[0, 1, 2]),
         (&[0, 1, 2, 3], &[0, 1, 3]),
     ] {
-        assert_eq!(read(offsets, columns), Err(Malformed::Index { contacts: 1 }));
+        assert_eq!(read(offsets, columns), Err(CoulombProblemError::Index { contacts: 1 }));
     }
 }

@@ -8,13 +8,13 @@ use crate::differential::signal::Signal;
 use serde_json::{Value, json};
 
 struct Mechanical {
-    scene: Scene,
+    scene: MultibodySystem,
     end: f64,
     /// The step of time stepping.
     step: Option<f64>,
 }
 
-enum Scene {
+enum MultibodySystem {
     Stop(Stop),
     Ball { height: f64, velocity: [f64; 2], gravity: f64, restitution: f64, friction: f64 },
     Block { friction: f64, gravity: f64, stiffness: f64, drive: Signal, initial: [f64; 2] },
@@ -30,7 +30,7 @@ pub fn generate(random: &mut Random, stepped: bool) -> Box<dyn Problem> {
     let omega = random.scale(0.3, 3.0) / time;
     let speed = size / time;
     let scene = match random.whole(0, if stepped { 3 } else { 4 }) {
-        0 => Scene::Stop(Stop {
+        0 => MultibodySystem::Stop(Stop {
             stiffness: random.uniform(0.0, 2.0) / (time * time),
             damping: random.uniform(0.05, 0.5) / time,
             force: {
@@ -42,28 +42,28 @@ pub fn generate(random: &mut Random, stepped: bool) -> Box<dyn Problem> {
             restitution,
             initial: [size * random.uniform(0.1, 1.0), speed * random.uniform(-1.0, 1.0)],
         }),
-        1 => Scene::Ball {
+        1 => MultibodySystem::Ball {
             height: size * random.uniform(0.1, 1.0),
             velocity: [speed * random.uniform(-3.0, 3.0), speed * random.uniform(-1.0, 1.0)],
             gravity,
             restitution,
             friction: if random.chance(0.7) { random.uniform(0.05, 0.8) } else { 0.0 },
         },
-        2 => Scene::Block {
+        2 => MultibodySystem::Block {
             friction: random.uniform(0.05, 0.5),
             gravity,
             stiffness: random.uniform(0.2, 3.0) / (time * time),
             drive: Signal::random(random, gravity * 0.5, omega, 2),
             initial: [size * random.uniform(-1.0, 1.0), speed * random.uniform(-1.0, 1.0)],
         },
-        3 => Scene::Pair {
+        3 => MultibodySystem::Pair {
             masses: [random.scale(0.1, 10.0), random.scale(0.1, 10.0)],
             stiffness: random.uniform(0.5, 3.0) / (time * time),
             rest: size * random.uniform(0.2, 0.8),
             initial: [0.0, size * random.uniform(0.5, 1.5), speed * random.uniform(-1.0, 1.0), 0.0],
             restitution,
         },
-        _ => Scene::Pendulum {
+        _ => MultibodySystem::Pendulum {
             length: size,
             gravity,
             angle: random.uniform(-1.4, 1.4),
@@ -82,10 +82,10 @@ impl Mechanical {
 
     fn names(&self) -> &'static [&'static str] {
         match self.scene {
-            Scene::Stop(_) => &["q"],
-            Scene::Ball { .. } | Scene::Pendulum { .. } => &["x", "y"],
-            Scene::Block { .. } => &["x"],
-            Scene::Pair { .. } => &["p", "q"],
+            MultibodySystem::Stop(_) => &["q"],
+            MultibodySystem::Ball { .. } | MultibodySystem::Pendulum { .. } => &["x", "y"],
+            MultibodySystem::Block { .. } => &["x"],
+            MultibodySystem::Pair { .. } => &["p", "q"],
         }
     }
 }
@@ -99,7 +99,7 @@ impl Problem for Mechanical {
         let pull = |value: f64| Self::in_units(view, value, 1, -2);
         let force = |signal: &Signal| signal.expression(Self::in_units(view, 1.0, 1, -2), view.time);
         let problem = match &self.scene {
-            Scene::Stop(stop) => json!({
+            MultibodySystem::Stop(stop) => json!({
                 "coordinates": {"q": {"initial": q(stop.initial[0], 0), "velocity": v(stop.initial[1], 1)}},
                 "mass": [[1]],
                 "potential": format!("({:?})*q^2/2", spring(stop.stiffness)),
@@ -109,7 +109,7 @@ impl Problem for Mechanical {
                     "restitution": stop.restitution
                 }],
             }),
-            Scene::Ball { height, velocity, gravity, restitution, friction } => {
+            MultibodySystem::Ball { height, velocity, gravity, restitution, friction } => {
                 let mut contact = json!({"name": "floor", "gap": "y", "restitution": restitution});
                 if *friction > 0.0 {
                     contact["friction"] = json!({"coefficient": friction, "slip": ["x_dot"]});
@@ -124,7 +124,7 @@ impl Problem for Mechanical {
                     "contacts": [contact],
                 })
             }
-            Scene::Block { friction, gravity, stiffness, drive, initial } => json!({
+            MultibodySystem::Block { friction, gravity, stiffness, drive, initial } => json!({
                 "coordinates": {
                     "x": {"initial": q(initial[0], 0), "velocity": v(initial[1], 1)},
                     "y": {"initial": 0},
@@ -136,7 +136,7 @@ impl Problem for Mechanical {
                     "name": "floor", "gap": "y", "friction": {"coefficient": friction, "slip": ["x_dot"]}
                 }],
             }),
-            Scene::Pendulum { length, gravity, angle, wall } => {
+            MultibodySystem::Pendulum { length, gravity, angle, wall } => {
                 let (x, y) = (length * angle.sin(), -length * angle.cos());
                 let mut scene = json!({
                     "coordinates": {
@@ -157,7 +157,7 @@ impl Problem for Mechanical {
                 }
                 scene
             }
-            Scene::Pair { masses, stiffness, rest, initial, restitution } => json!({
+            MultibodySystem::Pair { masses, stiffness, rest, initial, restitution } => json!({
                 "coordinates": {
                     "p": {"initial": q(initial[0], 0), "velocity": v(initial[2], 2)},
                     "q": {"initial": q(initial[1], 1), "velocity": v(initial[3], 3)},
@@ -178,7 +178,7 @@ impl Problem for Mechanical {
     }
 
     fn starts(&self) -> usize {
-        if matches!(self.scene, Scene::Pendulum { .. }) { 0 } else { 2 * self.names().len() }
+        if matches!(self.scene, MultibodySystem::Pendulum { .. }) { 0 } else { 2 * self.names().len() }
     }
 
     fn end(&self) -> f64 {
@@ -191,11 +191,11 @@ impl Problem for Mechanical {
 
     fn smallest(&self) -> f64 {
         let size = match &self.scene {
-            Scene::Stop(stop) => stop.initial[0].abs(),
-            Scene::Ball { height, .. } => *height,
-            Scene::Block { initial, .. } => initial[0].abs(),
-            Scene::Pendulum { length, .. } => *length,
-            Scene::Pair { rest, .. } => *rest,
+            MultibodySystem::Stop(stop) => stop.initial[0].abs(),
+            MultibodySystem::Ball { height, .. } => *height,
+            MultibodySystem::Block { initial, .. } => initial[0].abs(),
+            MultibodySystem::Pendulum { length, .. } => *length,
+            MultibodySystem::Pair { rest, .. } => *rest,
         };
         // Where a unit of time is long, velocities are large numbers, and the reverse.
         0.1 * size * (1.0 / self.end).min(1.0)
@@ -206,7 +206,7 @@ impl Problem for Mechanical {
     }
 
     fn reference(&self, change: &[f64], times: &[f64]) -> Option<Values> {
-        let Scene::Stop(stop) = &self.scene else { return None };
+        let MultibodySystem::Stop(stop) = &self.scene else { return None };
         let mut stop = stop.clone();
         stop.initial.iter_mut().zip(change).for_each(|(x, change)| *x += change);
         stop.solve(times)

@@ -7,7 +7,7 @@ use problem::{Constraints, MechanicalStructure};
 use vi::coulomb::BlockMatrix;
 
 /// What the law needs of some contacts, but for velocities and gaps.
-pub struct Near {
+pub struct ActiveContacts {
     contacts: Vec<usize>,
     /// `W`.
     pub delassus: BlockMatrix,
@@ -19,7 +19,7 @@ pub struct Near {
     none: Vec<f64>,
 }
 
-impl Near {
+impl ActiveContacts {
     /// Computes `W`; `None` where it is not finite. Joints must be held already.
     pub fn new(
         structure: &MechanicalStructure,

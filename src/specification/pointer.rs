@@ -4,34 +4,34 @@ use std::fmt::{self, Display, Formatter, Write};
 
 /// A place as a path from the root that borrows each step, so that naming one costs nothing until it is shown.
 #[derive(Clone, Copy, Debug)]
-pub enum Place<'a> {
+pub enum Pointer<'a> {
     /// The document.
     Root,
     /// The member of that name.
-    Key(&'a Place<'a>, &'a str),
+    Key(&'a Pointer<'a>, &'a str),
     /// The element at that position.
-    Index(&'a Place<'a>, usize),
+    Index(&'a Pointer<'a>, usize),
 }
 
-impl<'a> Place<'a> {
-    pub(super) fn key(&'a self, key: &'a str) -> Place<'a> {
-        Place::Key(self, key)
+impl<'a> Pointer<'a> {
+    pub(super) fn key(&'a self, key: &'a str) -> Pointer<'a> {
+        Pointer::Key(self, key)
     }
 
-    pub(super) fn index(&'a self, index: usize) -> Place<'a> {
-        Place::Index(self, index)
+    pub(super) fn index(&'a self, index: usize) -> Pointer<'a> {
+        Pointer::Index(self, index)
     }
 }
 
-impl Display for Place<'_> {
+impl Display for Pointer<'_> {
     fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
         match self {
-            Place::Root => Ok(()),
-            Place::Key(parent, key) => {
+            Pointer::Root => Ok(()),
+            Pointer::Key(parent, key) => {
                 parent.fmt(formatter)?;
                 write_key(formatter, key)
             }
-            Place::Index(parent, index) => {
+            Pointer::Index(parent, index) => {
                 parent.fmt(formatter)?;
                 write!(formatter, "/{index}")
             }
@@ -79,7 +79,7 @@ mod tests {
 
     #[test]
     fn keys_are_escaped_as_rfc_6901_says() {
-        let root = Place::Root;
+        let root = Pointer::Root;
         let outer = root.key("a/b");
         let middle = outer.index(3);
         assert_eq!(middle.key("m~n").to_string(), "/a~1b/3/m~0n");

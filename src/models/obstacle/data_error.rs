@@ -5,7 +5,7 @@ use std::fmt;
 
 /// A value that makes no obstacle problem, with where and when.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Offence {
+pub enum ObstacleDataError {
     /// An expression has no finite value.
     NotFinite {
         /// Its key in a specification.
@@ -61,7 +61,7 @@ pub enum Offence {
     },
 }
 
-impl Offence {
+impl ObstacleDataError {
     /// The key in a specification that it is about.
     pub fn key(&self) -> String {
         match self {
@@ -97,7 +97,7 @@ impl Offence {
     }
 }
 
-impl fmt::Display for Offence {
+impl fmt::Display for ObstacleDataError {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::NotFinite { key, value, at: [x, y, z], t } => write!(

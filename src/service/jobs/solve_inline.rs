@@ -34,7 +34,7 @@ impl Jobs {
             return None;
         }
         let job = Arc::new(Job::new(Order { known: None, ..order.clone() }, false));
-        let ended = self.glance(&job, known, order.anew)?;
+        let ended = self.solve_inline(&job, known, order.anew)?;
         // Without a key there is none that came before.
         let _ = self.store.index().insert(&job);
         job.log_end(&ended);
@@ -44,11 +44,11 @@ impl Jobs {
 
     /// The end of a job that has its turn, if it comes at once; a job that takes longer is as it was.
     pub(super) fn glance_in_turn(&self, job: &Job, document: &Arc<[u8]>) -> Option<Outcome> {
-        let (known, anew) = job.glance()?;
+        let (known, anew) = job.solve_inline()?;
         if !known.is_small() {
             return None;
         }
-        let ended = self.glance(job, &known, anew).map(|ended| Outcome::Ended(ended.into()));
+        let ended = self.solve_inline(job, &known, anew).map(|ended| Outcome::Ended(ended.into()));
         ended.or_else(|| match job.go_back(document)? {
             Halt::Dismiss => Some(Outcome::Ended(job.ended(Ending::Dismissed).into())),
             Halt::Park => Some(Outcome::Stopped),
@@ -57,7 +57,7 @@ impl Jobs {
     }
 
     /// The end of a job, which runs from here on.
-    fn glance(&self, job: &Job, known: &Known, anew: bool) -> Option<Ended> {
+    fn solve_inline(&self, job: &Job, known: &Known, anew: bool) -> Option<Ended> {
         let control = job.start_within(time_to_run(GLANCE), true)?;
         if let Some(answer) = known.answer(job.client).filter(|_| !anew) {
             self.metrics.repeated();

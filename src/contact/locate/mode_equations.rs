@@ -31,7 +31,7 @@ const DEPENDENT: f64 = 1e-11;
 const RISEN: f64 = 1e-6;
 
 /// A velocity that forces change by less than this part of what they would without what is held is held itself.
-const HELD: f64 = 1e-9;
+const CONSTRAINED_TOL: f64 = 1e-9;
 
 /// Shares of the largest force are told apart down to this one.
 const LEAST_SHARE: f64 = 1e-6;
@@ -40,7 +40,7 @@ const LEAST_SHARE: f64 = 1e-6;
 const ITERATIONS: usize = 10_000;
 
 /// The equations of one mode.
-pub struct Flight {
+pub struct ModeEquations {
     problem: Box<dyn Mechanical>,
     shape: MechanicalStructure,
     structure: Structure,
@@ -126,7 +126,7 @@ struct Metric {
     scale: DVector<f64>,
 }
 
-impl Flight {
+impl ModeEquations {
     /// The equations of a system, with all contacts open.
     pub fn new(problem: Box<dyn Mechanical>) -> Self {
         let shape = problem.structure().clone();
@@ -143,7 +143,7 @@ impl Flight {
             constant_jacobian: false,
         };
         let features = if shape.has_features { n..2 * n } else { 0..0 };
-        let mut flight = Self {
+        let mut equations = Self {
             structure,
             features: features.collect(),
             constraints: Constraints::new(&shape),
@@ -162,9 +162,9 @@ impl Flight {
             problem,
             shape,
         };
-        let contacts = flight.shape.contacts.len();
-        flight.set_mode(&vec![Status::Open; contacts], &vec![Vector3::zeros(); contacts], &vec![0.0; contacts]);
-        flight
+        let contacts = equations.shape.contacts.len();
+        equations.set_mode(&vec![Status::Open; contacts], &vec![Vector3::zeros(); contacts], &vec![0.0; contacts]);
+        equations
     }
 
     /// Takes up a mode, with the loads on all contacts, and the slips below which directions are those of the mode.
@@ -277,11 +277,11 @@ impl Flight {
         rows.for_each(|(row, factor)| j += self.constraints.transposed.column(row) * factor);
         let free = solved.mass.solve(&j);
         let held = &free - &solved.y * (&solved.inverse * (&solved.c * &free));
-        j.dot(&held).abs() <= HELD * j.dot(&free)
+        j.dot(&held).abs() <= CONSTRAINED_TOL * j.dot(&free)
     }
 
     /// Writes `a` and `lambda` at a place; they are not finite where they do not exist.
-    pub fn settle(&mut self, t: f64, x: &[f64]) {
+    pub fn evaluate_at(&mut self, t: f64, x: &[f64]) {
         self.last = self.solved(t, x);
         if self.last.is_none() {
             self.a.fill(f64::NAN);
@@ -292,7 +292,7 @@ impl Flight {
     /// Settles the equations in the middle of a box, and gives its place there.
     fn settle_within(&mut self, t: Interval, x: &[Interval]) -> Vec<f64> {
         let middle: Vec<f64> = x.iter().map(|x| x.ball().0).collect();
-        self.settle(t.ball().0, &middle);
+        self.evaluate_at(t.ball().0, &middle);
         middle
     }
 
@@ -388,14 +388,14 @@ fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) ->
     Some((&scale * inverse * &scale, rank))
 }
 
-impl Dvi for Flight {
+impl Dvi for ModeEquations {
     fn structure(&self) -> &Structure {
         &self.structure
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         let n = self.shape.coordinates;
-        self.settle(t, y);
+        self.evaluate_at(t, y);
         values[..n].copy_from_slice(&y[n..]);
         values[n..].copy_from_slice(&self.a);
     }
@@ -463,7 +463,7 @@ impl Dvi for Flight {
         let (identity, rest) = variations.split_at_mut(self.shape.coordinates);
         identity.fill((0.0, 0.0));
         let points = y.len() / 3;
-        self.settle(times[1], &y[points..2 * points]);
+        self.evaluate_at(times[1], &y[points..2 * points]);
         self.vary_slopes(times, y, rest);
     }
 

@@ -11,7 +11,7 @@
 //! with the tolerances `sc` of the states, counts as an error of the step where output is asked for between the steps of a
 //! large sparse system. The states of others are brought onto their [constraints](super::constraints).
 
-use super::face::Place;
+use super::face::Activity;
 use super::layout::Storage;
 use super::stepper::Radau;
 
@@ -45,7 +45,7 @@ impl Radau<'_> {
         let n = self.system.states;
         let is_equation = match row.checked_sub(n) {
             None => !self.system.layout.is_rate[row],
-            Some(k) => self.system.face.places[k] == Place::Inside && self.system.set.block_of(k).is_none(),
+            Some(k) => self.system.face.places[k] == Activity::Inactive && self.system.set.block_of(k).is_none(),
         };
         is_equation && self.system.entries_of_row(row).all(|(j, value)| j < n || value == 0.0)
     }

@@ -1,11 +1,11 @@
 //! Motion in one mode, from where it begins to where it ends.
 
-use super::Located;
+use super::EventDriven;
 use super::bursts::Parts;
-use super::flight::Flight;
 use super::hidden::Enclosed;
 use super::integrals::Integrals;
 use super::mode::Status;
+use super::mode_equations::ModeEquations;
 use super::monitors::{Monitor, monitors};
 use super::search::{Search, Violation};
 use crate::ContactError;
@@ -16,15 +16,15 @@ use problem::{Control, Mechanical};
 use radau::{Radau, Settings};
 
 /// The equations of the mode: those that are integrated, and those that are looked at on the way.
-pub struct Flights {
-    main: Flight,
-    watch: Flight,
+pub struct ModeEvaluators {
+    main: ModeEquations,
+    watch: ModeEquations,
 }
 
-impl Flights {
+impl ModeEvaluators {
     /// Evaluators of one system, each made by `problem`.
     pub fn new(problem: impl Fn() -> Box<dyn Mechanical>) -> Self {
-        Self { main: Flight::new(problem()), watch: Flight::new(problem()) }
+        Self { main: ModeEquations::new(problem()), watch: ModeEquations::new(problem()) }
     }
 }
 
@@ -44,17 +44,17 @@ const GROWN: f64 = 1e-6;
 /// The tolerance on the stages of a step that is cut.
 const CUT_RTOL: f64 = 1e-11;
 
-/// Drift of what is held that ends a leg, in parts of the gap below which a contact is closed; and the drift of a step, in
+/// Drift of what is held that ends a phase, in parts of the gap below which a contact is closed; and the drift of a step, in
 /// parts of the tolerances on its coordinates.
 const DRIFT: f64 = 0.1;
 
 /// A run of Radau IIA within one mode.
-pub struct Leg<'l, 'p> {
+pub struct SmoothPhase<'l, 'p> {
     /// What lasts from mode to mode.
-    pub located: &'l mut Located<'p>,
+    pub located: &'l mut EventDriven<'p>,
     pub(super) mode: Vec<Status>,
     radau: Option<Radau<'l>>,
-    pub(super) watch: &'l mut Flight,
+    pub(super) watch: &'l mut ModeEquations,
     control: &'l Control,
     over: bool,
     /// The parts of the last step in which what depends on time shows.
@@ -63,16 +63,16 @@ pub struct Leg<'l, 'p> {
     acted: (f64, Integrals),
 }
 
-impl<'l, 'p> Leg<'l, 'p> {
+impl<'l, 'p> SmoothPhase<'l, 'p> {
     /// Takes up the mode of a run.
-    pub fn new(located: &'l mut Located<'p>, flights: &'l mut Flights, control: &'l Control) -> Self {
-        let Flights { main, watch } = flights;
+    pub fn new(located: &'l mut EventDriven<'p>, evaluators: &'l mut ModeEvaluators, control: &'l Control) -> Self {
+        let ModeEvaluators { main, watch } = evaluators;
         let mode = located.mode.clone();
         let mut radau = None;
         if let Some(mode) = &mode {
             let least = located.tolerances_of_slips();
-            for flight in [&mut *main, &mut *watch] {
-                flight.set_mode(mode, &located.loads, &least);
+            for equations in [&mut *main, &mut *watch] {
+                equations.set_mode(mode, &located.loads, &least);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
             let remaining = located.end - located.state.t;
@@ -99,12 +99,12 @@ impl<'l, 'p> Leg<'l, 'p> {
         let begin = self.located.state.t;
         let Some(radau) = &mut self.radau else {
             self.over = true;
-            return self.located.pass(self.control);
+            return self.located.step_over(self.control);
         };
         if radau.step().is_err() {
             // Where smooth motion has no continuation there may be one with impulses.
             (self.over, self.radau) = (true, None);
-            return self.located.pass(self.control);
+            return self.located.step_over(self.control);
         }
         let last = radau.t();
         self.located.begin();
@@ -179,10 +179,10 @@ impl<'l, 'p> Leg<'l, 'p> {
         match ending {
             Some(ending) => {
                 self.over = true;
-                self.located.turn(ending, self.control)
+                self.located.switch_mode(ending, self.control)
             }
             None => {
-                self.located.look();
+                self.located.evaluate_constraints();
                 self.follow_slips();
                 if let Some(growth) = self.drift() {
                     if !self.over {
@@ -190,7 +190,7 @@ impl<'l, 'p> Leg<'l, 'p> {
                         self.located.h = next.map(|next| next.min(growth * (t - begin)));
                     }
                     self.over = true;
-                    self.located.hold(&self.mode)?;
+                    self.located.project_onto_constraints(&self.mode)?;
                 }
                 if self.over {
                     self.located.mode = Some(self.mode.clone());
@@ -203,7 +203,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     /// Takes the present directions of slips in space for those that their stops are told by: a slip may turn as far as it
     /// likes.
     fn follow_slips(&mut self) {
-        let Located { structure, constraints, state, .. } = &*self.located;
+        let EventDriven { structure, constraints, state, .. } = &*self.located;
         for (k, (status, contact)) in self.mode.iter_mut().zip(&structure.contacts).enumerate() {
             if let Status::Slip(direction) = status
                 && contact.slips > 1
@@ -259,7 +259,7 @@ impl<'l, 'p> Leg<'l, 'p> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         self.at(t, &mut x);
-        self.watch.settle(t, &x);
+        self.watch.evaluate_at(t, &x);
         let tolerance = self.located.tolerance_of_slip(k, self.watch.constraints(), &x[n..]);
         (self.watch.slip(k, &x[n..]).norm(), tolerance)
     }
@@ -349,7 +349,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     /// Takes joints and gaps into account at a time within the last step, at which the equations of the mode have been
     /// evaluated.
     pub(super) fn note_violations(&mut self, t: f64, q: &[f64]) {
-        let Located { radau, violations, .. } = &mut *self.located;
+        let EventDriven { radau, violations, .. } = &mut *self.located;
         if violations.joints().is_empty() && violations.gaps().is_empty() {
             return;
         }
@@ -359,7 +359,7 @@ impl<'l, 'p> Leg<'l, 'p> {
 
     /// Coordinates, velocities, impulses and the balance of energy at a time within the last step.
     pub fn outputs(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> (Vec<Vector3<f64>>, Energy) {
-        let Located { state, last, .. } = &*self.located;
+        let EventDriven { state, last, .. } = &*self.located;
         if t >= state.t {
             q.copy_from_slice(&state.q);
             v.copy_from_slice(&state.v);
@@ -397,7 +397,7 @@ impl<'l, 'p> Leg<'l, 'p> {
     /// The factor by which a step may grow where what the mode holds has moved away from zero, if it has: drift, which goes
     /// with the square of the step, is to stay well below the tolerances.
     fn drift(&self) -> Option<f64> {
-        let Located { structure, constraints, step, state, radau, .. } = &*self.located;
+        let EventDriven { structure, constraints, step, state, radau, .. } = &*self.located;
         let ticks = 4.0 * step.problem.rounding_of_time(state.t);
         let tolerances = radau.tolerances(0, &state.q);
         let closed = (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).map(|k| structure.joints + k);

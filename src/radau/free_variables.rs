@@ -16,7 +16,7 @@ const MOST: usize = 64;
 const MOST_CONDITION: f64 = 1e10;
 
 /// Their equations on one face, with one Jacobian.
-pub(super) struct Inside {
+pub(super) struct FreeVariables {
     jacobians: u64,
     inside: Vec<usize>,
     /// Those of them whose equations have variables inside, and none on the boundary of a block.
@@ -37,7 +37,7 @@ enum Equations {
     Together(DenseLu<f64>),
 }
 
-impl Inside {
+impl FreeVariables {
     pub(super) fn new(system: &System<'_>) -> Self {
         Self {
             jacobians: 0,

@@ -12,7 +12,7 @@ use super::parameters::Assumption;
 
 /// A function that jumps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Stepped {
+pub(super) enum Discontinuous {
     Floor,
     Ceil,
     Round,
@@ -42,7 +42,7 @@ pub(super) struct OutOfRange {
     pub expected: &'static str,
 }
 
-impl Stepped {
+impl Discontinuous {
     /// The number of arguments, in words and as a number.
     pub(super) fn arity(self) -> (&'static str, usize) {
         match self {

@@ -15,7 +15,7 @@ mod dense;
 pub mod inequality;
 mod sparse;
 
-use super::face::Place;
+use super::face::Activity;
 use super::layout::Storage;
 use super::newton_control::NewtonControl;
 use super::system::System;
@@ -26,7 +26,7 @@ use problem::Face;
 use sparse::Sparse;
 
 /// Newton's method on the equations above, with its workspace.
-pub struct Consistent {
+pub struct ConsistentVariables {
     equations: Equations,
     inside: Vec<usize>,
     /// `Phi` on the face.
@@ -56,7 +56,7 @@ const ITERATIONS: usize = 6;
 /// A step this small, relative to the variables, leaves their rounding alone.
 const ENOUGH: f64 = 1e-14;
 
-impl Consistent {
+impl ConsistentVariables {
     /// `None` where there are no variables, or where `M` is singular: then `z` is not determined by `x` alone.
     pub fn new(system: &System<'_>) -> Option<Self> {
         let variables = system.unknowns - system.states;
@@ -83,7 +83,7 @@ impl Consistent {
     /// boundary, and nothing where the system is sparse.
     pub fn find_errors(&mut self, system: &System<'_>, sizes: &[f64], hidden: &[f64], out: &mut [f64]) {
         self.inside.clear();
-        self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Place::Inside));
+        self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Activity::Inactive));
         let Equations::Dense(equations) = &mut self.equations else { return };
         if are_plain(system) && equations.errors(system, &self.inside, sizes, hidden, &mut self.step) {
             self.inside.iter().for_each(|&k| out[k] = self.step[k]);

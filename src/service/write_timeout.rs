@@ -9,14 +9,14 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Sleep, sleep};
 
 /// A stream whose writes fail when they do not get on.
-pub struct Patient<S> {
+pub struct TimedWrites<S> {
     stream: S,
     patience: Duration,
     /// Runs while a write waits.
     stalled: Option<Pin<Box<Sleep>>>,
 }
 
-impl<S> Patient<S> {
+impl<S> TimedWrites<S> {
     /// The stream, with so much time for every piece that is written.
     pub fn new(stream: S, patience: Duration) -> Self {
         Self { stream, patience, stalled: None }
@@ -34,7 +34,7 @@ impl<S> Patient<S> {
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for TimedWrites<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -44,7 +44,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for TimedWrites<S> {
     fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
         let written = Pin::new(&mut self.stream).poll_write(context, bytes);
         self.bound(context, written)
@@ -86,7 +86,7 @@ mod tests {
     async fn a_client_that_takes_nothing_is_given_up() {
         let (ours, _theirs) = duplex(64);
         let begun = Instant::now();
-        let error = Patient::new(ours, PATIENCE).write_all(&[0; 65]).await.unwrap_err();
+        let error = TimedWrites::new(ours, PATIENCE).write_all(&[0; 65]).await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
         assert_eq!(begun.elapsed().as_secs(), PATIENCE.as_secs());
     }
@@ -94,7 +94,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_client_that_takes_a_piece_now_and_then_gets_all() {
         let (ours, mut theirs) = duplex(64);
-        let mut ours = Patient::new(ours, PATIENCE);
+        let mut ours = TimedWrites::new(ours, PATIENCE);
         let (written, taken) = tokio::join!(ours.write_all(&[7; 640]), async {
             let (mut all, mut piece) = (Vec::new(), [0; 64]);
             while all.len() < 640 {
