@@ -1,27 +1,27 @@
-//! What holds along every exact solution, evaluated on the computed one: `z` in `K`, `G` complementary to it, and the
-//! differentiation lemmas (Stewart 2011, section 3.4): where `z` and `G` are differentiable and `K` does not move,
-//! `<z', G> = 0` and `<z', G'> <= 0`.
+//! Certificates: conditions that hold along every exact solution, evaluated on the computed one. `z` is in `K`, `G` is
+//! complementary to it, and the differentiation lemmas hold (Stewart 2011, section 3.4): where `z` and `G` are
+//! differentiable and `K` does not move, `<z', G> = 0` and `<z', G'> <= 0`.
 
 use problem::{ConvexSet, Workspace};
 use serde::Serialize;
 
-/// The worst figures over a run, over the bounded variables; each is zero, or of the sign stated, for an exact solution.
-/// In a block, where `z` and `G` have no signs, the natural map stands for that of `G`, and for the distance.
+/// The worst values over a run, over the bounded variables; each is zero, or has the stated sign, for an exact
+/// solution. In a block, where `z` and `G` have no signs, the natural map replaces `G` and the distance.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Certificates {
     /// The largest natural-map residual `|z - P_K(z - G)|`.
     pub natural_map: f64,
-    /// How far a `z_i` leaves its interval or block, as a number below zero.
+    /// The largest violation by a `z_i` of its interval or block, as a negative number.
     pub smallest_z: f64,
-    /// How far a `G_i`, signed so that it should not be negative, is below zero.
+    /// The smallest `G_i`, with the sign with which it should not be negative, if below zero.
     #[serde(rename = "smallest_G")]
     pub smallest_g: f64,
     /// The largest product of the distance to a bound and `|G_i|`.
     pub largest_product: f64,
-    /// The largest `|<dz, G>|`, `dz` the change over a step without a switch: zero. As `G` is rounding where a variable
-    /// is inside, this is not divided by its size.
+    /// The largest `|<dz, G>|`, where `dz` is the change over a step without a switch; should be zero. Not divided by
+    /// the size of `G`, which is rounding if a variable is inside its interval.
     pub first_lemma: f64,
-    /// The largest `<dz, dG>` over the same steps: not above zero.
+    /// The largest `<dz, dG>` over steps without a switch; should not be above zero.
     pub second_lemma: f64,
     #[serde(skip)]
     work: Workspace,
@@ -30,13 +30,13 @@ pub struct Certificates {
 }
 
 impl Certificates {
-    /// Takes the bounded variables, as indices into `z`, at the end of a step into account; `smooth` if the step has kept
-    /// one face and `K` does not move.
+    /// Records the bounded variables, as indices into `z`, at the end of a step; `smooth` if the step has kept one
+    /// active face and `K` does not move.
     pub fn observe(&mut self, set: &ConvexSet, bounded: &[usize], z: &[f64], g: &[f64], smooth: bool) {
         for &k in bounded.iter().filter(|&&k| set.block_of(k).is_none()) {
             let (z, g) = (z[k], g[k]);
             let distance = (z - set.lower[k]).min(set.upper[k] - z);
-            // The natural map tells which bound, if any, the variable rests on.
+            // The natural map decides which bound, if any, is active.
             let signed = if z - set.lower[k] <= g {
                 g
             } else if set.upper[k] - z <= -g {
@@ -78,7 +78,7 @@ impl Certificates {
 mod tests {
     use super::*;
 
-    /// The figures over `z` and `G` of one nonnegative variable at the ends of steps.
+    /// The certificates for `z` and `G` of one nonnegative variable at the ends of steps.
     fn observed(run: &[(f64, f64)]) -> Certificates {
         let set = ConvexSet::intervals(vec![0.0], vec![f64::INFINITY]);
         let mut certificates = Certificates::default();

@@ -1,28 +1,28 @@
-//! The index: how often `G` must be differentiated until it determines `z`.
+//! The index: the number of differentiations of `G` until it determines `z`.
 //!
-//! The structure algorithm (Silverman 1969) on `x' = A x + B z, G = C x + D z`: the rows of `D` that depend on each
-//! other are combined to zero, their `C~ x` is differentiated to `C~ A x + C~ B z`, and so on until the rows of `z` are
-//! regular. With `D` regular the index is 0, with `D = 0` and `C B` regular 1, with `C B = 0` and `C A B` regular 2; what
-//! mixes is found by blocks.
+//! The structure algorithm (Silverman 1969) on `x' = A x + B z, G = C x + D z`: dependent rows of `D` are combined to
+//! zero, their `C~ x` is differentiated to `C~ A x + C~ B z`, and so on until the rows of `z` are regular. With `D`
+//! regular the index is 0, with `D = 0` and `C B` regular 1, with `C B = 0` and `C A B` regular 2; a mixed index is
+//! found by blocks.
 
 use super::linearisation::{Linearisation, RANK};
 use factorisation::Singular;
 use nalgebra::DMatrix;
 
-/// How far the algorithm goes.
+/// Largest number of differentiations.
 const MOST_DIFFERENTIATIONS: usize = 8;
 
-/// What the algorithm found.
+/// The result of the structure algorithm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Index {
-    /// The variables that each differentiation determines, the undifferentiated `G` first.
+    /// The number of variables that each differentiation determines, the undifferentiated `G` first.
     pub levels: Vec<usize>,
-    /// The variables that none of them determines.
+    /// The number of variables that no differentiation determines.
     pub undetermined: usize,
 }
 
 impl Index {
-    /// The number of differentiations, if any number suffices.
+    /// The index, if finite: the number of differentiations.
     pub fn value(&self) -> Option<usize> {
         (self.undetermined == 0).then(|| self.levels.len().saturating_sub(1))
     }
@@ -44,7 +44,7 @@ pub fn index(linearisation: &Linearisation) -> Option<Index> {
         if rank == m {
             break;
         }
-        // Rows `rank..` of the rotated system have no z left: differentiate them.
+        // Rows `rank..` of the rotated system do not contain z: differentiate them.
         let rotated = u.transpose() * &d;
         let mut states = u.transpose() * &c;
         let rest = states.rows(rank, m - rank).into_owned();
@@ -65,7 +65,7 @@ pub fn index(linearisation: &Linearisation) -> Option<Index> {
     Some(Index { levels, undetermined: m - determined })
 }
 
-/// Scales each row of `(C, D)` by its `D`, or its `C` where that vanishes: ranks do not depend on units.
+/// Scales each row of `(C, D)` by its `D`, or by its `C` if `D` vanishes: ranks must not depend on units.
 fn equilibrate(c: &mut DMatrix<f64>, d: &mut DMatrix<f64>) {
     for i in 0..d.nrows() {
         let size = if d.row(i).amax() > 0.0 { d.row(i).amax() } else { c.row(i).amax() };

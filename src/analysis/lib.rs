@@ -1,5 +1,5 @@
-//! What the theory says of a problem, from its own derivatives: index, existence and uniqueness, and certificates on
-//! what was computed. Each verdict carries the figures it rests on and claims no more.
+//! Analysis of a problem by its derivatives: index, existence and uniqueness, and certificates on the computed
+//! solution. Each verdict carries the figures it rests on and claims no more.
 
 mod certificates;
 mod index;
@@ -21,37 +21,38 @@ use problem::{Dvi, FaceEquations, Mass};
 use reversal::reversal;
 use serde::{Serialize, Serializer};
 
-/// Up to this many states and variables a problem is analysed; the analysis is dense.
+/// Largest number of states and variables for an analysis, which is dense.
 const MOST_UNKNOWNS: usize = 300;
 
-/// The dense matrices of so many rows and columns that an analysis holds at a time, measured: those of the problem, and of
-/// singular values and vectors.
+/// Number of dense matrices in the unknowns that an analysis has in memory at once, measured: those of the problem, and
+/// of singular values and vectors.
 const MATRICES: usize = 8;
 
-/// The numbers that the analysis of so many states and variables takes.
+/// The size of the analysis of a problem with this number of states and variables, as a count of `f64`.
 pub fn analysis_numbers(unknowns: usize) -> usize {
     if unknowns <= MOST_UNKNOWNS { MATRICES * unknowns * unknowns } else { 0 }
 }
 
-/// What can be said of a problem at one point.
+/// The analysis of a problem at one point.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Analysis {
-    /// How often `G` must be differentiated until it determines `z`: 0, 1, 2, ..; the highest of its parts. Absent where
-    /// no number of differentiations does, or where the problem is too large to be analysed. With memory, the exponent of
-    /// the kernel, which need not be whole.
+    /// The number of differentiations of `G` until it determines `z`: 0, 1, 2, ..; the highest of its parts. Absent if
+    /// no number suffices, or if the problem is too large for an analysis. With memory, the exponent of the kernel,
+    /// which need not be an integer.
     #[serde(skip_serializing_if = "Option::is_none", serialize_with = "whole_where_it_is")]
     pub index: Option<f64>,
-    /// How many variables each differentiation determines, the undifferentiated `G` first; more than one number above
-    /// zero is a mixed index.
+    /// The number of variables that each differentiation determines, the undifferentiated `G` first; more than one
+    /// number above zero is a mixed index.
     pub levels: Vec<usize>,
     /// Whether the solution is unique.
     pub uniqueness: Uniqueness,
-    /// Why, with the figures.
+    /// The reason, with its figures.
     pub because: String,
-    /// The index of the part whose variables are in unbounded sets: what is bounded has no impulses, whatever its index.
+    /// The index of the part with variables in unbounded sets: bounded variables have no impulses, whatever their
+    /// index.
     #[serde(skip)]
     pub unbounded_index: Option<f64>,
-    /// What looks as if its sign were reversed.
+    /// The part of the problem whose sign appears to be reversed, if any.
     #[serde(skip)]
     pub reversed: Option<Reversal>,
 }
@@ -80,9 +81,9 @@ pub fn analyse(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Analysis {
     analysis
 }
 
-/// Analyses the problem at `(t, y)` on an active face of `K`, where the faces of its blocks have these equations: on the
-/// variables that `inside` tells to be inside their interval and on the tangent spaces of the faces; what else there is
-/// of the variables is known.
+/// Analyses the problem at `(t, y)` on an active face of `K`, where `blocks` are the equations of the faces of its
+/// blocks: on the variables inside their interval, by `inside`, and on the tangent spaces of the faces. All other
+/// components of the variables are known.
 pub fn analyse_face(
     problem: &mut dyn Dvi,
     t: f64,
@@ -121,7 +122,7 @@ mod tests {
     use super::{Index, Linearisation, Uniqueness, index, uniqueness};
     use nalgebra::DMatrix;
 
-    /// A constant problem over an orthant.
+    /// A constant linear problem over an orthant.
     fn orthant(a: &[f64], b: &[f64], c: &[f64], d: &[f64]) -> Linearisation {
         let m = d.len().isqrt();
         let n = a.len().isqrt();
@@ -162,7 +163,8 @@ mod tests {
 
     #[test]
     fn a_mixed_index_is_found_by_blocks() {
-        // z1 by G itself, z2 by G', z3 by G'', in units that differ by twelve decades and rotated so that no entry shows it.
+        // z1 by G itself, z2 by G', z3 by G'', in units that differ by twelve decades; then rotated, so that no single
+        // entry shows it.
         let a = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let b = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1e6, 0.0];
         let c = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0];

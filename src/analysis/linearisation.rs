@@ -1,11 +1,11 @@
-//! A problem linearised at a point, its mass matrix taken to the other side:
+//! A problem linearised at a point and multiplied by the inverse of its mass matrix:
 //!
 //! ```text
 //! x' = A x + B z,    G = C x + D z
 //! ```
 //!
-//! Where `M = U S V^T` is singular, the states in its null space become free variables and the equations that `U` maps
-//! to zero their inequalities: then every algebraic unknown is a variable.
+//! If `M = U S V^T` is singular, the states in its null space become free variables, and the equations that `U` maps to
+//! zero become their inequalities: then every algebraic unknown is a variable.
 
 use factorisation::Singular;
 use nalgebra::DMatrix;
@@ -24,13 +24,13 @@ pub struct Linearisation {
     pub d: DMatrix<f64>,
     /// Whether each variable is free, so that its `G` is an equation.
     pub free: Vec<bool>,
-    /// Whether every variable that is not free has just one bound, and that does not move: an orthant, shifted.
+    /// Whether every variable that is not free has exactly one bound, which does not move: a shifted orthant.
     pub is_orthant: bool,
     /// Whether no block binds variables: `K` is a product of intervals.
     pub is_box: bool,
     /// Whether a bound of `K` varies with the states.
     pub set_moves_with_states: bool,
-    /// Whether the matrices are the same everywhere.
+    /// Whether the matrices are constant.
     pub is_constant: bool,
 }
 
@@ -38,8 +38,8 @@ pub struct Linearisation {
 pub(super) const RANK: f64 = 1e-11;
 
 impl Linearisation {
-    /// The matrices at `(t, y)` for the variables that are `kept`, the others being known; `None` if a derivative is not
-    /// finite. The sum over a simplex is given, so that its first member follows from the others.
+    /// The matrices at `(t, y)` for the variables that are `kept`, the others being known; `None` if a derivative is
+    /// not finite. The sum over a simplex is fixed, so that its first member is eliminated.
     pub fn at(problem: &mut dyn Dvi, t: f64, y: &[f64], kept: impl Fn(usize) -> bool) -> Option<Self> {
         let structure = problem.structure().clone();
         let simplices = || structure.set.blocks().iter().filter(|block| block.shape == Shape::Simplex);
@@ -61,8 +61,8 @@ impl Linearisation {
         Self::of(&structure, jacobian, free, (is_orthant, is_box))
     }
 
-    /// The matrices at `(t, y)` on a face, where those of the blocks have these equations: of the variables in intervals
-    /// that are `inside`, and of the coordinates `u` of the tangent spaces,
+    /// The matrices at `(t, y)` on an active face, where `blocks` are the equations of the faces of blocks: for the
+    /// variables in intervals that are `inside`, and for the coordinates `u` of the tangent spaces,
     ///
     /// ```text
     /// dz = T u,    T^T dG = T^T C dx + (T^T D + K) T u,    K = (dT/dz)^T G
@@ -101,7 +101,7 @@ impl Linearisation {
         Self::of(&structure, jacobian * basis, free, (false, is_box))
     }
 
-    /// From the Jacobian of `(F, G)` by the states and the variables that are left; `None` for a mass that is not finite.
+    /// Splits the Jacobian of `(F, G)` by the states and the remaining variables; `None` for a mass that is not finite.
     fn of(
         structure: &Structure,
         jacobian: DMatrix<f64>,
@@ -150,15 +150,15 @@ fn jacobian_of(problem: &mut dyn Dvi, t: f64, y: &[f64]) -> Option<DMatrix<f64>>
     values.iter().all(|value| value.is_finite()).then_some(jacobian)
 }
 
-/// The unit vectors of the states and of some variables, as columns.
+/// The unit vectors of the states and of the given variables, as columns.
 fn selection(structure: &Structure, variables: &[usize]) -> DMatrix<f64> {
     let n = structure.states;
     let kept: Vec<usize> = (0..n).chain(variables.iter().map(|k| n + k)).collect();
     DMatrix::from_fn(structure.unknowns(), kept.len(), |i, j| f64::from(kept[j] == i))
 }
 
-/// The Jacobian of `M^-1 (F, G)`, with the number of states that are left and which variables are free; `None` for a mass
-/// that is not finite.
+/// The Jacobian of `M^-1 (F, G)`, with the number of differential states and which variables are free; `None` for a
+/// mass that is not finite.
 fn without_mass(
     jacobian: DMatrix<f64>,
     n: usize,
@@ -168,7 +168,7 @@ fn without_mass(
     let m = free.len();
     let mut mass = DMatrix::<f64>::zeros(n, n);
     entries.iter().for_each(|&(i, j, value)| mass[(i, j)] += value);
-    // Differential directions first, then those in the null space.
+    // Differential directions come first, then those in the null space.
     let singular = Singular::of(&mass)?;
     let rank = singular.rank(RANK);
     let mut left = DMatrix::<f64>::identity(n + m, n + m);

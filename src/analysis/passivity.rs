@@ -1,32 +1,32 @@
-//! Passive systems. With `V = dx^T P dx / 2` of the difference of two solutions and `<dz, dG> <= 0`,
+//! Passive systems. Let `V = dx^T P dx / 2` for the difference `(dx, dz)` of two solutions. With `<dz, dG> <= 0`,
 //!
 //! ```text
 //! V' <= dx^T P A dx + dz^T (B^T P - C) dx - dz^T D dz
 //! ```
 //!
-//! is at most a multiple of `V`, so that `dx` remains zero, if the terms with `dz` are bounded from above by `|dx|^2`: if
-//! `D` is positive semidefinite and, on the kernel of `D + D^T`, `B^T P = C`. With a basis `N` of that kernel there is
-//! such a symmetric positive definite `P` exactly if `N^T C B N` is symmetric positive semidefinite and has the rank and
-//! the kernel of `B N` and of `C^T N` (Camlibel and Schumacher 2016, Linear passive systems and maximal monotone mappings;
-//! Camlibel, Heemels, Schumacher 2002, On linear passive complementarity systems).
+//! is at most a multiple of `V`, so that `dx` remains zero, if the terms with `dz` are bounded from above by `|dx|^2`:
+//! if `D` is positive semidefinite and `B^T P = C` on the kernel of `D + D^T`. With a basis `N` of that kernel, a
+//! symmetric positive definite `P` exists if and only if `N^T C B N` is symmetric positive semidefinite and has the
+//! rank and the kernel of `B N` and of `C^T N` (Camlibel and Schumacher 2016, Linear passive systems and maximal
+//! monotone mappings; Camlibel, Heemels, Schumacher 2002, On linear passive complementarity systems).
 //!
-//! A network of resistors, capacitors, inductors and diodes is passive in any of its forms, `P` being the capacitances
-//! and inductances.
+//! A network of resistors, capacitors, inductors and diodes is passive in any of its formulations, with the
+//! capacitances and inductances as `P`.
 
 use super::linearisation::{Linearisation, RANK};
 use factorisation::{Singular, least_eigenvalue};
 use nalgebra::{DMatrix, DVector};
 use std::fmt;
 
-/// What is left of products that cancel, relative to their terms.
+/// Rounding of products that cancel, relative to their terms.
 const ROUNDING: f64 = 1e-9;
 
-/// A system found to be passive, with the figures of it.
+/// The figures of a passive system.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Passivity {
     /// The least eigenvalue of the symmetric part of `D`.
     of_d: f64,
-    /// That of `C B` on the kernel of `D + D^T`, if there is one.
+    /// The least eigenvalue of `C B` on the kernel of `D + D^T`, if that is not zero.
     of_cb: Option<f64>,
 }
 
@@ -49,11 +49,11 @@ impl fmt::Display for Passivity {
     }
 }
 
-/// Whether the system is passive up to a shift of `A`; `None` also where a product of its matrices overflows.
+/// The figures if the system is passive up to a shift of `A`; `None` if not, or if a product of its matrices overflows.
 pub(super) fn passivity(problem: &Linearisation) -> Option<Passivity> {
     let symmetric = &problem.d * 0.5 + problem.d.transpose() * 0.5;
     let of_d = least_eigenvalue(&symmetric)?;
-    // In units of each variable in which its own entry of D, or else of C B, is one.
+    // Scale each variable so that its own entry of D, or else of C B, is one.
     let cb = &problem.c * &problem.b;
     let size = problem.d.amax();
     let unit = |k: usize| match (symmetric[(k, k)], cb[(k, k)]) {
@@ -75,17 +75,17 @@ pub(super) fn passivity(problem: &Linearisation) -> Option<Passivity> {
     if !has_storage(&problem.b * &kernel, kernel.tr_mul(&problem.c)) {
         return None;
     }
-    // In the user's units where the kernel is the whole space.
+    // Use the user's units if the kernel is the whole space.
     let cb = if kept.len() == problem.variables() { cb } else { kernel.tr_mul(&cb) * kernel };
     let of_cb = least_eigenvalue(&(&cb * 0.5 + cb.transpose() * 0.5))?;
     Some(Passivity { of_d: of_d.max(0.0), of_cb: Some(of_cb.max(0.0)) })
 }
 
-/// Whether `P B = C^T` for some symmetric positive definite `P`: `C B` symmetric positive semidefinite, with the rank of `B`
-/// and `C`, and `B` and `C^T` with one kernel.
+/// Whether `P B = C^T` for some symmetric positive definite `P`: `C B` is symmetric positive semidefinite, with the
+/// rank of `B` and `C`, and `B` and `C^T` have the same kernel.
 fn has_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> bool {
     let n = b.nrows();
-    // In units of each state in which `B` and `C^T` are alike.
+    // Scale each state so that its rows of `B` and `C^T` have equal norms.
     for i in 0..n {
         let (column, row) = (c.column(i).norm(), b.row(i).norm());
         if column > 0.0 && row > 0.0 {
@@ -114,7 +114,7 @@ fn has_storage(mut b: DMatrix<f64>, mut c: DMatrix<f64>) -> bool {
     rank.is_some() && [&b, &c, &stacked].into_iter().all(|matrix| rank_of(matrix) == rank)
 }
 
-/// The largest entry, or one where all are zero.
+/// The largest absolute entry, or one if all are zero.
 fn size(matrix: &DMatrix<f64>) -> f64 {
     let size = matrix.amax();
     if size > 0.0 { size } else { 1.0 }

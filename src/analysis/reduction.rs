@@ -1,25 +1,25 @@
-//! One problem in several writings, brought to one form before its uniqueness is judged: free variables are eliminated,
-//! and states are counted on the subspace in which two solutions can differ.
+//! Reduction of equivalent formulations of a problem to one form before its uniqueness is judged: free variables are
+//! eliminated, and states are restricted to the subspace in which two solutions can differ.
 //!
 //! - Of the equations `0 = C_F x + D_FF z_F + D_FB z_B + ..` of the free variables, those with a regular part of `D_FF`
-//!   give `z_F`; the others, if they bind states alone, `0 = C_2 x + ..`, give it when they are differentiated once, and
-//!   the difference of two solutions is in the kernel of `C_2`.
-//! - Where `q^T A = 0` and `q^T B = 0`, `q^T x` is known beforehand: two solutions differ orthogonally to `q`.
+//!   determine `z_F`. The others, if they constrain states only, `0 = C_2 x + ..`, determine it after one
+//!   differentiation, and the difference of two solutions is in the kernel of `C_2`.
+//! - If `q^T A = 0` and `q^T B = 0`, `q^T x` is an invariant: two solutions differ orthogonally to `q`.
 
 use super::linearisation::{Linearisation, RANK};
 use factorisation::Singular;
 use nalgebra::DMatrix;
 
 impl Linearisation {
-    /// Without its free variables; `None` if there are none, or only such, or if their elimination takes more than one
-    /// differentiation.
+    /// The problem without its free variables; `None` if there are none, if all are free, or if their elimination takes
+    /// more than one differentiation.
     pub(super) fn without_free(&self) -> Option<Self> {
         let (free, bounded): (Vec<usize>, Vec<usize>) = (0..self.variables()).partition(|&k| self.free[k]);
         if free.is_empty() || bounded.is_empty() {
             return None;
         }
         let (n, m) = (self.states(), bounded.len());
-        // Rows: rates, then G of the bounded variables. Columns: states, bounded variables, then one.
+        // Rows: rates, then G of the bounded variables. Columns: states, then bounded variables.
         let rows = stack(&self.a, &self.c.select_rows(&bounded));
         let by_bounded = stack(&self.b.select_columns(&bounded), &self.block(&bounded, &bounded));
         let mut known = join(&rows, &by_bounded);
@@ -61,7 +61,7 @@ impl Linearisation {
         Some(reduced.on(&differences))
     }
 
-    /// On the subspace in which two solutions can differ.
+    /// The problem on the subspace in which two solutions can differ; `None` if that is the whole space.
     pub(super) fn without_invariants(&self) -> Option<Self> {
         if !self.is_constant || self.states() == 0 {
             return None;
@@ -82,18 +82,18 @@ impl Linearisation {
         Some(self.on(&kernel(&invariants)?))
     }
 
-    /// With states that are combinations of the columns of an orthonormal `basis`, which the rates do not leave.
+    /// The problem with states in the span of an orthonormal `basis`, which is invariant under the rates.
     fn on(&self, basis: &DMatrix<f64>) -> Self {
         Self { a: basis.tr_mul(&self.a) * basis, b: basis.tr_mul(&self.b), c: &self.c * basis, ..self.clone() }
     }
 
-    /// The entries of `D` in some rows and columns.
+    /// The entries of `D` in these rows and columns.
     fn block(&self, rows: &[usize], columns: &[usize]) -> DMatrix<f64> {
         DMatrix::from_fn(rows.len(), columns.len(), |i, j| self.d[(rows[i], columns[j])])
     }
 }
 
-/// An orthonormal basis of what a matrix of full row rank, its rows scaled to one size, maps to zero.
+/// An orthonormal basis of the kernel of a matrix of full row rank, computed with rows scaled to one size.
 fn kernel(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let (rows, n) = matrix.shape();
     let mut square = DMatrix::zeros(n.max(rows), n);
@@ -106,13 +106,13 @@ fn kernel(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(singular.v_t.rows(rank, n - rank).transpose())
 }
 
-/// One matrix above another.
+/// Stacks one matrix above another.
 fn stack(above: &DMatrix<f64>, below: &DMatrix<f64>) -> DMatrix<f64> {
     let n = above.nrows();
     DMatrix::from_fn(n + below.nrows(), above.ncols(), |i, j| if i < n { above[(i, j)] } else { below[(i - n, j)] })
 }
 
-/// One matrix beside another.
+/// Joins two matrices side by side.
 fn join(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let n = left.ncols();
     DMatrix::from_fn(left.nrows(), n + right.ncols(), |i, j| if j < n { left[(i, j)] } else { right[(i, j - n)] })

@@ -1,11 +1,11 @@
-//! Signs that look reversed: `D`, or where it vanishes `C B`, negative definite, so that the inequality drives its
-//! variables away from what it asks for.
+//! Reversed signs: `D`, or `C B` if `D` vanishes, is negative definite, so that variables drive their inequalities
+//! further into violation.
 
 use super::linearisation::Linearisation;
 use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 
-/// What may have been written with the wrong sign.
+/// The part of a problem that may have the wrong sign.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reversal {
     /// The inequalities.
@@ -14,7 +14,7 @@ pub enum Reversal {
     InequalityOrRate,
 }
 
-/// What looks reversed in a problem, seen without its free variables.
+/// Detects a reversed sign in a problem, after elimination of its free variables.
 pub(super) fn reversal(problem: &Linearisation) -> Option<Reversal> {
     let eliminated = problem.without_free();
     let problem = eliminated.as_ref().unwrap_or(problem);

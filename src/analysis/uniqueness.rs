@@ -1,12 +1,12 @@
-//! Existence and uniqueness, as far as the derivatives certify them (Stewart 2011, chapters 4 to 6; Pang and Stewart 2008,
-//! Differential variational inequalities; Camlibel, Heemels, Schumacher 2002).
+//! Existence and uniqueness, as far as the derivatives certify them (Stewart 2011, chapters 4 to 6; Pang and Stewart
+//! 2008, Differential variational inequalities; Camlibel, Heemels, Schumacher 2002).
 //!
-//! - `D` positive semidefinite and `P B N = C^T N` for a symmetric positive definite `P` and a basis `N` of the kernel of
-//!   `D + D^T` (a system that is passive up to a shift; Camlibel and Schumacher 2016, Linear passive systems and maximal
-//!   monotone mappings): see [`passivity`](super::passivity).
+//! - `D` positive semidefinite and `P B N = C^T N` for a symmetric positive definite `P` and a basis `N` of the kernel
+//!   of `D + D^T` (a system that is passive up to a shift; Camlibel and Schumacher 2016, Linear passive systems and
+//!   maximal monotone mappings): see [`passivity`](super::passivity).
 //! - `D` a P-matrix: `z` is a Lipschitz function of `(t, x)`, so both are unique.
-//! - `D = 0`, `K` an orthant and `C B` an H-matrix with positive diagonal: the reflection map is Lipschitz (Harrison and
-//!   Reiman 1981; Dupuis and Ishii 1991), so `x` is unique.
+//! - `D = 0`, `K` an orthant and `C B` an H-matrix with positive diagonal: the reflection map is Lipschitz (Harrison
+//!   and Reiman 1981; Dupuis and Ishii 1991), so `x` is unique.
 //! - `D = 0`, `C B` positive definite or a P-matrix but not symmetric: a solution exists; it need not be unique
 //!   (Mandelbaum; Bernard and El Kharroubi 1991).
 
@@ -17,21 +17,21 @@ use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// What is certified.
+/// The certified verdict.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Uniqueness {
     /// The solution is unique.
     Unique,
-    /// The solution is unique until it gets where the equations are not Lipschitz.
+    /// The solution is unique until it reaches a point where the equations are not Lipschitz.
     LocallyUnique,
     /// A solution exists, but uniqueness is not guaranteed.
     ExistsNotCertified,
-    /// Neither is certified.
+    /// Neither existence nor uniqueness is certified.
     NotCertified,
     /// Solutions are not unique in general.
     NotUnique,
-    /// Nothing was analysed.
+    /// The problem was not analysed.
     #[default]
     NotAnalysed,
 }
@@ -56,10 +56,10 @@ impl std::fmt::Display for Uniqueness {
     }
 }
 
-/// Up to this order all principal minors are looked at.
+/// Largest order for which all principal minors are computed.
 const MOST_MINORS: usize = 12;
 
-/// The verdict and why; `None` if a product of the derivatives overflows.
+/// The verdict and its reason; `None` if a product of the derivatives overflows.
 pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness, String)> {
     let m = problem.variables();
     if m == 0 {
@@ -86,7 +86,7 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness,
         let because = "K moves with the states (a quasi-variational inequality): no theorem applied here covers it";
         return Some((Uniqueness::NotCertified, because.into()));
     }
-    // One problem has one verdict, however it is written.
+    // The verdict must not depend on the formulation.
     let differing = problem.without_invariants();
     let problem = differing.as_ref().unwrap_or(problem);
     let eliminated = problem.without_free();
@@ -198,8 +198,8 @@ fn index_one(cb: &DMatrix<f64>, figures: &Figures, is_orthant: bool, place: &str
     }
 }
 
-/// Whether the comparison matrix (`|a_ii|` on the diagonal, `-|a_ij|` off it) is a nonsingular M-matrix, and the diagonal
-/// positive: then the inverse of the comparison matrix is nonnegative.
+/// Whether the diagonal is positive, and the comparison matrix (`|a_ii|` on the diagonal, `-|a_ij|` off it) a
+/// nonsingular M-matrix, which has a nonnegative inverse.
 fn is_h_matrix(matrix: &DMatrix<f64>) -> bool {
     if matrix.diagonal().iter().any(|&diagonal| diagonal <= 0.0) {
         return false;
@@ -215,7 +215,7 @@ fn is_h_matrix(matrix: &DMatrix<f64>) -> bool {
     comparison.try_inverse().is_some_and(|inverse| inverse.iter().all(|&entry| entry >= 0.0))
 }
 
-/// What decides of a square matrix.
+/// The figures of a square matrix on which verdicts rest.
 struct Figures {
     /// The largest entry.
     size: f64,
@@ -228,7 +228,7 @@ struct Figures {
 impl Figures {
     /// `None` if an entry is not finite.
     fn of(matrix: &DMatrix<f64>) -> Option<Self> {
-        // Halved first: the sum of two large entries need not overflow.
+        // Halve first: the sum of two large entries may overflow.
         let symmetric = matrix * 0.5 + matrix.transpose() * 0.5;
         let size = matrix.amax();
         let asymmetry = if size > 0.0 { (matrix / size - matrix.transpose() / size).amax() } else { 0.0 };
@@ -236,7 +236,7 @@ impl Figures {
     }
 }
 
-/// Whether all principal minors are positive; `None` where there are too many of them.
+/// Whether all principal minors are positive; `None` if there are too many of them.
 fn is_p_matrix(matrix: &DMatrix<f64>) -> Option<bool> {
     let m = matrix.nrows();
     if m > MOST_MINORS {

@@ -1,10 +1,10 @@
-//! What the theory says of `z in K, <(m * z)(t) + q(t), z~ - z> >= 0` with a kernel `m(t) ~ M t^(a-1)` at zero. The index
-//! is `a` (Stewart 2011, Dynamics with Inequalities, section 5.4):
+//! Analysis of Volterra inequalities `z in K, <(m * z)(t) + q(t), z~ - z> >= 0` with a kernel `m(t) ~ M t^(a-1)` at
+//! zero. The index is `a` (Stewart 2011, Dynamics with Inequalities, section 5.4):
 //!
 //! - `a < 1`: `t^(a-1)` has the transform `Gamma(a) s^-a`, and on the imaginary axis the convolution is as positive as
-//!   `cos(pi a/2) S + i sin(pi a/2) N`, `S` and `N` the symmetric and the skew part of `M`: where this Hermitian matrix is
-//!   positive definite the difference of two solutions is zero;
-//! - `a = 1`: only `M` symmetric and positive definite is left of that; it is enough;
+//!   `cos(pi a/2) S + i sin(pi a/2) N`, with the symmetric part `S` and the skew part `N` of `M`: if this Hermitian
+//!   matrix is positive definite the difference of two solutions is zero;
+//! - `a = 1`: the condition reduces to `M` symmetric and positive definite, which is sufficient;
 //! - `1 < a <= 2`: solutions exist and need not be unique (Stewart 2014, Nonuniqueness and fractional index convolution
 //!   complementarity problems).
 
@@ -13,7 +13,7 @@ use factorisation::least_eigenvalue;
 use nalgebra::DMatrix;
 use std::f64::consts::FRAC_PI_2;
 
-/// An eigenvalue below this fraction of the largest entry is rounding.
+/// Eigenvalues below this fraction of the largest entry are rounding.
 const ROUNDING: f64 = 1e-12;
 
 /// The verdict for a kernel of index `a` in `(0, 2]` with the matrix `M`.
@@ -65,7 +65,7 @@ pub fn analyse_memory(a: f64, matrix: &DMatrix<f64>) -> Analysis {
     }
 }
 
-/// The least eigenvalue of `cos(pi a/2) S + i sin(pi a/2) N`, as that of a real matrix of twice the size.
+/// The least eigenvalue of `cos(pi a/2) S + i sin(pi a/2) N`, computed from a real symmetric matrix of twice the size.
 fn positivity(a: f64, symmetric: &DMatrix<f64>, skew: &DMatrix<f64>) -> Option<f64> {
     let m = symmetric.nrows();
     let (sine, cosine) = (FRAC_PI_2 * a).sin_cos();
@@ -101,7 +101,8 @@ mod tests {
 
     #[test]
     fn the_skew_part_counts_the_more_the_higher_the_index() {
-        // S = I and N = k [[0, 1], [-1, 0]]: the eigenvalues are cos(pi a/2) +- k sin(pi a/2), so that a < (2/pi) atan(1/k).
+        // S = I and N = k [[0, 1], [-1, 0]]: the eigenvalues are cos(pi a/2) +- k sin(pi a/2), so that a < (2/pi)
+        // atan(1/k).
         let matrix = [1.0, 1.0, -1.0, 1.0];
         assert_eq!(verdict(0.49, matrix), Uniqueness::Unique);
         assert_eq!(verdict(0.51, matrix), Uniqueness::ExistsNotCertified);

@@ -29,11 +29,11 @@ Examples:
   dvi check spring.json
   for f in *.json; do dvi check \"$f\" || echo \"$f\"; done";
 
-/// Checks; the exit code says what was found.
+/// Checks the file and prints a summary or the errors; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     match read(&arguments.file) {
         Ok(specification) => {
-            // A closed standard output wants no answer.
+            // A closed standard output is ignored.
             let _ = write!(io::stdout(), "{}", told(&arguments.file, &specification));
             ExitCode::SUCCESS
         }
@@ -41,7 +41,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     }
 }
 
-/// What a correct specification comes to: its sizes, what the theory says of it, what its author should know.
+/// The summary of a correct specification: its sizes, the results of the analysis, and warnings.
 fn told(file: &Path, specification: &Specification) -> String {
     let summary = specification.summary();
     let analysis = &summary.analysis;
@@ -54,7 +54,7 @@ fn told(file: &Path, specification: &Specification) -> String {
         (Some(index), _) => format!("{index}, mixed: {:?} variables by differentiation", analysis.levels),
     };
     let mut text = format!("{}: correct{label}\n", file.display());
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "  states          {}", summary.states);
     let _ = writeln!(text, "  variables       {}", summary.variables);
     let _ = writeln!(text, "  moving bounds   {}", summary.moving_bounds);

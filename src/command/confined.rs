@@ -1,5 +1,5 @@
-//! `dvi solve --memory-mib`: a solve in a process that is ended when it takes more memory, so that whoever asked can be told
-//! why in place of a message of the system.
+//! `dvi solve --memory-mib`: a solve in a child process with a memory limit, so that exceeding the limit is reported as
+//! an error of the solve.
 
 use super::{BAD_SPECIFICATION, ENDED, Told, UNSERVABLE, report};
 use dvi::problem::Control;
@@ -16,10 +16,10 @@ use tokio::runtime::Builder;
 use tokio::select;
 use tokio::sync::Notify;
 
-/// Solves what stands in `document`, and gives how it ended with the result as JSON. Ctrl-C stops it.
+/// Solves `document` in a child process; returns its end and the results as JSON. Ctrl-C stops the solve.
 ///
 /// # Errors
-/// The exit code, where there is no result; standard error says why.
+/// The exit code, if there are no results; the reason is printed to standard error.
 pub fn solve(
     file: &Path,
     document: &[u8],
@@ -66,7 +66,7 @@ pub fn solve(
     }
 }
 
-/// The JSON that columns stand for.
+/// Decodes columns into the JSON that they encode.
 fn whole(columns: Vec<u8>, prints: &Prints) -> io::Result<Vec<u8>> {
     let index = columns[columns.len().saturating_sub(prints.index.bytes)..].to_vec();
     let columns = Stored::open(columns, &index)?;

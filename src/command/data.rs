@@ -1,10 +1,10 @@
-//! Where the service keeps what is to outlive it.
+//! The data folder of the service.
 
 use clap::Args;
 use std::env;
 use std::path::PathBuf;
 
-/// The folder of the service.
+/// The option for the data folder.
 #[derive(Args)]
 pub struct Data {
     /// Folder of the accepted jobs, their results and the tokens; made if it is not there
@@ -14,9 +14,9 @@ pub struct Data {
 }
 
 impl Data {
-    /// The folder; nothing if none is given and there is no home.
+    /// The folder; `None` if none is given and there is no home directory.
     pub fn folder(&self) -> Option<PathBuf> {
-        // The XDG Base Directory Specification, version 0.8: a relative path counts as none.
+        // The XDG Base Directory Specification, version 0.8: relative paths are ignored.
         let state = |variable, below: &str| {
             let folder = env::var_os(variable).map(PathBuf::from).filter(|folder| folder.is_absolute());
             folder.map(|folder| folder.join(below))

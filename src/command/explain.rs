@@ -1,4 +1,4 @@
-//! `dvi explain`: what a code of an error, a warning, a verdict or a refusal means, and what to do.
+//! `dvi explain`: the meaning of a code of an error, a warning, a verdict or a refusal, and what to do about it.
 
 use super::USAGE;
 use clap::Args;
@@ -27,7 +27,7 @@ Exit codes:
   0   done
   64  there is no such code";
 
-/// Explains; a closed standard output wants no answer.
+/// Prints the explanation; a closed standard output is ignored.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let text = match &arguments.code {
         None => list(),
@@ -51,7 +51,7 @@ fn explained(page: &Page) -> String {
 fn list() -> String {
     let mut text = String::new();
     for (k, kind) in Kind::ALL.into_iter().enumerate() {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "{}{}", if k > 0 { "\n" } else { "" }, kind.title());
         for Page { code, meaning, .. } in pages().iter().filter(|page| page.kind == kind) {
             let _ = writeln!(text, "  {code:<27} {meaning}");

@@ -1,4 +1,4 @@
-//! `dvi healthcheck`: whether the service on this machine is alive, for where there is no curl.
+//! `dvi healthcheck`: whether the service on this machine is alive, for systems without curl.
 
 use super::UNHEALTHY;
 use clap::Args;
@@ -18,13 +18,13 @@ pub struct Arguments {
     listen: SocketAddr,
 }
 
-/// The longest wait for any part of the answer.
-const PATIENCE: Duration = Duration::from_secs(2);
+/// The time limit for connecting and for each read or write.
+const IO_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// As much of an answer as tells its status.
+/// The beginning of a response that reports a living service.
 const STATUS_LINE: &str = "HTTP/1.1 200";
 
-/// Asks once.
+/// Sends one request; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let address = reachable(arguments.listen);
     match ask(address) {
@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     }
 }
 
-/// Who listens on every address is called on the loopback one.
+/// The address to connect to: the loopback address, if the service listens on all addresses.
 fn reachable(mut listen: SocketAddr) -> SocketAddr {
     match listen.ip() {
         IpAddr::V4(ip) if ip.is_unspecified() => listen.set_ip(Ipv4Addr::LOCALHOST.into()),
@@ -51,9 +51,9 @@ fn reachable(mut listen: SocketAddr) -> SocketAddr {
 }
 
 fn ask(address: SocketAddr) -> io::Result<bool> {
-    let mut stream = TcpStream::connect_timeout(&address, PATIENCE)?;
-    stream.set_read_timeout(Some(PATIENCE))?;
-    stream.set_write_timeout(Some(PATIENCE))?;
+    let mut stream = TcpStream::connect_timeout(&address, IO_TIMEOUT)?;
+    stream.set_read_timeout(Some(IO_TIMEOUT))?;
+    stream.set_write_timeout(Some(IO_TIMEOUT))?;
     write!(stream, "GET /healthz HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n")?;
     let mut status = [0; STATUS_LINE.len()];
     stream.read_exact(&mut status)?;
@@ -73,7 +73,7 @@ mod tests {
         let address = listener.local_addr().unwrap();
         let server = thread::spawn(move || {
             let (mut stream, _) = listener.accept().unwrap();
-            // Read to its end: closing on unread bytes would reset the connection, answer and all.
+            // Read the whole request: closing with unread bytes would reset the connection and lose the response.
             let request: Vec<String> =
                 BufReader::new(&stream).lines().map(Result::unwrap).take_while(|line| !line.is_empty()).collect();
             stream.write_all(answer.as_bytes()).unwrap();

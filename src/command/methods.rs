@@ -1,4 +1,4 @@
-//! `dvi methods`: what a specification may choose from, and the conditions of the theory on every method.
+//! `dvi methods`: the choices of a specification, and the conditions of the theory for every method.
 
 use clap::{Args, ValueEnum};
 use dvi::radau::{Conditions, Vanishing};
@@ -19,7 +19,7 @@ pub struct Arguments {
     format: Format,
 }
 
-/// A form of the list.
+/// A format of the list.
 #[derive(Clone, Copy, ValueEnum)]
 enum Format {
     /// Tables for people
@@ -33,7 +33,7 @@ Examples:
   dvi methods
   dvi methods --format json | less";
 
-/// Lists; a closed standard output wants no answer.
+/// Prints the list; a closed standard output is ignored.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let text = match arguments.format {
         Format::Text => told(catalogue()),
@@ -61,7 +61,7 @@ fn told(catalogue: &Catalogue) -> String {
     ] {
         list(&mut text, title, choices);
     }
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     let _ = writeln!(text, "Radau IIA, its conditions checked\n");
     let heads = ["s", "step", "B(p)", "C(q)", "Q", "D A + A^T D", "alpha", "|a_s - b|", "|R(infinity)|"];
     let _ = writeln!(text, "{}", row(heads.map(str::to_owned)));

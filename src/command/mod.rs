@@ -1,4 +1,4 @@
-//! What the subcommands share: exit codes, reading a specification, and telling what is wrong with one.
+//! Code shared by the subcommands: exit codes, and the reading of specifications with reports of their errors.
 
 pub mod check;
 pub mod completions;
@@ -46,11 +46,11 @@ pub const UNWRITABLE: u8 = 4;
 pub const UNSERVABLE: u8 = 5;
 /// A server did not answer, or refused.
 pub const UNANSWERED: u8 = 6;
-/// The end time was reached, and the answer is not trusted.
+/// The end time was reached, but the solution is not trusted.
 pub const UNTRUSTED: u8 = 7;
-/// The process that solved was ended, as for want of memory.
+/// The child process that solved was killed, for instance for want of memory.
 pub const ENDED: u8 = 8;
-/// The command line makes no sense (`EX_USAGE` of sysexits).
+/// The command line is invalid (`EX_USAGE` of sysexits).
 pub const USAGE: u8 = 64;
 
 /// An error of a specification, found here or by a server.
@@ -70,7 +70,7 @@ impl From<SpecificationError> for Told {
     }
 }
 
-/// Reads and checks a file, or standard input where it is called `-`. What is wrong is told on standard error.
+/// Reads and checks a file, or standard input if the name is `-`. Errors are printed to standard error.
 pub fn read(file: &Path) -> Result<Specification, ExitCode> {
     read_text(file, &bytes(file)?)
 }
@@ -118,14 +118,14 @@ fn bytes_of(file: &Path) -> io::Result<Vec<u8>> {
     std::fs::read(file).map(|text| document_of(&text).into_owned())
 }
 
-/// The errors for people: a paragraph each, the place first.
+/// The errors for people: one paragraph each, beginning with the pointer.
 fn report(file: &Path, errors: &[Told]) -> String {
     let count = if errors.len() == 1 { "1 error".to_owned() } else { format!("{} errors", errors.len()) };
     let mut text = format!("{}: {count}\n", file.display());
     for error in errors {
         let place = if error.pointer.is_empty() { "(the whole document)" } else { &error.pointer };
         let detail = error.detail.replace('\n', "\n    ");
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = writeln!(text, "\n  {place}: {} [{}]", detail, error.code);
         if let Some(expected) = &error.expected {
             let _ = writeln!(text, "    expected: {expected}");

@@ -1,6 +1,6 @@
-//! Other programs that run the same systems: each Python file of a folder is one. Called with `--name` it prints its name, or
-//! fails where it cannot run; called otherwise it reads `{"system", "exact", "tolerances"}` as JSON from its input and prints
-//! the series it measured, as they stand in a report.
+//! Other programs that solve the same systems: each Python file of a folder is one. Called with `--name`, a program
+//! prints its name, or fails if it cannot run; otherwise it reads `{"system", "exact", "tolerances"}` as JSON from
+//! standard input and prints the measured series, in the form of the report.
 
 use dvi::solution::Series;
 use dvi::study::report::{TOLERANCES, exact_end};
@@ -19,7 +19,7 @@ pub struct Peers {
 }
 
 impl Peers {
-    /// Those of a folder; what is not there cannot run.
+    /// The programs of a folder; none if the folder does not exist.
     pub fn in_folder(folder: &Path) -> Self {
         let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
         let mut scripts: Vec<PathBuf> =
@@ -33,13 +33,13 @@ impl Peers {
         Self { found: scripts.into_iter().filter_map(named).collect() }
     }
 
-    /// Their names, for people.
+    /// The names of the programs, for people.
     pub fn names(&self) -> String {
         let names: Vec<&str> = self.found.iter().map(|(_, name)| name.as_str()).collect();
         if names.is_empty() { "not found".to_owned() } else { names.join(", ") }
     }
 
-    /// What they measure of a system; nothing where they do not have it.
+    /// The series that the programs measure for a system; none from programs that do not have the system.
     pub fn solve(&self, system: &str) -> Vec<Series> {
         let Some(exact) = exact_end(system) else { return Vec::new() };
         let request = json!({"system": system, "exact": exact, "tolerances": TOLERANCES}).to_string();
@@ -51,7 +51,7 @@ fn ask(script: &Path, request: &str) -> Option<Vec<Series>> {
     let mut command = Command::new(PYTHON);
     command.arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut process = command.spawn().ok()?;
-    // Dropped at once, so that its input ends.
+    // Drop the input at once, so that the program reads its end.
     let sent = process.stdin.take().map(|mut input| input.write_all(request.as_bytes()));
     let told = process.wait_with_output().ok()?;
     sent?.ok()?;

@@ -1,13 +1,13 @@
-//! How far a long command is: a bar on a terminal, a line for each step elsewhere.
+//! The progress of a long command: a bar on a terminal, one line per step elsewhere.
 
 use std::io::{self, IsTerminal, Write};
 
-/// Characters of the bar.
+/// The width of the bar, in characters.
 const WIDTH: usize = 30;
-/// Characters of what runs; a longer line would wrap.
+/// The largest width of a step's name, in characters; a longer line would wrap.
 const NAME: usize = 40;
 
-/// So many of so many steps.
+/// The number of steps done, out of all.
 pub struct Progress {
     done: usize,
     all: usize,
@@ -15,12 +15,12 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Nothing done yet of `all` steps.
+    /// The progress of a command with `all` steps, none of them done.
     pub fn new(all: usize) -> Self {
         Self { done: 0, all, terminal: io::stderr().is_terminal() }
     }
 
-    /// Says that the next step begins. Standard error that is closed is no reason to stop.
+    /// Reports that the next step begins. A closed standard error is ignored.
     pub fn next(&mut self, name: &str) {
         let mut to = io::stderr().lock();
         let _ = if self.terminal {

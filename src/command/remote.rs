@@ -1,8 +1,8 @@
-//! `dvi solve --server URL`: the same solve, made by a running service.
+//! `dvi solve --server URL`: the solve is done by a running service.
 //!
-//! 1. The specification is posted as it is; the service checks it.
-//! 2. A solve that takes longer than a moment is followed until it ends. Ctrl-C cancels it there.
-//! 3. The result goes to standard output, or to a file, as the service sends it.
+//! 1. The specification is posted unchanged; the service checks it.
+//! 2. A solve that takes longer than five seconds is followed until it ends. Ctrl-C cancels it in the service.
+//! 3. The results are copied to standard output, or to a file, as the service sends them.
 
 use super::result::destination;
 use super::{BAD_SPECIFICATION, Told, UNANSWERED, UNWRITABLE, report, verdict};
@@ -24,12 +24,12 @@ use tokio::net::TcpStream;
 use tokio::signal::ctrl_c;
 use tokio::time::sleep;
 
-/// A service to ask.
+/// A service to send requests to.
 #[derive(Clone, Debug)]
 pub struct Server {
     authority: String,
     address: String,
-    /// What stands before every path, where the service is behind another.
+    /// The prefix of every path, if a proxy shows the service under a path.
     prefix: String,
     token: Option<String>,
 }
@@ -57,24 +57,24 @@ impl FromStr for Server {
     }
 }
 
-/// The time the service has for an answer before it becomes a job.
+/// The preference for the time in which the service may respond with results, before it responds with a job.
 const MOMENT: &str = "wait=5";
-/// The time between two looks at a job.
-const GLANCE: Duration = Duration::from_millis(500);
-/// The most bytes of an answer that is not a result.
+/// The interval between two polls of a job.
+const POLL_INTERVAL: Duration = Duration::from_millis(500);
+/// The largest size of a response other than results, in bytes.
 const MOST: usize = 16 << 20;
 
-/// Why there is no result.
+/// Why there are no results.
 enum RemoteError {
-    /// The service could not be reached or broke off.
+    /// The service could not be reached, or the connection broke off.
     Lost(String),
-    /// It says no.
+    /// The service refused the request.
     Refused(ProblemDetails),
-    /// Standard output does not take the result.
+    /// Standard output could not be written.
     Unwritable(io::Error),
 }
 
-/// What of a problem (RFC 9457) is told.
+/// The parts of a problem (RFC 9457) that are reported.
 #[derive(Deserialize)]
 struct ProblemDetails {
     title: String,
@@ -83,18 +83,18 @@ struct ProblemDetails {
     errors: Vec<Told>,
 }
 
-/// What of the state of a job decides how to go on.
+/// The parts of a job's status that are needed here.
 #[derive(Deserialize)]
 struct Status {
     status: String,
     progress: u8,
     steps: u64,
     message: Option<String>,
-    /// Once there is an answer.
+    /// The verdict, once there is a solution.
     verdict: Option<Verdict>,
 }
 
-/// Has `specification`, from `file`, solved; the exit code says how it went.
+/// Has the service solve `specification`, read from `file`; returns the exit code.
 pub fn run(
     server: &Server,
     file: &Path,
@@ -138,7 +138,7 @@ pub fn run(
 }
 
 impl Server {
-    /// The same, shown a token.
+    /// The service with a token for its requests.
     pub fn showing(self, token: Option<&str>) -> Self {
         Self { token: token.map(|token| format!("Bearer {token}")), ..self }
     }
@@ -156,7 +156,7 @@ impl Server {
         let (status, headers, body) = self.send(request, Method::POST, "/solve", Body::from(specification)).await?;
         let job = job_of(&headers).ok_or_else(|| RemoteError::Lost("the answer names no job".to_owned()))?;
         if status != StatusCode::ACCEPTED {
-            // Before the result, while the service is sure to know it.
+            // Before the results are read, while the service is sure to keep the job.
             let ended = self.status(&job).await?;
             write(body, output).await?;
             return Ok(ended);
@@ -176,7 +176,7 @@ impl Server {
         loop {
             let status = self.status(job).await?;
             if drawn {
-                // A terminal that is gone needs no progress.
+                // A closed terminal is ignored.
                 let _ = write!(io::stderr(), "\r\x1b[K{} {} %  {} steps", status.status, status.progress, status.steps);
             }
             if !matches!(status.status.as_str(), "accepted" | "running") {
@@ -186,7 +186,7 @@ impl Server {
                 return Ok(status);
             }
             tokio::select! {
-                () = sleep(GLANCE) => {}
+                () = sleep(POLL_INTERVAL) => {}
                 _ = &mut interrupted, if !cancelled => {
                     cancelled = true;
                     drop(self.send(Request::builder(), Method::POST, &format!("{job}/cancel"), Body::empty()).await?);
@@ -200,7 +200,7 @@ impl Server {
         read(body).await
     }
 
-    /// Sends a request on a connection of its own; an answer that is a problem is trouble.
+    /// Sends a request on a connection of its own; a problem in the response is returned as an error.
     async fn send(
         &self,
         request: axum::http::request::Builder,
@@ -238,7 +238,7 @@ fn lost(error: impl std::fmt::Display) -> RemoteError {
     RemoteError::Lost(error.to_string())
 }
 
-/// The path of the job, from `Location` or the link that monitors it.
+/// The path of the job, from `Location` or from the `monitor` link.
 fn job_of(headers: &HeaderMap) -> Option<String> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let link = || text(header::LINK)?.strip_prefix('<')?.split_once('>').map(|(path, _)| path);
@@ -250,14 +250,14 @@ async fn read<T: for<'a> Deserialize<'a>>(body: Incoming) -> Result<T, RemoteErr
     serde_json::from_slice(&bytes).map_err(lost)
 }
 
-/// Passes a result on to standard output.
+/// Copies results to standard output, or to a file.
 async fn write(mut body: Incoming, output: Option<&Path>) -> Result<(), RemoteError> {
     let mut out = destination(output).map_err(RemoteError::Unwritable)?;
     while let Some(frame) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
         let frame = frame.map_err(lost)?;
         let Some(data) = frame.data_ref() else { continue };
         match out.write_all(data) {
-            // The reader has seen enough, as `head` does.
+            // The reader has closed its end early, as `head` does.
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => return Ok(()),
             written => written.map_err(RemoteError::Unwritable)?,
         }

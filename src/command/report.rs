@@ -1,5 +1,5 @@
-//! `dvi report`: every system of the theory at a ladder of tolerances and steps, and stability at the limits, as one HTML
-//! page with its tables.
+//! `dvi report`: error and run time of every example system over a range of tolerances and step sizes, and stability at
+//! the limits, as one HTML page with its tables.
 
 use super::UNWRITABLE;
 use super::peers::Peers;
@@ -52,15 +52,15 @@ Examples:
   dvi report --stability
   dvi report --only friction_belt --only relay --out belt";
 
-/// Steps of progress in the stability chapter beside the parts of its table.
+/// The number of progress steps of the stability chapter, in addition to the parts of its table.
 const MEASUREMENTS: usize = 3;
 
-/// The systems there are. What is none of them is answered with the nearest.
+/// The names of the systems; for an unknown name, the parser suggests the nearest.
 fn names() -> PossibleValuesParser {
     PossibleValuesParser::new(EXAMPLES.iter().map(|example| example.name))
 }
 
-/// Runs and writes; progress goes to standard error.
+/// Runs and writes the report, with progress on standard error; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let wanted = |name: &str| arguments.only.is_empty() || arguments.only.iter().any(|only| only == name);
     let examples: Vec<&Example> =
@@ -113,7 +113,7 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     Ok(page)
 }
 
-/// What a JSON file holds from before, or else what is measured now, and kept there.
+/// The contents of a JSON file of an earlier run, or else a new measurement, which is written to the file.
 fn kept<T: Serialize + DeserializeOwned>(
     out: &Path,
     name: &str,
@@ -127,7 +127,7 @@ fn kept<T: Serialize + DeserializeOwned>(
     }
     let found = measure();
     if let Some(found) = &found {
-        // A file that is there is whole, whenever the run is interrupted.
+        // Written under another name, so that the file is complete after an interruption, too.
         let part = out.join(format!("{name}.json.part"));
         fs::write(&part, serde_json::to_vec_pretty(found)?)?;
         fs::rename(&part, &file)?;

@@ -72,10 +72,10 @@ Exit codes:
   5   it could not start, for example because the address or the folder is taken
   64  the command line or RUST_LOG makes no sense";
 
-/// The time that the end of the log has to go out, if somebody reads it.
+/// The time limit for writing the last log lines.
 const LAST_LINES: Duration = Duration::from_secs(1);
 
-/// A form of the log.
+/// A format of the log.
 #[derive(Clone, Copy, ValueEnum)]
 enum LogFormat {
     /// For people
@@ -84,7 +84,7 @@ enum LogFormat {
     Json,
 }
 
-/// Serves until stopped; the exit code says whether it could start.
+/// Serves until stopped; returns the exit code.
 pub fn run(arguments: Arguments) -> ExitCode {
     let spans = match Spans::start() {
         Ok(spans) => spans,
@@ -134,12 +134,12 @@ fn serve(options: Options, log: &Log) -> io::Result<()> {
         service.serve(listener, stop).await;
         io::Result::Ok(())
     })?;
-    // A reader of an abandoned specification must not hold up the exit.
+    // A thread still busy with an abandoned specification must not delay the exit.
     runtime.shutdown_background();
     Ok(())
 }
 
-/// Something comes out for every SIGTERM and SIGINT.
+/// A channel that receives a message for every SIGTERM and SIGINT.
 fn signals() -> io::Result<Receiver<()>> {
     let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
     let (sender, stop) = channel(2);
@@ -173,7 +173,8 @@ fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Erro
         LogFormat::Json => lines.json().with_filter(filter).boxed(),
     };
     tracing_subscriber::registry().with(lines).with(spans.layer()).init();
-    // A log of JSON lines stays one; the place of a panic is known here alone, its job by the span.
+    // Report panics as log lines, so that a log in JSON contains nothing else. The hook alone knows the place of a
+    // panic; the span names the job.
     panic::set_hook(Box::new(|panic| {
         let place = panic.location().map(ToString::to_string).unwrap_or_default();
         tracing::error!(panic.place = place, "panicked at {place}");

@@ -1,4 +1,5 @@
-//! `dvi solve`: one solve in this process, or by a server. The result goes to standard output, all else to standard error.
+//! `dvi solve`: one solve, in this process or by a server. The results go to standard output, all else to standard
+//! error.
 
 use super::remote::{self, Server};
 use super::result::{Format, destination, write};
@@ -82,10 +83,10 @@ Examples:
   dvi solve --memory-mib 4096 large.json
   dvi solve --server http://localhost:8080 spring.json";
 
-/// The time between two looks at the progress.
-const GLANCE: Duration = Duration::from_millis(100);
+/// The interval between two updates of the progress.
+const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Solves and writes; the exit code says how it went.
+/// Solves and writes the results; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let format = match Format::of(arguments.format, arguments.output.as_deref()) {
         Ok(format) => format,
@@ -136,7 +137,7 @@ fn run_alone(arguments: &Arguments, file: &Path, format: Format) -> ExitCode {
 
 pub(super) fn exit_code(written: io::Result<()>, status: Status, verdict: &Verdict) -> ExitCode {
     match written {
-        // The reader has seen enough, as `head` does.
+        // The reader has closed its end early, as `head` does.
         Err(error) if error.kind() != io::ErrorKind::BrokenPipe => {
             eprintln!("dvi: cannot write the result: {error}");
             ExitCode::from(UNWRITABLE)
@@ -150,13 +151,13 @@ pub(super) fn threads() -> NonZeroUsize {
     thread::available_parallelism().unwrap_or(NonZeroUsize::MIN)
 }
 
-/// The label of a specification, whatever else it says.
+/// The label of a specification, whatever else it contains.
 #[derive(Deserialize)]
 struct Labelled {
     label: Option<String>,
 }
 
-/// The same in a process of its own, which may take so much memory.
+/// Solves in a child process with a memory limit of `memory_mib` MiB, and writes the results.
 fn solve_confined(
     arguments: &Arguments,
     file: &Path,
@@ -180,7 +181,7 @@ fn solve_confined(
     Ok(exit_code(written, solved.status, &solved.verdict))
 }
 
-/// Waits for Ctrl-C on a thread of its own. Where that cannot be had, Ctrl-C ends the process, as it always did.
+/// Calls `act` at Ctrl-C, by a thread of its own. If the thread cannot be started, Ctrl-C ends the process.
 pub(super) fn on_interrupt(act: impl FnOnce() + Send + 'static) {
     let wait = move || {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().build()?;
@@ -208,13 +209,13 @@ pub(super) fn with_progress<T>(control: &Control, solve: impl FnOnce() -> T) -> 
     })
 }
 
-/// Draws the progress until the other end of `ended` is dropped, then wipes it away.
+/// Draws the progress until the sender of `ended` is dropped, then clears it.
 fn show_progress(control: &Control, ended: &Receiver<()>) {
     let mut drawn = false;
-    while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(GLANCE) {
+    while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(POLL_INTERVAL) {
         let fraction = control.fraction().clamp(0.0, 1.0);
         let bar = "#".repeat((fraction * 40.0) as usize);
-        // A terminal that is gone needs no progress.
+        // A closed terminal is ignored.
         let _ = write!(io::stderr(), "\r[{bar:<40}] {:5.1} %  {} steps", fraction * 100.0, control.steps());
         drawn = true;
     }

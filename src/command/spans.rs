@@ -1,5 +1,5 @@
-//! Spans of requests and jobs for a collector of OpenTelemetry, in programs that are built with the feature `otlp`, where
-//! `OTEL_EXPORTER_OTLP_ENDPOINT` names one. Without either no span is made.
+//! Export of the spans of requests and jobs to an OpenTelemetry collector, in programs built with the feature `otlp`,
+//! if `OTEL_EXPORTER_OTLP_ENDPOINT` names one. Otherwise no spans are recorded.
 
 #[cfg(feature = "otlp")]
 pub use exported::Spans;
@@ -19,20 +19,20 @@ mod exported {
     use tracing_subscriber::filter::filter_fn;
     use tracing_subscriber::registry::LookupSpan;
 
-    /// The variables that name a collector.
+    /// The environment variables that name a collector.
     const ENDPOINTS: [&str; 2] = ["OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT"];
 
-    /// The time that the last spans have to go out.
+    /// The time limit for exporting the last spans.
     const LAST_SPANS: Duration = Duration::from_secs(3);
 
-    /// Where spans go, if anywhere.
+    /// The exporter of spans, if a collector is configured.
     pub struct Spans(Option<SdkTracerProvider>);
 
     impl Spans {
-        /// Starts the thread that sends them.
+        /// Starts the exporting thread, if a collector is configured.
         ///
         /// # Errors
-        /// What the variables name is no address.
+        /// The environment variables name no valid address.
         pub fn start() -> Result<Self, Box<dyn std::error::Error>> {
             if ENDPOINTS.iter().all(|name| env::var_os(name).is_none_or(|endpoint| endpoint.is_empty())) {
                 return Ok(Self(None));
@@ -43,7 +43,7 @@ mod exported {
             Ok(Self(Some(SdkTracerProvider::builder().with_resource(resource).with_batch_exporter(exporter).build())))
         }
 
-        /// What takes the spans of the service, and none of the libraries.
+        /// The tracing layer that exports the spans of the service, and none of libraries.
         pub fn layer<S>(&self) -> Option<impl Layer<S> + use<S>>
         where
             S: Subscriber + for<'a> LookupSpan<'a>,
@@ -52,7 +52,7 @@ mod exported {
             Some(layer.with_filter(filter_fn(|of| of.is_span() && of.target().starts_with("service"))))
         }
 
-        /// Sends what there is.
+        /// Exports the remaining spans.
         pub fn end(self) {
             if let Some(Err(error)) = self.0.map(|provider| provider.shutdown_with_timeout(LAST_SPANS)) {
                 tracing::warn!(%error, "the last spans did not reach the collector");
@@ -66,7 +66,7 @@ mod none {
     use std::convert::Infallible;
     use tracing_subscriber::layer::Identity;
 
-    /// Spans that go nowhere.
+    /// No exporter: the feature `otlp` is off.
     pub struct Spans;
 
     impl Spans {
@@ -75,12 +75,12 @@ mod none {
             Ok(Self)
         }
 
-        /// Takes nothing.
+        /// A layer that does nothing.
         pub fn layer(&self) -> Identity {
             Identity::new()
         }
 
-        /// There is nothing to send.
+        /// Does nothing, since there are no spans.
         pub fn end(self) {}
     }
 }

@@ -1,4 +1,4 @@
-//! `dvi store`: what a service keeps on the disk, looked at from outside.
+//! `dvi store`: inspection and repair of the store of a service, from outside.
 
 use super::UNREADABLE;
 use clap::{Args, Subcommand};
@@ -75,7 +75,7 @@ Examples:
 /// Something is damaged.
 const DAMAGED: u8 = 1;
 
-/// Does what is asked; the exit code says how it went.
+/// Runs the action; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     match &arguments.action {
         Action::Check(Check { path }) => check(path),
@@ -88,7 +88,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 fn check(path: &Path) -> ExitCode {
     match Inspection::of(path) {
         Ok(found) => {
-            // A closed standard output wants no answer.
+            // A closed standard output is ignored.
             let _ = tell(path, &found, &mut io::stdout());
             if found.is_whole() { ExitCode::SUCCESS } else { ExitCode::from(DAMAGED) }
         }
@@ -108,7 +108,7 @@ fn mend(path: &Path) -> ExitCode {
         }
         Ok(Some(salvaged)) => {
             let is_whole = Inspection::of(path).is_ok_and(|found| found.is_whole());
-            // A closed standard output wants no answer.
+            // A closed standard output is ignored.
             let _ = tell_repair(path, &salvaged, &mut io::stdout());
             if is_whole && salvaged.lost.is_empty() { ExitCode::SUCCESS } else { ExitCode::from(DAMAGED) }
         }

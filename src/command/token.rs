@@ -1,4 +1,4 @@
-//! `dvi token`: the tokens by which clients of the service are known.
+//! `dvi token`: the tokens that identify clients of the service.
 
 use super::data::Data;
 use super::{UNREADABLE, UNWRITABLE, USAGE};
@@ -62,10 +62,10 @@ enum Action {
     },
 }
 
-/// There is no token of that number.
+/// There is no token with this number.
 const UNKNOWN: u8 = 1;
 
-/// Does what is asked; the exit code says how it went.
+/// Runs the action; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let Some(folder) = arguments.data.folder() else {
         eprintln!("dvi: there is no home to keep tokens in: say --data DIR");
@@ -89,7 +89,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn list(folder: &Path) -> ExitCode {
-    // A folder that is not there is a slip of the pen more often than one that will be made.
+    // A missing folder is more often a typing error than a folder yet to be created.
     let rows = fs::metadata(folder).and_then(|_| access::list(folder));
     let listed = rows.map(|rows| {
         if rows.is_empty() {

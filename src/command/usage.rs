@@ -1,10 +1,10 @@
-//! What is wrong with a command line, with what to write instead where the parser does not say so.
+//! Tips for errors of the command line, where the parser does not say what to write instead.
 
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Arg, Command, Error};
 use std::env;
 
-/// The error with tips: the variable that the value came from, the least number, the form of an address.
+/// The error with tips: the environment variable that the value came from, the least number, or the form of an address.
 pub fn with_tips(mut error: Error, command: &Command) -> Error {
     let tips = tips(&error, command);
     if !tips.is_empty() {
@@ -37,7 +37,7 @@ fn tips(error: &Error, command: &Command) -> Vec<String> {
     tips
 }
 
-/// The environment variable that stands for a flag.
+/// The environment variable of a flag, if it is set.
 fn variable(flag: &str, command: &Command) -> Option<String> {
     let is_flag = |argument: &&Arg| argument.get_long().is_some_and(|long| flag.strip_prefix("--") == Some(long));
     let arguments = command.get_subcommands().flat_map(Command::get_arguments).chain(command.get_arguments());
@@ -45,7 +45,7 @@ fn variable(flag: &str, command: &Command) -> Option<String> {
     env::var_os(variable).map(|_| variable.to_string_lossy().into_owned())
 }
 
-/// Whether the flag stands on the command line.
+/// Whether the flag was given on the command line.
 fn is_written(flag: &str) -> bool {
     env::args().any(|argument| argument.split('=').next() == Some(flag))
 }

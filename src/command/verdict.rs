@@ -1,12 +1,12 @@
-//! The verdict on an answer for people, a line for each reason and caveat, and for scripts, as an exit code.
+//! The verdict on a solution: for people, as a line for each reason and caveat, and for scripts, as an exit code.
 
 use super::{UNFINISHED, UNTRUSTED};
 use dvi::solution::{CheckCode, Verdict};
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-/// The exit code of a solve; the end that was not reached goes before the answer that is not trusted. A service of another
-/// version may give no verdict.
+/// The exit code of a solve; not reaching the end time takes precedence over an untrusted solution. The verdict may be
+/// absent, from a service of another version.
 pub fn exit_code(reached_end: bool, verdict: Option<&Verdict>) -> ExitCode {
     ExitCode::from(code(reached_end, verdict))
 }
@@ -20,10 +20,10 @@ pub fn code(reached_end: bool, verdict: Option<&Verdict>) -> u8 {
     }
 }
 
-/// What speaks against the answer, and what should be known of it. Why the end was not reached is told elsewhere.
+/// The reasons against the solution, and its caveats. The reason for not reaching the end time is reported elsewhere.
 pub fn lines(verdict: &Verdict) -> String {
     let mut text = String::new();
-    // Writing to a string does not fail.
+    // Writing to a string cannot fail.
     for reason in verdict.because.iter().filter(|reason| reason.code != CheckCode::NotAtEnd) {
         let _ = writeln!(text, "dvi: not trusted: {reason}");
     }

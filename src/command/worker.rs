@@ -1,4 +1,5 @@
-//! `dvi worker`: a process that solves what the front gives it over its pipes. It is started by `dvi serve`.
+//! `dvi worker`: a process that takes orders from the front over its standard input and output. It is started by
+//! `dvi serve` and by `dvi solve --memory-mib`.
 
 use super::UNANSWERED;
 use clap::Args;
@@ -22,12 +23,12 @@ pub struct Arguments {
     memory_mib: NonZeroUsize,
 }
 
-/// Solves until there are no more orders.
+/// Performs orders until there are no more.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let confinement = Confinement::impose(arguments.memory_mib.get().saturating_mul(1 << 20));
     log();
     match work(confinement) {
-        // What is still solved ends with the process.
+        // A solve that is still running ends with the process.
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("dvi: {error}");
@@ -37,12 +38,12 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn work(confinement: Confinement) -> io::Result<()> {
-    // Past the buffer of standard output, which waits for the end of a line.
+    // Bypass the buffer of standard output, which is flushed at line ends.
     let output = File::from(io::stdout().as_fd().try_clone_to_owned()?);
     serve(io::stdin().lock(), output, Arc::new(dvi::solve), confinement)
 }
 
-/// Starts the log, on standard error: whoever started the worker keeps its last words.
+/// Starts the log, on standard error, of which the front keeps the last bytes.
 fn log() {
     tracing_subscriber::fmt().with_writer(io::stderr).with_ansi(false).without_time().init();
     panic::set_hook(Box::new(|panic| {

@@ -1,4 +1,5 @@
-//! The contacts of a mechanical system that are near enough to act within a step, in contact coordinates.
+//! Active contacts: the contacts of a mechanical system that are near enough to act within a step, in contact
+//! coordinates.
 
 use super::delassus::Delassus;
 use super::law::{Cone, Contacts};
@@ -6,10 +7,10 @@ use nalgebra::Vector3;
 use problem::{Constraints, MechanicalStructure};
 use vi::coulomb::BlockMatrix;
 
-/// What the law needs of some contacts, but for velocities and gaps.
+/// Data of the active contacts for the law of contact. Velocities, gaps and the step size are passed with each call.
 pub struct ActiveContacts {
     contacts: Vec<usize>,
-    /// `W`.
+    /// The Delassus operator `W`.
     pub delassus: BlockMatrix,
     /// The coefficients of restitution.
     pub restitution: Vec<f64>,
@@ -20,7 +21,8 @@ pub struct ActiveContacts {
 }
 
 impl ActiveContacts {
-    /// Computes `W`; `None` where it is not finite. Joints must be held already.
+    /// Computes `W`; `None` if it is not finite. The responses to the joints must be up to date
+    /// ([`Delassus::hold_joints`]).
     pub fn new(
         structure: &MechanicalStructure,
         constraints: &Constraints,
@@ -29,7 +31,7 @@ impl ActiveContacts {
     ) -> Option<Self> {
         for &k in contacts {
             for row in rows(structure, k) {
-                if !delassus.hold(constraints, row) {
+                if !delassus.update_response(constraints, row) {
                     return None;
                 }
             }
@@ -52,7 +54,8 @@ impl ActiveContacts {
         })
     }
 
-    /// For the law, at velocities without impulses `free` and `before`.
+    /// Input of the contact law, with the velocities at the end of the step without impulses (`free`) and at its
+    /// beginning (`before`).
     pub fn contacts<'a>(
         &'a self,
         free: &'a [Vector3<f64>],
@@ -65,7 +68,7 @@ impl ActiveContacts {
         Contacts { delassus, free, before, gap, mu, restitution, cone, h }
     }
 
-    /// For the law without friction, restitution and gaps.
+    /// Input of the contact law without friction, restitution and gaps.
     pub fn without_friction<'a>(&'a self, free: &'a [Vector3<f64>]) -> Contacts<'a> {
         let Self { delassus, cone, zeros, none, .. } = self;
         Contacts { delassus, free, before: zeros, gap: none, mu: none, restitution: none, cone, h: 1.0 }
@@ -88,13 +91,15 @@ impl ActiveContacts {
         self.contacts.iter().map(velocity).collect()
     }
 
-    /// The size of what forces, by this much, and its own impulse add to `u` of contact `i`.
+    /// Velocity scale of contact `i`: `|du_free| + tr(W_ii) |r_i|`, with the change of its velocity by forces alone,
+    /// `du_free`.
     pub fn change(&self, i: usize, by_forces: &Vector3<f64>, r: &Vector3<f64>) -> f64 {
         by_forces.norm() + self.delassus.diagonal(i).trace() * r.norm()
     }
 
-    /// A contact whose friction, at these velocities where they are more than rounding, drives it into what it slides on:
-    /// `W_nn - mu W_nt u_t / |u_t| < 0` (Painleve 1895; Stewart 2000, section 1.4).
+    /// Finds a contact with the Painleve paradox: its friction at velocities `u` drives it into the surface it slides
+    /// on, `W_nn - mu W_nt u_t / |u_t| < 0` (Painleve 1895; Stewart 2000, section 1.4). Slips below `rounding` are
+    /// skipped.
     pub fn painleve(&self, u: &[Vector3<f64>], rounding: &[f64]) -> Option<usize> {
         (0..u.len()).find(|&i| {
             let (w, slip) = (self.delassus.diagonal(i), u[i].y.hypot(u[i].z));
@@ -112,7 +117,7 @@ impl ActiveContacts {
     }
 }
 
-/// The rows of a contact: its normal, then its directions of slip.
+/// The rows of `J` of contact `k`: the normal, then the directions of slip.
 pub(super) fn rows(structure: &MechanicalStructure, k: usize) -> impl Iterator<Item = usize> {
     std::iter::once(structure.normal(k)).chain(structure.tangents(k))
 }

@@ -1,14 +1,15 @@
-//! Events of a contact.
+//! Events of contacts.
 
 use problem::EventKind;
 
-/// An event of a contact: an impact, a lift-off (it opens after it was closed for a while), a slip that stops, or one that begins.
+/// An event of a contact: impact, lift-off (the contact opens after it was closed for a while), stick (slip stops) or
+/// slip (slip begins).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactEvent {
     /// The time, in the units of the problem.
     pub t: f64,
-    /// Which of the four.
+    /// The kind of event.
     pub kind: EventKind,
-    /// The contact, by its position.
+    /// The index of the contact.
     pub contact: usize,
 }

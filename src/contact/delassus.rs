@@ -1,36 +1,36 @@
-//! How velocities respond to impulses, with the joints held:
+//! The Delassus operator `W`: the response of velocities to impulses of contacts, with the joints holding:
 //!
 //! ```text
 //! v = v_free + Y r,    Y = H J^T,    H = M^-1 - M^-1 A^T (A M^-1 A^T)^+ A M^-1,    W = J Y
 //! ```
 //!
-//! `A` are the rows of the joints, `J` those of the contacts. The pseudo-inverse leaves redundant joints their freedom: their
-//! impulses are the least ones.
+//! `A` are the rows of the joints, `J` those of the contacts. With redundant joints the pseudo-inverse selects the
+//! joint impulses of least norm.
 
 use factorisation::DenseLu;
 use nalgebra::{DMatrix, Matrix3};
 use problem::{Constraints, MechanicalStructure};
 use vi::coulomb::BlockMatrix;
 
-/// Singular values below this fraction of the largest are those of redundant joints.
+/// Rank tolerance: singular values below this fraction of the largest belong to redundant joints.
 const REDUNDANT: f64 = 1e-11;
 
-/// Iterations of the singular value decomposition, far more than it takes.
+/// Iteration limit of the singular value decomposition, far above its need.
 const ITERATIONS: usize = 10_000;
 
-/// Factors of `M`, and the responses of one place.
+/// Factors of `M`, and the responses to the constraint rows at one state.
 pub struct Delassus {
     factors: DenseLu<f64>,
     /// `M^-1 A^T` in the first columns, `H J^T` in the others.
     responses: DMatrix<f64>,
     /// `(A M^-1 A^T)^+`.
     joints: DMatrix<f64>,
-    /// Factorisations made.
+    /// The number of factorisations.
     pub factorisations: u64,
 }
 
 impl Delassus {
-    /// Room for a system.
+    /// Allocates for a system.
     pub fn new(structure: &MechanicalStructure) -> Self {
         Self {
             factors: DenseLu::new(structure.coordinates),
@@ -47,12 +47,12 @@ impl Delassus {
         self.factorisations += 1;
     }
 
-    /// `M^-1 p` in place; false where it is not finite.
+    /// Computes `M^-1 p` in place; false if the result is not finite.
     pub fn solve(&mut self, p: &mut [f64]) -> bool {
         self.factors.solve(p)
     }
 
-    /// Computes the responses to all joints; false where they are not finite.
+    /// Computes the responses to all joints; false if they are not finite.
     pub fn hold_joints(&mut self, constraints: &Constraints) -> bool {
         let j = self.joints.nrows();
         if !(0..j).all(|row| self.respond(constraints, row)) {
@@ -65,7 +65,7 @@ impl Delassus {
         pseudo_inverse(gram).map(|inverse| self.joints = inverse).is_some()
     }
 
-    /// `M^-1` times the row of `J`, into its column.
+    /// Writes `M^-1` times a row of `J` into its column of the responses.
     fn respond(&mut self, constraints: &Constraints, row: usize) -> bool {
         let n = self.responses.nrows();
         let column = &mut self.responses.as_mut_slice()[row * n..(row + 1) * n];
@@ -73,8 +73,8 @@ impl Delassus {
         self.factors.solve(column)
     }
 
-    /// Computes the response to a row of a contact, with the joints held; false where it is not finite.
-    pub fn hold(&mut self, constraints: &Constraints, row: usize) -> bool {
+    /// Computes the response to a row of a contact, with the joints holding; false if it is not finite.
+    pub fn update_response(&mut self, constraints: &Constraints, row: usize) -> bool {
         if !self.respond(constraints, row) {
             return false;
         }
@@ -88,12 +88,12 @@ impl Delassus {
         true
     }
 
-    /// The least impulses of the joints, in the metric of `M`, that take away this violation of them.
+    /// The joint impulses that remove a velocity violation of the joints, least in the metric of `M`.
     pub fn joint_impulses(&self, violation: &[f64]) -> Vec<f64> {
         impulses(&self.joints, violation).collect()
     }
 
-    /// Makes `v` obey the joints, `A v + b = 0`, by the impulses of the joints; the least in the metric of `M`.
+    /// Projects `v` onto the joints, `A v + b = 0`, by joint impulses that are least in the metric of `M`.
     pub fn obey_joints(&self, violation: &[f64], v: &mut [f64]) {
         if !violation.is_empty() {
             let n = self.responses.nrows();
@@ -101,7 +101,7 @@ impl Delassus {
         }
     }
 
-    /// `x -= M^-1 C^T (C M^-1 C^T)^+ off` for some rows `C` of `J`; false where that is not finite.
+    /// Projects `x -= M^-1 C^T (C M^-1 C^T)^+ off` for some rows `C` of `J`; false if the result is not finite.
     pub fn remove(&mut self, constraints: &Constraints, rows: &[usize], off: &[f64], x: &mut [f64]) -> bool {
         if rows.is_empty() {
             return true;
@@ -119,13 +119,14 @@ impl Delassus {
         x.iter().all(|x| x.is_finite())
     }
 
-    /// `H` times a row of `J`.
+    /// The response `H j` to a row `j` of `J`.
     pub fn response(&self, row: usize) -> &[f64] {
         let n = self.responses.nrows();
         &self.responses.as_slice()[row * n..(row + 1) * n]
     }
 
-    /// `W` of some contacts in blocks; directions in which one cannot slip have its normal entry on the diagonal.
+    /// `W` of some contacts, in 3 x 3 blocks. A direction in which a contact cannot slip has the normal entry on its
+    /// diagonal.
     pub fn blocks(
         &self,
         structure: &MechanicalStructure,
@@ -136,7 +137,7 @@ impl Delassus {
         let mut blocks = Vec::with_capacity(contacts.len() * contacts.len());
         let mut entries = Vec::new();
         for (i, &k) in contacts.iter().enumerate() {
-            // A contact moves few of many coordinates.
+            // A contact involves few of many coordinates.
             entries.clear();
             for (a, row) in rows(k).enumerate() {
                 entries.extend((0..).zip(constraints.row(row)).filter(|(_, x)| **x != 0.0).map(|(c, x)| (a, c, *x)));
@@ -176,7 +177,7 @@ fn impulses(inverse: &DMatrix<f64>, violation: &[f64]) -> impl Iterator<Item = f
     (0..violation.len()).map(|i| -violation.iter().enumerate().map(|(k, off)| inverse[(i, k)] * off).sum::<f64>())
 }
 
-/// `v += M^-1 A^T` times the impulses that take the violation away.
+/// `v += M^-1 A^T` times the impulses that remove the violation.
 fn add_joint_response(joints: &[f64], inverse: &DMatrix<f64>, violation: &[f64], v: &mut [f64]) {
     for (response, impulse) in joints.chunks_exact(v.len().max(1)).zip(impulses(inverse, violation)) {
         v.iter_mut().zip(response).for_each(|(v, response)| *v += response * impulse);

@@ -1,6 +1,7 @@
-//! A mechanical system by the time since its start. What happens to a body an hour or ten years after an epoch is the
-//! same, but clocks that count from the epoch tell times apart by `EPSILON` of it: impacts that come ever faster are lost
-//! in that. So motion is computed by the time since the start; the epoch is added where the system itself reads the clock.
+//! A mechanical system in the time since its start. Motion does not depend on the epoch from which a clock counts, but
+//! floating-point times are spaced by `EPSILON` of their distance from it, too widely for impacts that accumulate.
+//! Motion is therefore computed in the time since the start; the epoch is added where the system itself depends on
+//! time.
 
 use nalgebra::DMatrix;
 use numerics::Interval;
@@ -13,7 +14,7 @@ pub struct Elapsed {
 }
 
 impl Elapsed {
-    /// Lets time begin at `start`.
+    /// Shifts the origin of time to `start`.
     pub fn new(problem: Box<dyn Mechanical>, start: f64) -> Self {
         Self { problem, start }
     }

@@ -1,26 +1,25 @@
-//! Where the energy goes. Over a step with `M (v+ - v-) = p + J^T r`, with `p` the impulse of the forces,
+//! The balance of energy. Over a step with `M (v+ - v-) = p + J^T r`, where `p` is the impulse of the forces,
 //!
 //! ```text
 //! T+ - T- = <p, v+ + v->/2 + <r, u+ + u->/2
 //! ```
 //!
-//! exactly where `M` is constant and `u = J v`. Where surfaces, belts or joints move by themselves, `u = J v + b`, and
-//! `<J^T r, v> = <r, u> - <r, b>`: relative velocities tell what is lost, `-<r_t, u_t+ + u_t->/2` by friction and
-//! `-<r_n, u_n+ + u_n->/2` in impacts, and `-<r, b>` is the work of what drives them. So is the integral of
-//! `dV/dt - dT/dt`, at fixed `q` and `v`, where potential and masses depend on time: along `d/dt dL/dv - dL/dq = Q + J^T r`
-//! with `L = T - V` the energy has the rate `Q v + r J v - dL/dt`. With the work of the forces that have no potential the
-//! balance of a run is
+//! exactly if `M` is constant and `u = J v`. Where surfaces, belts or joints are driven, `u = J v + b` and
+//! `<J^T r, v> = <r, u> - <r, b>`: contacts lose `-<r_t, u_t+ + u_t->/2` by friction and `-<r_n, u_n+ + u_n->/2` in
+//! impacts, and the drives do the work `-<r, b>`. A potential or masses that depend on time do the work of the integral
+//! of `dV/dt - dT/dt` at fixed `q` and `v`: along `d/dt dL/dv - dL/dq = Q + J^T r` with `L = T - V` the energy has the
+//! rate `Q v + r J v - dL/dt`. With the work of the forces that have no potential the balance of a run is
 //!
 //! ```text
 //! E(t) - E(0) = work of forces + work of drives - friction - viscosity - impacts + defect
 //! ```
 //!
-//! and the defect, which an exact solution does not have, measures the discretisation.
+//! The defect is zero for an exact solution and measures the discretisation error.
 
 use serde::Serialize;
 
-/// The part of the energy that half a step may exchange between its forms. A longer step does not resolve the motion, and
-/// what it lacks is no matter of the time at which velocities are taken.
+/// Resolved motion: largest energy that may change between kinetic and potential in half a step, relative to
+/// [`Energy::size`]. The half-step offset of velocities does not explain the defect of longer steps.
 const MOST_LAG: f64 = 0.1;
 
 /// The balance of a run, in units of energy.
@@ -36,44 +35,44 @@ pub struct Energy {
     pub potential_at_end: f64,
     /// Work of the forces that have no potential.
     pub work_of_forces: f64,
-    /// Work of what moves or changes by itself: surfaces, belts and joints that depend on time, a potential and masses that do.
+    /// Work of drives: surfaces, belts and joints that depend on time, and a potential and masses that do.
     pub work_of_drives: f64,
-    /// Dissipated by friction.
+    /// Energy dissipated by friction.
     pub dissipated_by_friction: f64,
-    /// Dissipated by viscosity; absent where there is none.
+    /// Energy dissipated by viscosity; absent from the output if zero.
     #[serde(skip_serializing_if = "is_none")]
     pub dissipated_by_viscosity: f64,
-    /// Lost in impacts.
+    /// Energy lost in impacts.
     pub lost_in_impacts: f64,
-    /// What the balance lacks at the end: the change of energy less all work, plus what was dissipated and lost.
+    /// Defect of the balance at the end: the change of energy less all work, plus dissipation and losses.
     pub defect: f64,
-    /// The largest defect of the run, in size.
+    /// The largest defect of the run, by absolute value.
     pub largest_defect: f64,
-    /// The most energy that a step gained through impacts, which should be zero, as a share of the largest energy so
-    /// far, kinetic or exchanged, with or without what contacts took.
+    /// The largest energy gained through impacts in one step, which should be zero, relative to the largest energy so
+    /// far: kinetic with or without the impulses of contacts, or exchanged with the potential.
     pub largest_gain_in_impacts: f64,
-    /// Energy lost in impacts beyond what restitution takes: zero where every impulse obeys the law of impact.
+    /// Energy lost in impacts beyond the effect of restitution: zero if every impulse obeys the law of impact.
     #[serde(skip)]
     pub lost_beyond_restitution: f64,
-    /// The largest energy met, see [`Energy::size`].
+    /// The largest energy so far, see [`Energy::size`].
     #[serde(skip)]
     largest: f64,
     /// The largest gain in impacts, in units of energy.
     #[serde(skip)]
     gain: f64,
-    /// The largest defect with velocities taken for those of the middles of steps.
+    /// The largest defect if velocities are taken at the middles of steps, where that is recorded.
     #[serde(skip)]
     largest_at_middles: Option<f64>,
-    /// The largest energy that half a step exchanged.
+    /// The largest change of potential energy in half a step.
     #[serde(skip)]
     largest_lag: f64,
-    /// All that was done and dissipated, each part by its size.
+    /// The sum of all work and dissipation, each term by its absolute value.
     #[serde(skip)]
     throughput: f64,
-    /// The errors that steps of first order make in the energy, as far as forces and velocities tell them, by their sizes.
+    /// The sum of the estimated energy errors of first-order steps, each by its absolute value.
     #[serde(skip)]
     explained: f64,
-    /// The most energy that forces of that size may exchange in a step.
+    /// The largest energy that the forces may exchange in one step.
     #[serde(skip)]
     exchanged: f64,
     /// The largest terms of the balance, which bound its rounding.
@@ -81,11 +80,11 @@ pub struct Energy {
     terms: f64,
 }
 
-/// Rounding of the balance, in parts of its terms.
+/// Rounding of the balance, relative to its terms.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl Energy {
-    /// A balance that begins with these energies.
+    /// Opens a balance with the energies at the start.
     pub fn new(kinetic: f64, potential: f64) -> Self {
         Self {
             kinetic_at_start: kinetic,
@@ -98,19 +97,20 @@ impl Energy {
         }
     }
 
-    /// Raises the largest energy met: to what the weights of a system hold over its own size, for one at rest.
+    /// Raises the largest energy to at least `energy`: for a system at rest, the work of its weights over its own size.
     pub fn meet(&mut self, energy: f64) {
         self.largest = self.largest.max(energy);
     }
 
-    /// The largest energy met, with which defects are compared: kinetic energy and the change of the potential together, or
-    /// what forces give within a step to what contacts hold; with all work and dissipation so far.
+    /// The scale for defects: the largest kinetic energy plus change of potential (or, for a system at rest, the scale
+    /// given to [`Energy::meet`]), plus all work and dissipation so far.
     pub fn size(&self) -> f64 {
         self.largest + self.throughput
     }
 
-    /// Takes a step of `q+ = q + h v+` into account whose potential changed by this: its velocity is that of its middle, to
-    /// which the mean of the potentials at its ends belongs (as in the leapfrog). Half a step in time is no loss of energy.
+    /// Records the defect with velocities taken at the middle of a step. In a step `q+ = q + h v+` the velocity `v+` is
+    /// that of the middle, to which the mean of the potentials at both ends belongs (as in the leapfrog scheme): an
+    /// offset of half a step in time is no loss of energy.
     pub fn close_at_middle(&mut self, change_of_potential: f64) {
         let lag = 0.5 * change_of_potential;
         self.largest_lag = self.largest_lag.max(lag.abs());
@@ -118,8 +118,8 @@ impl Energy {
         self.largest_at_middles = Some(self.largest_at_middles.map_or(defect, |largest| largest.max(defect)));
     }
 
-    /// What the balance lacks at worst, with velocities at the ends of steps or, where they are told and a step is short
-    /// beside the motion, in their middles.
+    /// The largest defect of the run, with velocities taken at the ends of steps or, if recorded and the motion is
+    /// resolved, at their middles.
     pub fn lacking(&self) -> f64 {
         let is_resolved = self.largest_lag <= MOST_LAG * self.size();
         self.largest_at_middles
@@ -127,26 +127,26 @@ impl Energy {
             .map_or(self.largest_defect, |largest| largest.min(self.largest_defect))
     }
 
-    /// The part of the defect that is rounding: of the energies, and of the sums of what was booked.
+    /// The rounding error of the defect: that of the energies and of the sums of work and dissipation.
     pub fn rounding(&self) -> f64 {
         ROUNDING * (self.terms + self.throughput)
     }
 
-    /// Notes the error of a step of first order in the energy, and the most that forces of its size may exchange in it.
+    /// Adds the energy error of a first-order step, and the largest energy that its forces may exchange in the step.
     pub fn explain(&mut self, error: f64, exchanged: f64) {
         self.explained += error;
         self.exchanged = self.exchanged.max(exchanged);
     }
 
-    /// What steps of first order may lack together: their errors, as long as these leave the states within what they cover in
-    /// so many steps. Positions that far off are worth `steps` exchanges of energy, and so are velocities; the errors are
-    /// estimates of leading order, and may be twice as large. No order explains a step that does not resolve the motion.
+    /// The largest defect that the first order of the steps explains: twice the accumulated error estimates, which are
+    /// of leading order only. The estimates are capped at `steps` exchanges of energy, which corresponds to positions
+    /// and velocities that are off by their change over so many steps. Zero if the steps do not resolve the motion.
     pub fn explained(&self, steps: f64) -> f64 {
         let is_resolved = 0.5 * self.exchanged <= MOST_LAG * self.size();
         if is_resolved { 2.0 * self.explained.min(steps * self.exchanged) } else { 0.0 }
     }
 
-    /// Books what contacts took, by friction and by impacts, in a step whose largest kinetic energy is this.
+    /// Adds the dissipation by friction and the loss in impacts of a step whose largest kinetic energy is `kinetic`.
     pub fn dissipate(&mut self, friction: f64, impacts: f64, kinetic: f64) {
         self.dissipated_by_friction += friction;
         self.lost_in_impacts += impacts;
@@ -158,20 +158,20 @@ impl Energy {
         }
     }
 
-    /// Books the work of forces without a potential, and of drives.
+    /// Adds the work of forces without a potential, and of drives.
     pub fn work(&mut self, forces: f64, drives: f64) {
         self.work_of_forces += forces;
         self.work_of_drives += drives;
         self.throughput += forces.abs() + drives.abs();
     }
 
-    /// Books what viscosity dissipated.
+    /// Adds the dissipation by viscosity.
     pub fn dissipate_by_viscosity(&mut self, viscosity: f64) {
         self.dissipated_by_viscosity += viscosity;
         self.throughput += viscosity.abs();
     }
 
-    /// What is booked at this part of the way to a later balance.
+    /// Interpolates work and dissipation linearly towards a later balance; `part` is from 0 to 1.
     #[must_use]
     pub fn towards(mut self, later: &Self, part: f64) -> Self {
         let booked = |energy: &mut f64, later: f64| *energy += part * (later - *energy);
@@ -182,7 +182,7 @@ impl Energy {
         self
     }
 
-    /// Takes over the energies at the end of a step, and closes the balance.
+    /// Sets the energies at the end of a step, and updates the defect.
     pub fn close(&mut self, kinetic: f64, potential: f64) {
         (self.kinetic_at_end, self.potential_at_end) = (kinetic, potential);
         let raised = potential - self.potential_at_start;

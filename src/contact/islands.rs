@@ -1,14 +1,15 @@
-//! Islands: contacts and joints that share moving bodies, directly or through others, make one problem; those that share
-//! none are solved apart, and side by side where that pays.
+//! Islands: contacts and joints that share moving bodies, directly or through others, form one problem. Islands are
+//! solved separately, and in parallel where that pays.
 
 use std::num::NonZero;
 use std::thread;
 
-/// Disjoint sets of bodies (Tarjan 1975, *Efficiency of a good but not linear set union algorithm*), and the links of each.
+/// Disjoint sets of bodies (Tarjan 1975, *Efficiency of a good but not linear set union algorithm*), and the links of
+/// each set.
 #[derive(Clone, Debug, Default)]
 pub struct Islands {
     parent: Vec<u32>,
-    /// Links by island, each island's in ascending order, and where each begins.
+    /// Links by island in ascending order, and the offset of each island.
     links: Vec<u32>,
     offsets: Vec<usize>,
     island_of_root: Vec<u32>,
@@ -16,7 +17,7 @@ pub struct Islands {
 }
 
 impl Islands {
-    /// Groups links between bodies; a link has one or two bodies that move. Islands are numbered by their first link.
+    /// Groups links between bodies; a link has one or two moving bodies. Islands are numbered by their first link.
     pub fn group(&mut self, bodies: usize, links: impl Iterator<Item = (usize, Option<usize>)> + Clone) {
         self.parent.clear();
         self.parent.extend(0..bodies as u32);
@@ -60,7 +61,7 @@ impl Islands {
         self.offsets.len().saturating_sub(1)
     }
 
-    /// Whether there is none.
+    /// Whether no island has links.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -73,7 +74,7 @@ impl Islands {
     fn root(&mut self, body: usize) -> usize {
         let mut body = body;
         while self.parent[body] as usize != body {
-            // Halving: each second one on the way is hung one higher.
+            // Path halving: every second node of the path is linked to its grandparent.
             self.parent[body] = self.parent[self.parent[body] as usize];
             body = self.parent[body] as usize;
         }
@@ -81,8 +82,8 @@ impl Islands {
     }
 }
 
-/// Runs `work` on every task, each with a workspace of its own: on as many threads as there are workspaces, or in this one
-/// if the tasks but for the largest together weigh less than `worth`. What a task gives must not depend on its workspace.
+/// Runs `work` on every task with a workspace of its own: on one thread for each workspace, or on the current thread if
+/// all tasks but the largest together weigh less than `worth`. The result of a task must not depend on its workspace.
 pub fn solve_apart<T: Send, W: Send>(
     tasks: &mut [T],
     workspaces: &mut [W],
@@ -98,7 +99,7 @@ pub fn solve_apart<T: Send, W: Send>(
         }
         return;
     }
-    // The heaviest first, each to whoever has least to do.
+    // Assign the heaviest task first, each to the thread with the least load so far.
     let mut order: Vec<&mut T> = tasks.iter_mut().collect();
     order.sort_by_key(|task| std::cmp::Reverse(weight(task)));
     let mut shares: Vec<(usize, Vec<&mut T>)> = workspaces.iter().map(|_| (0, Vec::new())).collect();
@@ -116,7 +117,7 @@ pub fn solve_apart<T: Send, W: Send>(
     });
 }
 
-/// The threads that one solve may use: those of the machine, and no more than four.
+/// The number of threads of one solve: those of the machine, at most four.
 pub fn threads() -> usize {
     thread::available_parallelism().map_or(1, NonZero::get).min(4)
 }

@@ -2,12 +2,12 @@
 //! *Unilateral contact and dry friction in finite freedom dynamics*; Stewart 2000, *Rigid-body dynamics with friction
 //! and impact*, SIAM Review 42).
 //!
-//! - [`law`]: impact and friction of all contacts of one step at once, in contact coordinates. It knows neither `M` nor
-//!   where contacts come from.
-//! - [`energy`]: where the energy of a step goes.
+//! - [`law`]: impact and friction of all contacts of one step at once, in contact coordinates, independent of `M` and
+//!   of the geometry of contacts.
+//! - [`energy`]: the balance of energy.
 //! - [`EventDriven`]: smooth motion by Radau IIA from impact to impact, a [`SmoothPhase`] for each mode.
-//! - [`islands`]: contacts that share no moving body are solved apart.
-//! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: one after the other.
+//! - [`islands`]: contacts that share no moving body are solved separately.
+//! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: a run of such steps.
 
 mod active_contacts;
 mod contact_event;

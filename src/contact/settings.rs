@@ -1,42 +1,42 @@
-//! What a user may choose of contact, and how a run can fail.
+//! User settings of contact, and errors of a run.
 
-/// How impacts at several contacts at once come about.
+/// The law for simultaneous impacts at several contacts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum ImpactLaw {
-    /// All at once.
+    /// All contacts at once.
     #[default]
     Simultaneous,
-    /// One after the other.
+    /// One contact after the other.
     Sequential,
 }
 
-/// The choices of a run.
+/// The settings of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
     /// The step size of time stepping.
     pub step: f64,
-    /// Whether nobody chose it.
+    /// Whether the step size is the default.
     pub default_step: bool,
-    /// How simultaneous impacts come about.
+    /// The law for simultaneous impacts.
     pub impact_law: ImpactLaw,
-    /// The relative residual of the law of contact.
+    /// The tolerance on the relative residual of the law of contact.
     pub tolerance: f64,
 }
 
-/// Why a step could not be made.
+/// The reason why a step failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ContactError {
-    /// Something is not a number.
+    /// A quantity is not finite.
     #[error(
         "a {what} is not finite at t = {t}: a division by zero, a function outside its domain, or a number too large"
     )]
     NotFinite {
-        /// What.
+        /// The name of the quantity.
         what: &'static str,
-        /// When.
+        /// The time.
         t: f64,
     },
-    /// A force is not a number.
+    /// A force is not finite.
     #[error(
         "the force on coordinate {component} (counted from 0) is not finite at t = {t}: a division by zero, a function \
          outside its domain, or a number too large"
@@ -44,19 +44,19 @@ pub enum ContactError {
     Force {
         /// The coordinate.
         component: usize,
-        /// When.
+        /// The time.
         t: f64,
     },
-    /// `M` has lost its inverse.
+    /// `M` is not positive definite.
     #[error("the mass matrix is not positive definite at t = {t}")]
     MassNotPositive {
-        /// When.
+        /// The time.
         t: f64,
     },
     /// The matrix of the implicit forces, or a response to an impulse, has no finite inverse.
     #[error("the matrix of the step is singular at t = {t}: take a smaller step")]
     Singular {
-        /// When.
+        /// The time.
         t: f64,
     },
     /// A gap closes where its gradient vanishes.
@@ -67,7 +67,7 @@ pub enum ContactError {
     Gradient {
         /// The contact.
         contact: usize,
-        /// When.
+        /// The time.
         t: f64,
     },
     /// The law of contact was not solved.
@@ -76,17 +76,17 @@ pub enum ContactError {
          and contacts may leave no way to move, or a smaller step may help"
     )]
     Unsolved {
-        /// When.
+        /// The time.
         t: f64,
-        /// How many contacts were near.
+        /// The number of active contacts.
         contacts: usize,
-        /// What was left.
+        /// The relative residual.
         residual: f64,
     },
 }
 
 impl ContactError {
-    /// The same by a clock that is ahead by so much.
+    /// The error with its time shifted by `by`, for a clock that is ahead.
     #[must_use]
     pub fn ahead(mut self, by: f64) -> Self {
         match &mut self {
@@ -100,7 +100,7 @@ impl ContactError {
         self
     }
 
-    /// A stable word for programs.
+    /// A stable identifier for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } | Self::Force { .. } => "not_finite",

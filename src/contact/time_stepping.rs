@@ -1,5 +1,5 @@
-//! Time stepping over impacts (Moreau 1988; Stewart and Trinkle 1996): steps of one size, none of which is cut at an
-//! impact, so that any number of them, even infinitely many, costs nothing. First order.
+//! Time stepping over impacts (Moreau 1988; Stewart and Trinkle 1996): steps of constant size that are not cut at
+//! impacts, so that any number of impacts, even infinitely many, costs nothing. First order.
 
 use super::contact_event::ContactEvent;
 use super::energy::Energy;
@@ -9,55 +9,56 @@ use super::violations::Violations;
 use nalgebra::Vector3;
 use problem::{Control, EventKind, Mechanical};
 
-/// A run of steps of one size.
+/// A run with a constant step size.
 pub struct TimeStepping<'p> {
-    /// What makes the steps.
+    /// The stepper.
     pub step: VelocityStep<'p>,
-    /// Where it has come to.
+    /// The current state.
     pub state: State,
-    /// Where the last step began.
+    /// The state at the beginning of the last step.
     pub last: State,
     /// Impulses of each contact since the start.
     pub impulses: Vec<Vector3<f64>>,
-    /// Their values where the last step began.
+    /// Impulses at the beginning of the last step.
     pub impulses_before: Vec<Vector3<f64>>,
-    /// Where the energy went.
+    /// The balance of energy.
     pub energy: Energy,
-    /// Where it had gone where the last step began.
+    /// The balance of energy at the beginning of the last step.
     pub energy_before: Energy,
-    /// What happened in the last step.
+    /// Events of the last step.
     pub new_events: Vec<ContactEvent>,
-    /// Steps made.
+    /// The number of steps.
     pub accepted: u64,
-    /// How far joints and gaps were off.
+    /// The largest violations of joints and gaps.
     pub violations: Violations,
-    /// How each contact was after the last step.
+    /// The state of each contact after the last step.
     touching: Vec<Touch>,
-    /// Forces and velocities at the start of the step before, if there was one.
+    /// Forces and velocities at the beginning of the previous step, if any.
     before: Option<(Vec<f64>, Vec<f64>)>,
     settings: Settings,
     start: f64,
     end: f64,
-    /// A place within a step, with joints and gaps there.
+    /// Coordinates within a step, and joints and gaps there.
     between: (Vec<f64>, Vec<f64>),
 }
 
-/// The parts of a step in which joints and gaps are looked at between its ends: the golden ratio, no multiple of a period.
+/// Fractions of a step at which joints and gaps are also evaluated; from the golden ratio, to avoid multiples of a
+/// period.
 const BETWEEN: [f64; 2] = [0.381_966_011_250_105, 0.763_932_022_500_210];
 
-/// How a contact was in a step.
+/// The state of a contact in a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Touch {
     Open,
-    /// Closed, for this many steps on end.
+    /// Closed, for this number of consecutive steps.
     Struck {
         steps: u64,
         slips: bool,
     },
 }
 
-/// A velocity below this fraction of its terms and of what the step made of it is none, and so is a gap.
-const NONE: f64 = 1e-10;
+/// Relative zero tolerance for velocities and gaps.
+const ZERO_TOL: f64 = 1e-10;
 
 impl<'p> TimeStepping<'p> {
     /// Prepares a run from `state` to `end`.
@@ -99,7 +100,7 @@ impl<'p> TimeStepping<'p> {
         self.last.clone_from(&self.state);
         self.impulses_before.clone_from(&self.impulses);
         self.energy_before = self.energy;
-        // From the start, so that rounding does not add up.
+        // Count from the start, so that rounding does not accumulate.
         let next = self.start + (self.accepted + 1) as f64 * self.settings.step;
         let next = if next + 1e-6 * self.settings.step >= self.end { self.end } else { next };
         let h = next - self.state.t;
@@ -116,13 +117,14 @@ impl<'p> TimeStepping<'p> {
         self.step.contacted.book(h, &before, &after, &mut self.energy);
         self.energy.close_at_middle(after.potential - before.potential);
         self.explain(h, before.kinetic.max(after.kinetic));
-        self.look(h);
+        self.record_events(h);
         self.measure(h);
         Ok(())
     }
 
-    /// Notes what the last step may have made wrong of the energy, with this kinetic energy. Its forces work with velocities
-    /// of its end, or the reverse, where the exact ones change together: by `h/2 |<df, v>| + h/2 |<f, dv>|`.
+    /// Records the estimated energy error of the last step, with its largest kinetic energy. The forces of the step act
+    /// with velocities of its end, or the reverse, whereas the exact ones change together:
+    /// `h/2 |<df, v>| + h/2 |<f, dv>|`.
     fn explain(&mut self, h: f64, kinetic: f64) {
         let (f, v) = (&self.step.f, &self.last.v);
         let (f_before, v_before) = self.before.get_or_insert_with(|| (f.clone(), v.clone()));
@@ -135,7 +137,7 @@ impl<'p> TimeStepping<'p> {
         v_before.copy_from_slice(v);
     }
 
-    /// Measures how far joints and gaps are off at the end of the last step, and on the straight way to it.
+    /// Records violations of joints and gaps at the end of the last step, and on the straight line to it.
     fn measure(&mut self, h: f64) {
         if self.violations.joints().is_empty() && self.violations.gaps().is_empty() {
             return;
@@ -155,8 +157,8 @@ impl<'p> TimeStepping<'p> {
         }
     }
 
-    /// Notes which contacts were struck, let go, stuck or slipped: what is told must be more than rounding.
-    fn look(&mut self, h: f64) {
+    /// Records events: impacts, lift-offs, sticks and slips, by changes that exceed rounding.
+    fn record_events(&mut self, h: f64) {
         self.new_events.clear();
         let State { t, q, v } = &self.state;
         let (t, step) = (*t, &self.step);
@@ -164,10 +166,10 @@ impl<'p> TimeStepping<'p> {
         let largest = contacted.change.iter().fold(0.0_f64, |most, change| most.max(*change));
         for (k, touch) in self.touching.iter_mut().enumerate() {
             let normal = step.structure.normal(k);
-            let is_more = |speed: f64, terms: f64| speed > NONE * (terms + contacted.change[k]);
+            let is_more = |speed: f64, terms: f64| speed > ZERO_TOL * (terms + contacted.change[k]);
             let carries = contacted.r[k].x > 0.0;
             let place = constraints.size(normal, q);
-            let apart = constraints.values[normal] > NONE * (place + h * largest);
+            let apart = constraints.values[normal] > ZERO_TOL * (place + h * largest);
             let slip = contacted.after[k].y.hypot(contacted.after[k].z);
             let slips = is_more(slip, step.size_of_slip(k, v));
             let now = match *touch {

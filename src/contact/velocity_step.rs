@@ -1,13 +1,14 @@
-//! One step at the level of velocities, with forces linearly implicit (Anitescu and Potra 2002, *A time-stepping method for
-//! stiff multibody dynamics with contact and friction*):
+//! One step at the level of velocities, with forces linearly implicit (Anitescu and Potra 2002, *A time-stepping method
+//! for stiff multibody dynamics with contact and friction*):
 //!
 //! ```text
 //! (M - h f_v - h^2 f_q) (v+ - v) = h (f + h f_q v) + J^T r,    q+ = q + h v+,    (r, u+) by the law of contact
 //! ```
 //!
-//! with `M`, `J`, `f` at `(t, q, v)`. Where `f` is constant this is the explicit scheme `M (v+ - v) = h f + J^T r`. Joints
-//! hold at the level of velocities; what curvature leaves of a constraint at the end, a joint off zero or a negative gap, is
-//! taken out of `q+` by the shortest way in the metric of `M`, which leaves velocities, and with them kinetic energy, alone.
+//! with `M`, `J`, `f` at `(t, q, v)`. If `f` is constant this is the explicit scheme `M (v+ - v) = h f + J^T r`. Joints
+//! hold at the level of velocities; the remaining violation of position constraints at the end, a joint off zero or a
+//! negative gap, is projected out of `q+` in the metric of `M`, which leaves velocities, and with them kinetic energy,
+//! unchanged.
 
 mod contacted;
 mod correction;
@@ -35,24 +36,24 @@ pub struct State {
     pub v: Vec<f64>,
 }
 
-/// What the forces of a step are.
+/// The forces and the restitution of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Forces {
-    /// All of them, and contacts with their restitution.
+    /// All forces, and contacts with their restitution.
     All,
-    /// None but impulses: an impact, at an instant, of the contacts that are closed.
+    /// Impulses only: an instantaneous impact of the closed contacts.
     Impact,
-    /// The same without restitution: what an infinite number of impacts come to.
+    /// Impulses only, without restitution: the limit of infinitely many impacts.
     Inelastic,
 }
 
-/// Gaps below this fraction of the largest terms that they had are closed at an event: several contacts close at once. So
-/// are those below this fraction of what tolerances leave open of their coordinates, where bodies rest at zero; and
-/// velocities below this fraction of what they leave open of those are none.
+/// Closed gaps at an event, where several contacts may close at once: gaps below `GAP_TOL` times their largest terms so
+/// far, or below `OPEN` times the tolerance that they inherit from the coordinates, as for bodies that rest at zero.
+/// Velocities below `OPEN` times their tolerance are treated as zero.
 const GAP_TOL: f64 = 1e-10;
 const OPEN: f64 = 1e-3;
 
-/// What rounding leaves of a joint or a gap, as a fraction of the largest terms that it had.
+/// Rounding of a joint or a gap, as a fraction of its largest terms so far.
 const ROUNDING: f64 = 1e-13;
 
 /// Counters of a run.
@@ -60,25 +61,25 @@ const ROUNDING: f64 = 1e-13;
 pub struct Work {
     /// Evaluations of the forces.
     pub forces: u64,
-    /// Evaluations of their derivatives.
+    /// Evaluations of the derivatives of the forces.
     pub jacobians: u64,
-    /// Problems of contact solved.
+    /// Contact problems solved.
     pub solves: u64,
-    /// Pivots and iterations in them.
+    /// Pivots and iterations of the solvers.
     pub iterations: u64,
-    /// The solver that answered last.
+    /// The last solver with a solution.
     pub solver: &'static str,
-    /// The largest relative residual.
+    /// The largest relative residual of the law of contact.
     pub residual: f64,
-    /// Impacts in which the whole restitution would have added energy.
+    /// The number of impacts whose whole restitution would have added energy.
     pub limited: u64,
-    /// When and where friction first drove a contact into what it slid on.
+    /// Time and contact of the first Painleve paradox: friction drove the contact into the surface that it slid on.
     pub painleve: Option<(f64, usize)>,
-    /// The largest number of contacts that were near at once.
+    /// The largest number of contacts active at once.
     pub most_near: usize,
 }
 
-/// Makes steps. It owns all room that they need.
+/// Makes steps. It owns their workspace.
 pub struct VelocityStep<'p> {
     /// The system.
     pub problem: &'p mut dyn Mechanical,
@@ -89,31 +90,31 @@ pub struct VelocityStep<'p> {
     implicit: DMatrix<f64>,
     by_q: DMatrix<f64>,
     by_v: DMatrix<f64>,
-    /// The step size for which a constant matrix is factorised.
+    /// The step size of the current factors, if the matrix is constant.
     factorised: Option<f64>,
     /// The largest terms of each joint and gap so far.
     pub(super) sizes: Vec<f64>,
-    /// What tolerances on the coordinates leave open of each joint and gap.
+    /// The tolerance of each joint and gap that follows from the tolerances of the coordinates.
     open: Vec<f64>,
-    /// The absolute tolerances on velocities; none where steps have one size.
+    /// The absolute tolerances on velocities; empty for a constant step size.
     pub(super) atol: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
     pub(super) f: Vec<f64>,
-    /// The size of what they change the velocities by in a step, in the metric of the masses.
+    /// The velocity change by forces in the last step, as a norm in the metric of `M`.
     pub(super) kick: f64,
-    /// The contact whose gap was found to close, which is closed at an instant whatever rounding has left of it.
+    /// The contact whose gap was found to close; at an instant it counts as closed whatever the rounding of its gap.
     pub(super) closing: Option<usize>,
     /// The length of the last probe.
     pub(super) instant: Option<f64>,
-    /// What contacts did in the last step.
+    /// Impulses, velocities and losses of contacts in the last step.
     pub contacted: Contacted,
     /// Counters.
     pub work: Work,
 }
 
 impl<'p> VelocityStep<'p> {
-    /// Room for a system.
+    /// Allocates for a system.
     pub fn new(problem: &'p mut dyn Mechanical, impact_law: ImpactLaw, tolerance: f64) -> Self {
         let structure = problem.structure().clone();
         let n = structure.coordinates;
@@ -141,10 +142,10 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Moves `state` over `h`.
+    /// Advances `state` by `h`.
     ///
     /// # Errors
-    /// If something is not finite, `M` singular, or the law of contact unsolved; `state` is then as it was.
+    /// If a quantity is not finite, `M` singular, or the law of contact unsolved; `state` is then unchanged.
     pub fn advance(
         &mut self,
         state: &mut State,
@@ -154,7 +155,7 @@ impl<'p> VelocityStep<'p> {
     ) -> Result<(), ContactError> {
         let duration = if forces == Forces::All { h } else { 0.0 };
         self.problem.constraints(state.t + duration, &state.q, &mut self.constraints);
-        // The bias of the end, the gaps of the beginning.
+        // Take the drift at the end of the step, the gaps at its beginning.
         if duration > 0.0 && !self.structure.contacts.is_empty() {
             let drift = std::mem::take(&mut self.constraints.drift);
             self.constraints.drift = vec![0.0; drift.len()];
@@ -190,7 +191,7 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
-    /// Factorisations made.
+    /// The number of factorisations.
     pub fn factorisations(&self) -> u64 {
         self.delassus.factorisations
     }
@@ -204,7 +205,7 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Notes the size of the terms of joints and gaps, and of what motion without contacts makes of them.
+    /// Records the size of the terms of joints and gaps, and of their changes by motion without contacts.
     fn survey(&mut self, q: &[f64], v: &[f64], h: f64) {
         for (row, size) in self.sizes.iter_mut().enumerate() {
             let terms = self.constraints.size(row, q) + h * self.constraints.size(row, v);
@@ -212,7 +213,7 @@ impl<'p> VelocityStep<'p> {
         }
     }
 
-    /// Takes the terms of joints and gaps at a place into account, where coordinates are known to `atol`.
+    /// Records the terms of joints and gaps at `q`, and their tolerances where coordinates have the tolerance `atol`.
     pub(super) fn meet(&mut self, constraints: &Constraints, q: &[f64], atol: &[f64]) {
         for (row, size) in self.sizes.iter_mut().enumerate() {
             *size = size.max(constraints.size(row, q)).max(constraints.values[row].abs());
@@ -225,22 +226,22 @@ impl<'p> VelocityStep<'p> {
         GAP_TOL * self.sizes[row] + OPEN * self.open[row]
     }
 
-    /// What rounding leaves of a joint or a gap.
+    /// The rounding error of a joint or a gap.
     pub(super) fn rounding_of_row(&self, row: usize) -> f64 {
         ROUNDING * self.sizes[row]
     }
 
-    /// The velocity of a row that is none beside what tolerances leave open.
+    /// The velocity below which a row counts as at rest, from the tolerances of velocities.
     pub(super) fn open_velocity(&self, row: usize) -> f64 {
         OPEN * self.constraints.size(row, &self.atol)
     }
 
-    /// The same for a slip of contact `k`.
+    /// The speed below which a slip of contact `k` counts as rest, from the tolerances of velocities.
     pub(super) fn open_slip(&self, k: usize) -> f64 {
         self.structure.tangents(k).map(|row| self.open_velocity(row)).fold(0.0, f64::max)
     }
 
-    /// Factorises `M - h f_v - h^2 f_q`, unless it is constant and at hand.
+    /// Factorises `M - h f_v - h^2 f_q`, unless the matrix is constant and already factorised.
     fn factorise(&mut self, state: &State, h: f64) -> Result<(), ContactError> {
         let constant = self.structure.constant_mass && (self.structure.constant_forces || h == 0.0);
         let key = if self.structure.constant_forces { 0.0 } else { h };
@@ -287,7 +288,7 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
-    /// The work of what drives the joints, from the velocities that were without them and contacts.
+    /// The work of the drives of the joints; `v` are velocities without impulses of joints and contacts.
     fn drive_of_joints(&mut self, mut v: Vec<f64>) -> Option<f64> {
         let joints = self.structure.joints;
         if self.constraints.drift[..joints].iter().all(|b| *b == 0.0) {
@@ -308,7 +309,7 @@ impl<'p> VelocityStep<'p> {
         Some(-dot(&impulses, &self.constraints.drift[..joints]))
     }
 
-    /// Lets the law of contact act on `v`.
+    /// Applies the law of contact to `v`.
     fn touch(
         &mut self,
         state: &State,
@@ -318,7 +319,7 @@ impl<'p> VelocityStep<'p> {
         control: &Control,
     ) -> Result<(), ContactError> {
         let m = self.structure.contacts.len();
-        // Closed contacts have no gap to be divided by a duration.
+        // Impacts have no duration to divide gaps by.
         let h = if forces == Forces::All { h } else { 1.0 };
         let start = std::mem::replace(&mut self.contacted, Contacted::none(m)).r;
         let free = v.to_vec();
@@ -383,7 +384,7 @@ impl<'p> VelocityStep<'p> {
         Ok(())
     }
 
-    /// Whether contact `k` matters at end velocities `v`.
+    /// Whether contact `k` closes at end velocities `v`.
     fn closes(&self, k: usize, v: &[f64], h: f64, forces: Forces) -> bool {
         let gap = self.constraints.values[self.structure.joints + k];
         match forces {

@@ -1,7 +1,9 @@
-//! How far joints and gaps were off in a run, at the ends of steps and between them, beside the lengths that they met.
+//! The largest violations of joints and gaps in a run, at the ends of steps and between them, with length scales to
+//! compare them with.
 //!
-//! A joint or a gap has a unit of its own. What it met is measured in that unit: `sum_j |J_ij (q_j - q_j(0))|`, how far
-//! the coordinates in it have moved, and the gap itself. Neither depends on where the origin of the coordinates is.
+//! A joint or a gap has a unit of its own. Its length scale in this unit is the largest of
+//! `sum_j |J_ij (q_j - q_j(0))|`, the displacement of the coordinates in it, and of the gap itself. Neither depends on
+//! the origin of the coordinates.
 
 use problem::{Constraints, MechanicalStructure};
 
@@ -16,27 +18,27 @@ pub struct Violations {
 /// The largest violation of one joint or gap.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Violation {
-    /// By how much it was off, in its own unit.
+    /// The violation, in the unit of the joint or gap.
     pub by: f64,
-    /// When.
+    /// The time.
     pub t: f64,
-    /// The largest length met.
+    /// The largest length scale so far.
     pub length: f64,
-    /// The largest size of its terms, whose rounding it has.
+    /// The largest size of its terms, relative to which it has rounding errors.
     pub terms: f64,
-    /// The most that tolerances on the coordinates leave open of it; zero where steps have one size.
+    /// The largest tolerance that it inherits from the coordinates; zero for a constant step size.
     pub tolerance: f64,
 }
 
 impl Violations {
-    /// None so far, of a run that starts at `q`.
+    /// Starts the record of a run at `q`.
     pub fn new(structure: &MechanicalStructure, q: &[f64]) -> Self {
         let rows = vec![Violation::default(); structure.joints + structure.contacts.len()];
         Self { joints: structure.joints, start: q.to_vec(), rows }
     }
 
-    /// Takes a place into account, with the size of the terms of each row and the tolerances on `q` there; `is_held` tells
-    /// which contacts must stay closed.
+    /// Records joints and gaps at a state, with the sizes of the terms of each row and the tolerances of `q` there;
+    /// `is_held` returns whether a contact must stay closed.
     pub fn note(
         &mut self,
         t: f64,
@@ -58,7 +60,7 @@ impl Violations {
         }
     }
 
-    /// Takes values of joints and gaps at a place between two steps into account.
+    /// Records values of joints and gaps at a time between two steps.
     pub fn note_values(&mut self, t: f64, values: &[f64], is_held: impl Fn(usize) -> bool) {
         let joints = self.joints;
         for (row, (seen, value)) in self.rows.iter_mut().zip(values).enumerate() {
@@ -66,19 +68,19 @@ impl Violations {
         }
     }
 
-    /// The same by a clock that is ahead by so much.
+    /// The record with its times shifted by `by`, for a clock that is ahead.
     #[must_use]
     pub fn ahead(mut self, by: f64) -> Self {
         self.rows.iter_mut().for_each(|row| row.t += by);
         self
     }
 
-    /// Of each joint.
+    /// The violation of each joint.
     pub fn joints(&self) -> &[Violation] {
         &self.rows[..self.joints]
     }
 
-    /// Of each gap.
+    /// The violation of each gap.
     pub fn gaps(&self) -> &[Violation] {
         &self.rows[self.joints..]
     }
@@ -87,7 +89,7 @@ impl Violations {
 impl Violation {
     fn see(&mut self, t: f64, value: f64, is_held: bool) {
         let off = if is_held { value.abs() } else { -value };
-        // What is not a number is off by more than anything.
+        // NaN counts as an infinite violation.
         if off > self.by || off.is_nan() {
             (self.by, self.t) = (if off.is_nan() { f64::INFINITY } else { off }, t);
         }

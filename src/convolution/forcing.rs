@@ -1,10 +1,10 @@
-//! What drives a problem with memory: `q` and the bounds that move, at a time and over a part of time.
+//! The forcing of a problem with memory: `q` and the moving bounds, at a time and enclosed over an interval of time.
 
 use super::stepper::StepError;
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, MovingBound, Side};
 
-/// `q` and the bounds of a problem without states, whose inequality is `q`.
+/// The forcing of a problem without states, whose inequality is `q`.
 pub(crate) struct Forcing<'p> {
     problem: &'p mut dyn Dvi,
     zeros: Vec<f64>,
@@ -12,10 +12,10 @@ pub(crate) struct Forcing<'p> {
     over: Over,
 }
 
-/// Intervals over a part of time.
+/// Enclosures over an interval of time.
 #[derive(Default)]
 pub(crate) struct Over {
-    /// `q` and the bounds that move, in their order.
+    /// `q`, then the moving bounds in their order.
     pub values: Vec<Interval>,
     /// The derivatives of `q`.
     pub slopes: Vec<Interval>,
@@ -24,7 +24,7 @@ pub(crate) struct Over {
 }
 
 impl<'p> Forcing<'p> {
-    /// That of a problem without states.
+    /// Evaluates the forcing of a problem without states.
     pub fn new(problem: &'p mut dyn Dvi) -> Self {
         let structure = problem.structure();
         let (zeros, values) = (vec![0.0; structure.variables], vec![0.0; structure.rows()]);
@@ -37,7 +37,7 @@ impl<'p> Forcing<'p> {
         Self { problem, zeros, values, over }
     }
 
-    /// Gives `q` at `t`, and sets the bounds that move for the variables from `offset` on in `set`.
+    /// Returns `q` at `t`, and sets the moving bounds of the variables from `offset` on in `set`.
     pub fn at(&mut self, t: f64, offset: usize, set: &mut ConvexSet) -> Result<&[f64], StepError> {
         self.problem.evaluate(t, &self.zeros, &mut self.values);
         if let Some(row) = self.values.iter().position(|value| !value.is_finite()) {
@@ -55,14 +55,14 @@ impl<'p> Forcing<'p> {
         Ok(q)
     }
 
-    /// `q` and the bounds that move at `t`, as they are.
+    /// `q` and the moving bounds at `t`, without checks.
     pub fn rows_at(&mut self, t: f64) -> &[f64] {
         self.problem.evaluate(t, &self.zeros, &mut self.values);
         &self.values
     }
 
-    /// Intervals that hold `q`, the bounds that move and the derivatives of `q` over a part of time; nothing where the problem
-    /// has none.
+    /// Encloses `q`, the moving bounds and the derivatives of `q` over an interval of time; `None` if the problem has
+    /// no enclosure.
     pub fn enclose(&mut self, times: Interval) -> Option<&Over> {
         let Over { values, slopes, zeros, jacobian } = &mut self.over;
         let is_enclosed = self.problem.enclose(times, zeros, values)
@@ -70,14 +70,14 @@ impl<'p> Forcing<'p> {
         is_enclosed.then_some(&self.over)
     }
 
-    /// The row of a bound that moves.
+    /// The row of a moving bound.
     pub fn row_of_bound(&self, variable: usize, side: Side) -> Option<usize> {
         let bound = MovingBound { variable, side };
         let structure = self.problem.structure();
         structure.moving.iter().position(|moving| *moving == bound).map(|place| self.zeros.len() + place)
     }
 
-    /// The problem that this is of.
+    /// The problem.
     pub fn problem(&mut self) -> &mut dyn Dvi {
         self.problem
     }

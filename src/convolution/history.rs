@@ -1,20 +1,20 @@
-//! What the past contributes to a step, `sum_{k < n} W_{n-k} Z_k`, while the `Z_k` come one after the other (Hairer, Lubich
-//! and Schlichte 1985, Fast numerical solution of nonlinear Volterra convolution equations).
+//! The contribution of the past to a step, `sum_{k < n} W_{n-k} Z_k`, for values `Z_k` that become known one after the
+//! other (Hairer, Lubich and Schlichte 1985, Fast numerical solution of nonlinear Volterra convolution equations).
 //!
-//! The pairs `k < n` fall into squares of a binary tree: when `n` is an odd multiple of `L`, a power of two, the last `L`
-//! values are known and contribute to the next `L` sums, all at once by transforms of length `2L`. Each `L` costs
-//! `O(N log N)` over the run, so that `N` steps cost `O(N log^2 N)`, with `O(N)` numbers kept. Below a block of 32 sums
-//! are formed as they stand.
+//! The pairs `k < n` are partitioned into squares of a binary tree: when `n` is an odd multiple of `L`, a power of two,
+//! the last `L` values are known and contribute to the next `L` sums, all at once by transforms of length `2L`. Each
+//! `L` costs `O(N log N)` over the run, so that `N` steps cost `O(N log^2 N)`, with `O(N)` numbers in memory. Within a
+//! block of 32 steps sums are computed directly.
 
 use super::weights::Weights;
 use realfft::num_complex::Complex;
 use realfft::{ComplexToReal, RealFftPlanner, RealToComplex};
 use std::sync::Arc;
 
-/// Steps whose contributions to each other are summed directly.
+/// Number of steps in a block, within which contributions are summed directly.
 const BLOCK: usize = 32;
 
-/// A scalar kernel by its weights, and the matrix it multiplies.
+/// The weights of a scalar kernel, and the matrix that the kernel multiplies.
 pub struct Part {
     /// The weights.
     pub weights: Weights,
@@ -22,28 +22,28 @@ pub struct Part {
     pub matrix: Vec<(usize, usize, f64)>,
 }
 
-/// The values so far and their contributions to the steps ahead.
+/// The values so far and their contributions to future steps.
 pub struct History {
     stages: usize,
     variables: usize,
     length: usize,
     parts: Vec<Part>,
-    /// `Z`, a sequence over the steps for each stage and variable.
+    /// `Z`, a sequence over all steps for each stage and variable.
     values: Vec<f64>,
-    /// What whole blocks contribute to each step, in the same order.
+    /// Contributions of complete blocks to each step, a sequence for each stage and variable.
     sums: Vec<f64>,
     steps: usize,
     planner: RealFftPlanner<f64>,
     levels: Vec<Level>,
 }
 
-/// Transforms of one length, with those of the weights.
+/// Transforms of one length, with the spectra of the weights.
 struct Level {
     forward: Arc<dyn RealToComplex<f64>>,
     backward: Arc<dyn ComplexToReal<f64>>,
-    /// Of each part, for each pair of stages.
+    /// Spectra of the weights of each part, for each pair of stages.
     weights: Vec<Vec<Complex<f64>>>,
-    /// Of the last values, for each stage and variable.
+    /// Spectra of the last values, for each stage and variable.
     values: Vec<Vec<Complex<f64>>>,
     sum: Vec<Complex<f64>>,
     signal: Vec<f64>,
@@ -51,7 +51,7 @@ struct Level {
 }
 
 impl History {
-    /// An empty past of a run of `length` steps. The weights of all parts are that many.
+    /// Allocates for a run of `length` steps; all parts have this number of weights.
     pub fn new(stages: usize, variables: usize, length: usize, parts: Vec<Part>) -> Self {
         let size = stages * variables * length;
         Self {
@@ -67,17 +67,17 @@ impl History {
         }
     }
 
-    /// The steps so far.
+    /// The number of steps so far.
     pub fn steps(&self) -> usize {
         self.steps
     }
 
-    /// The steps of the whole run.
+    /// The number of steps of the whole run.
     pub fn length(&self) -> usize {
         self.length
     }
 
-    /// The values of one variable at one stage of all steps; zero where there is none yet.
+    /// The values of one variable at one stage, for all steps; zero for steps to come.
     pub fn sequence(&self, stage: usize, variable: usize) -> &[f64] {
         &self.values[(stage * self.variables + variable) * self.length..][..self.length]
     }
@@ -103,7 +103,7 @@ impl History {
         }
     }
 
-    /// Takes the values of a step, stage by stage.
+    /// Appends the values of a step, stage by stage.
     pub fn append(&mut self, values: &[f64]) {
         for (value, sequence) in values.iter().zip(self.values.chunks_exact_mut(self.length)) {
             sequence[self.steps] = *value;
@@ -114,7 +114,7 @@ impl History {
         }
     }
 
-    /// Adds what the last `L = BLOCK 2^level` steps contribute to the next `L`.
+    /// Adds the contributions of the last `L = BLOCK 2^level` steps to the next `L`.
     fn sum_block(&mut self, level: usize) {
         while self.levels.len() <= level {
             let length = BLOCK << self.levels.len();
@@ -128,7 +128,7 @@ impl History {
         for (sequence, spectrum) in self.values.chunks_exact(self.length).zip(&mut transforms.values) {
             transforms.signal[..length].copy_from_slice(&sequence[n - length..n]);
             transforms.signal[length..].fill(0.0);
-            // The lengths are those of the plan, the only thing that can be wrong.
+            // The only possible error is a wrong length; lengths are those of the plan.
             let _ = transforms.forward.process_with_scratch(&mut transforms.signal, spectrum, &mut transforms.work);
         }
         for (place, sums) in self.sums.chunks_exact_mut(self.length).enumerate() {
@@ -158,7 +158,7 @@ impl History {
 }
 
 impl Level {
-    /// Transforms of `length` values, twice as many as a block has.
+    /// Plans transforms of `length` values, twice the length of a block.
     fn new(planner: &mut RealFftPlanner<f64>, length: usize, signals: usize, stages: usize, parts: &[Part]) -> Self {
         let forward = planner.plan_fft_forward(length);
         let backward = planner.plan_fft_inverse(length);

@@ -7,21 +7,21 @@ use expression::Tape;
 use problem::Control;
 use radau::Tableau;
 
-/// A scalar function of time, integrated a number of times: the power `t^(a-1) / Gamma(a)`, or `t^(a-1) g(t)` with a smooth
-/// function `g`.
+/// A scalar function of time, integrated `integrations` times: the power `t^(a-1) / Gamma(a)`, or `t^(a-1) g(t)` with a
+/// smooth factor `g`.
 #[derive(Clone, Debug)]
 pub struct Function {
-    /// `a`: from 0 to below 1 for a power, where 0 stands for the identity, and above 0 to 1 beside a factor.
+    /// `a`: in `[0, 1)` for a power, where 0 denotes the identity, and in `(0, 1]` with a factor.
     pub exponent: f64,
     /// `g`, a program of the one input `t`.
     pub factor: Option<Tape>,
     /// `g'`, if there is a factor.
     pub slope: Option<Tape>,
-    /// How often it is integrated from zero.
+    /// The number of integrations from zero.
     pub integrations: usize,
 }
 
-/// A function and the matrix it multiplies.
+/// A term of a kernel: a function times a matrix.
 #[derive(Clone, Debug)]
 pub struct Term {
     /// The function.
@@ -30,14 +30,14 @@ pub struct Term {
     pub matrix: Vec<(usize, usize, f64)>,
 }
 
-/// The sum of its terms.
+/// A kernel, the sum of its terms.
 #[derive(Clone, Debug)]
 pub struct Kernel {
     /// The terms.
     pub terms: Vec<Term>,
 }
 
-/// Why there are no weights.
+/// The reason why weights cannot be computed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum NoWeights {
     /// The kernel is not finite at this time.
@@ -52,15 +52,15 @@ impl Function {
         Self { exponent: alpha.fract(), factor: None, slope: None, integrations: alpha.trunc() as usize }
     }
 
-    /// The exponent of the integrated function, where the factor is not zero at zero.
+    /// The exponent `a` of the integrated function, if the factor is not zero at zero.
     pub fn index(&self) -> f64 {
         self.exponent + self.integrations as f64
     }
 
-    /// The first `length` weights for steps of `h`.
+    /// The first `length` weights for a step size `h`.
     ///
     /// # Errors
-    /// A kernel that is not finite, or an interruption.
+    /// If the kernel is not finite, or on interruption.
     pub fn weights(&self, tableau: &Tableau, h: f64, length: usize, control: &Control) -> Result<Weights, NoWeights> {
         let mut weights = match &self.factor {
             Some(factor) => product_integration(tableau, self.exponent, &mut factor.clone(), h, length, control)?,

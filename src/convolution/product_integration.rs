@@ -1,13 +1,13 @@
 //! Weights of product integration (Brunner 2004, Collocation Methods for Volterra Integral and Related Functional
-//! Differential Equations, section 2.2) for a kernel `t^(a-1) g(t)`, `0 < a <= 1`, known in the time domain alone: `z` is
-//! in each step the polynomial through its values at the stages, and the kernel is integrated against it,
+//! Differential Equations, section 2.2) for a kernel `t^(a-1) g(t)`, `0 < a <= 1`, known in the time domain only: in
+//! each step `z` is the polynomial through its values at the stages, and the kernel is integrated against it,
 //!
 //! ```text
 //! (W_n)_ij = int_0^h k(n h + c_i h - s) l_j(s / h) ds,    k(t) = 0 for t < 0
 //! ```
 //!
-//! Gauss-Jacobi rules carry the singularity at zero, and logarithmic ones the steps next to it. For `k = 1` these are
-//! the weights of Radau IIA, and so they are near enough for any smooth kernel: the order in `z` is that of the stages.
+//! Gauss-Jacobi rules integrate the singularity at zero, and rules in the logarithm of the lag the steps next to it.
+//! For `k = 1` the weights are those of Radau IIA; for any smooth kernel the order in `z` is that of the stages.
 
 use super::gauss_jacobi::gauss_jacobi;
 use super::kernel::NoWeights;
@@ -16,19 +16,20 @@ use expression::Tape;
 use problem::Control;
 use radau::Tableau;
 
-/// Nodes near the singularity.
+/// Number of nodes near the singularity.
 const NEAR: usize = 24;
-/// Steps that are near.
+/// Number of steps near the singularity.
 const NEAR_STEPS: usize = 4;
-/// Nodes farther away, more than there are stages: each takes the square of twice the distance from the error.
+/// Number of nodes farther away beyond the number of stages: each reduces the error by the square of twice the
+/// distance.
 const FAR: usize = 5;
-/// Weights between two looks at the clock.
+/// Number of weights between two polls of the control.
 const CHUNK: usize = 1024;
 
-/// The first `length` weights for steps of `h`.
+/// The first `length` weights for a step size `h`.
 ///
 /// # Errors
-/// A kernel that is not finite, or an interruption.
+/// If the kernel is not finite, or on interruption.
 pub fn product_integration(
     tableau: &Tableau,
     exponent: f64,
@@ -43,7 +44,7 @@ pub fn product_integration(
     let mut weights = Weights::zeros(s, length);
     let mut lagrange = vec![0.0; s];
     let mut value = [0.0];
-    // Adds an integrand at the lag `theta h`, its rule and singularity in `w`.
+    // Adds the integrand at the lag `theta h`; `w` contains the weight of the rule and the singularity.
     let mut add = |weights: &mut Weights, n: usize, i: usize, theta: f64, w: f64| {
         factor.evaluate(theta * h, &[], &mut value);
         let w = w * value[0];

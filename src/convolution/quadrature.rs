@@ -5,8 +5,9 @@
 //! sum_n W_n zeta^n = Delta(zeta)^-f,    Delta(zeta) = (A + zeta / (1 - zeta) 1 b^T)^-1
 //! ```
 //!
-//! for a step of one; a step `h` multiplies all of them by `h^f`. Taken from a circle of `zeta` they would be good to eight
-//! digits. But `s^-f = sin(pi f) / pi int_0^inf u^-f / (s + u) du`, and the resolvent has its series in closed form, so that
+//! for unit steps; a step `h` multiplies all weights by `h^f`. Contour integrals over a circle of `zeta` would give
+//! eight digits. But `s^-f = sin(pi f) / pi int_0^inf u^-f / (s + u) du`, and the resolvent has a power series in
+//! closed form, so that
 //!
 //! ```text
 //! W_0 = A^f = sin(pi f) / pi int u^-f A (I + u A)^-1 du
@@ -23,18 +24,19 @@ use problem::Control;
 use radau::Tableau;
 use std::f64::consts::PI;
 
-/// Nodes a panel.
+/// Number of nodes of a panel.
 const NODES: usize = 20;
-/// Where the panels end: beyond the eigenvalues of `A^-1` for every number of stages, so that there is a series in `1/u`.
+/// End of the panels: beyond the eigenvalues of `A^-1` for every number of stages, so that the series in `1/u`
+/// converges.
 const LAST: f64 = 64.0;
-/// Weights that are summed at once.
+/// Number of weights summed at once.
 const CHUNK: usize = 64;
-/// Powers of `R` below `exp(-40)` are nothing.
+/// Logarithm of the size below which powers of `R` are dropped.
 const NEGLIGIBLE: f64 = -40.0;
 
-/// A node of the integral over `u`, with the parts of the integrand that are powers of or products with.
+/// A node of the integral over `u`, with the factors of the integrand.
 struct Resolvent {
-    /// The weight of the rule with `sin(pi f) / pi u^-f`.
+    /// The weight of the rule, including `sin(pi f) / pi u^-f`.
     weight: f64,
     /// `R(-u)`, and the logarithm of its absolute value.
     r: f64,
@@ -43,7 +45,7 @@ struct Resolvent {
     product: Vec<f64>,
 }
 
-/// The first `length` weights, for a step of one; `None` if `control` asks to stop.
+/// The first `length` weights for unit steps; `None` if `control` asks to stop.
 pub fn fractional(tableau: &Tableau, f: f64, length: usize, control: &Control) -> Option<Weights> {
     let s = tableau.stages();
     let mut weights = Weights::zeros(s, length);
@@ -91,7 +93,7 @@ impl Resolvent {
         let s = tableau.stages();
         let column: Vec<f64> = (0..s).map(|i| inverse.row(i).sum()).collect();
         let row: Vec<f64> = (0..s).map(|j| (0..s).map(|i| tableau.b[i] * inverse[(i, j)]).sum()).collect();
-        // Stiff accuracy gives the small values without cancellation; near one it is the difference that is needed.
+        // Stiff accuracy gives small values of R without cancellation; near one, 1 - R is computed instead.
         let r = column[s - 1];
         let fall = u * column.iter().zip(&tableau.b).map(|(x, b)| x * b).sum::<f64>();
         let ln_r = if fall < 0.5 { (-fall).ln_1p() } else { r.abs().ln() };
@@ -100,8 +102,8 @@ impl Resolvent {
     }
 }
 
-/// Nodes and weights of `sin(pi f) / pi int_0^inf u^-f g(u) du` for functions that vary on scales from `1 / length` on and
-/// have at infinity a series in `1/u` from the first power on.
+/// Nodes and weights of `sin(pi f) / pi int_0^inf u^-f g(u) du` for functions that vary on scales of `1 / length` and
+/// above, and at infinity have a series in `1/u` without a constant term.
 fn rule(f: f64, length: usize) -> Vec<(f64, f64)> {
     let factor = (PI * f).sin() / PI;
     let first = 1.0 / length.max(1) as f64;
@@ -128,7 +130,7 @@ fn rule(f: f64, length: usize) -> Vec<(f64, f64)> {
 mod tests {
     use super::*;
 
-    /// The largest difference of two sequences of weights, against the largest of the second.
+    /// The largest difference of two sequences of weights, relative to the largest weight of the second.
     fn distance(a: &Weights, b: &Weights, s: usize) -> f64 {
         let (mut most, mut size) = (0.0_f64, 0.0_f64);
         for (i, j) in (0..s * s).map(|place| (place / s, place % s)) {
@@ -172,7 +174,7 @@ mod tests {
 
     #[test]
     fn implicit_euler_has_binomial_weights() {
-        // (1 - zeta)^-f: w_n = w_{n-1} (n - 1 + f) / n, to the last digits however far.
+        // (1 - zeta)^-f: w_n = w_{n-1} (n - 1 + f) / n, to rounding for any n.
         for f in [0.25, 0.5, 0.75] {
             let weights = fractional(Tableau::of(1), f, 200_000, &Control::new()).expect("no one stops it");
             let mut exact = 1.0;

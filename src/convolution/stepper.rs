@@ -1,11 +1,12 @@
-//! Steps through a convolution inequality. In step `n` the values `Z` of `z` at the stages solve one variational inequality,
+//! Uniform steps for a convolution inequality. In step `n` the values `Z` of `z` at the stages solve one variational
+//! inequality,
 //!
 //! ```text
 //! Z_i in K(t_n + c_i h),    <d_i w_i, z~ - Z_i> >= 0,    w = W_0 Z + sum_{k<n} W_{n-k} Z_k + q(t_n + c h)
 //! ```
 //!
-//! where the factors `d_i = b_i / c_i > 0` change no solution, and make the matrix positive definite for a kernel of index
-//! at most one with a positive definite matrix.
+//! where the factors `d_i = b_i / c_i > 0` do not change the solutions, and make the matrix positive definite for a
+//! kernel of index at most one with a positive definite matrix.
 
 use super::forcing::Forcing;
 use super::history::{History, Part};
@@ -16,45 +17,45 @@ use problem::{Control, ConvexSet, Dvi, Side, Workspace};
 use radau::Tableau;
 use vi::{AffineVi, Outcome, SolverKind, ViSolver};
 
-/// What a step takes.
+/// The settings of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// The stages, from 1 to 9.
+    /// The number of stages, from 1 to 9.
     pub stages: usize,
     /// The solver of the variational inequality of a step.
     pub vi_solver: SolverKind,
-    /// The natural-map residual that is accepted where the solver gives up, relative to the terms.
+    /// The natural-map residual that is accepted if the solver gives up, relative to the terms.
     pub vi_tolerance: f64,
 }
 
-/// Why a step cannot be made.
+/// The reason why a step failed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum StepError {
-    /// The kernel has no value.
+    /// The kernel is not finite.
     #[error("the kernel is not finite at t = {lag:?} after its beginning")]
     Kernel {
         /// The time since the beginning of the kernel.
         lag: f64,
     },
-    /// `q` or a moving bound has no value.
+    /// `q` or a moving bound is not finite.
     #[error("row {row} is not finite at t = {t:?}")]
     NotFinite {
-        /// The variable, or the number of variables and the moving bound.
+        /// The index of the variable, or the number of variables plus the index of the moving bound.
         row: usize,
-        /// When.
+        /// The time.
         t: f64,
     },
-    /// A lower bound has passed an upper one, or a radius zero.
+    /// A lower bound exceeds the upper one, or a radius is negative.
     #[error("the {} of variable {variable} is empty at t = {t:?}: {}", side.emptiness().0, side.emptiness().1)]
     EmptySet {
         /// The variable.
         variable: usize,
-        /// What moved there.
+        /// The moving bound.
         side: Side,
-        /// When.
+        /// The time.
         t: f64,
     },
-    /// The variational inequality has no solution that could be found.
+    /// No solution of the variational inequality was found.
     #[error(
         "the variational inequality of the step to t = {t:?} was not solved ({outcome}, residual {residual:e}): it may have \
          no solution, as where a kernel does not oppose its variable"
@@ -62,7 +63,7 @@ pub enum StepError {
     Unsolved {
         /// The end of the step.
         t: f64,
-        /// How the solver ended.
+        /// The outcome of the solver.
         outcome: &'static str,
         /// The natural-map residual.
         residual: f64,
@@ -70,13 +71,13 @@ pub enum StepError {
     /// [`Control`] asked to stop.
     #[error("interrupted at t = {t:?}")]
     Interrupted {
-        /// The time reached.
+        /// The current time.
         t: f64,
     },
 }
 
 impl StepError {
-    /// A stable word for programs.
+    /// A stable identifier for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::Kernel { .. } | Self::NotFinite { .. } => "not_finite",
@@ -95,24 +96,24 @@ pub struct Convolution<'p> {
     history: History,
     /// `D W_0`, stage by stage.
     matrix: DMatrix<f64>,
-    /// `W_0` as it is.
+    /// `W_0` without scaling.
     first: DMatrix<f64>,
     /// `K` at each stage.
     set: ConvexSet,
     solver: Box<dyn ViSolver>,
     tolerance: f64,
     start: f64,
-    /// The step.
+    /// The step size.
     pub h: f64,
     /// `Z` of the last step, stage by stage.
     pub z: Vec<f64>,
     /// `w` of the last step, stage by stage.
     pub w: Vec<f64>,
-    /// The integral of `z` to the beginning of the last step.
+    /// The integral of `z` up to the beginning of the last step.
     pub integral: Vec<f64>,
     past: Vec<f64>,
     q: Vec<f64>,
-    /// The pivots and iterations of the solver.
+    /// The number of pivots and iterations of the solver.
     pub iterations: u64,
     /// The largest natural-map residual of a step, relative to its terms, and the end of that step.
     pub residual: (f64, f64),
@@ -122,10 +123,10 @@ pub struct Convolution<'p> {
 }
 
 impl<'p> Convolution<'p> {
-    /// A run of `steps` steps over `[start, end]`; `problem` has no states, its inequality is `q`.
+    /// Prepares a run of `steps` steps over `[start, end]`; `problem` has no states, its inequality is `q`.
     ///
     /// # Errors
-    /// A kernel that is not finite, or an interruption.
+    /// If the kernel is not finite, or on interruption.
     pub fn new(
         problem: &'p mut dyn Dvi,
         kernel: &Kernel,
@@ -179,7 +180,7 @@ impl<'p> Convolution<'p> {
         self.integral.len()
     }
 
-    /// The steps made.
+    /// The number of steps made.
     pub fn steps(&self) -> usize {
         self.history.steps()
     }
@@ -194,21 +195,21 @@ impl<'p> Convolution<'p> {
         self.history.sequence(self.tableau.stages() - 1, variable)
     }
 
-    /// The name of the solver that answered last.
+    /// The name of the solver of the last step.
     pub fn solver(&self) -> &'static str {
         self.solver.name()
     }
 
-    /// `K` at a stage of the last step, as a bound of each variable from below and above.
+    /// The lower and upper bound of a variable at a stage of the last step.
     pub fn interval(&self, stage: usize, variable: usize) -> (f64, f64) {
         let place = stage * self.variables() + variable;
         (self.set.lower[place], self.set.upper[place])
     }
 
-    /// Makes the next step; there is one.
+    /// Makes the next step, before the end of the run.
     ///
     /// # Errors
-    /// Values that are not finite, an empty set, no solution, an interruption.
+    /// If values are not finite, a set is empty, no solution is found, or on interruption.
     pub fn step(&mut self, control: &Control) -> Result<(), StepError> {
         let m = self.variables();
         let steps = self.steps();
@@ -234,7 +235,7 @@ impl<'p> Convolution<'p> {
             let forcing = self.q.iter().fold(0.0_f64, |most, q| most.max(q.abs()));
             let rows = self.matrix.row_iter().zip(&self.q);
             let terms = rows.map(|(row, q)| q.abs() + row.iter().zip(&self.z).map(|(a, z)| (a * z).abs()).sum::<f64>());
-            // All terms are no less than those of `q`: where these say enough the others are not added up.
+            // The sum of all terms is at least `|q|`: if that suffices, the other terms are not computed.
             let is_clear = report.residual <= self.tolerance * forcing;
             let size = if is_clear { forcing } else { terms.fold(0.0, f64::max) };
             if report.residual == 0.0 { 0.0 } else { report.residual / size }
@@ -266,11 +267,11 @@ impl<'p> Convolution<'p> {
         }
     }
 
-    /// Writes `z`, its integral and `w` at `theta` of the last step, by their collocation polynomials. `z` is the point of
-    /// `K` nearest to the polynomial, which is no farther from the solution.
+    /// Writes `z`, its integral and `w` at `theta` of the last step, by their collocation polynomials. `z` is projected
+    /// onto `K`, which moves it no farther from the solution.
     ///
     /// # Errors
-    /// A moving bound that is no bound.
+    /// If a moving bound is invalid.
     pub fn interpolate(&mut self, theta: f64, set: &mut ConvexSet, out: &mut [f64]) -> Result<(), StepError> {
         let (s, m) = (self.tableau.stages(), self.variables());
         let t = self.start + (self.steps() as f64 - 1.0 + theta) * self.h;
@@ -291,7 +292,7 @@ impl<'p> Convolution<'p> {
     }
 }
 
-/// `W_0` over stages and variables.
+/// Assembles `W_0` over stages and variables.
 fn first(s: usize, m: usize, parts: &[Part]) -> DMatrix<f64> {
     let mut matrix = DMatrix::zeros(s * m, s * m);
     for Part { weights, matrix: entries } in parts {

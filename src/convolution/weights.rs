@@ -1,10 +1,10 @@
-//! The weights `W_0, W_1, ..` of a discrete convolution on `s` stages, and their integration: with `W(zeta) = sum W_n zeta^n`
-//! the weights of `int_0^t` of a kernel are `W(zeta) Delta(zeta)^-1`, where for Radau IIA
-//! `Delta(zeta)^-1 = A + (zeta + zeta^2 + ..) 1 b^T`.
+//! The weights `W_0, W_1, ..` of a discrete convolution on `s` stages, and their integration: with the generating
+//! function `W(zeta) = sum W_n zeta^n` of a kernel, that of its integral from zero is `W(zeta) Delta(zeta)^-1`, where
+//! for Radau IIA `Delta(zeta)^-1 = A + (zeta + zeta^2 + ..) 1 b^T`.
 
 use radau::Tableau;
 
-/// Weights of a scalar kernel, `s x s` each, in sequences over `n`.
+/// Weights of a scalar kernel, `s x s` matrices, stored as a sequence over `n` for each entry.
 #[derive(Clone, Debug)]
 pub struct Weights {
     stages: usize,
@@ -13,7 +13,7 @@ pub struct Weights {
 }
 
 impl Weights {
-    /// As many weights, all zero.
+    /// `length` weights of zero.
     pub fn zeros(stages: usize, length: usize) -> Self {
         Self { stages, length, values: vec![0.0; stages * stages * length] }
     }
@@ -27,12 +27,12 @@ impl Weights {
         weights
     }
 
-    /// How many there are.
+    /// The number of weights.
     pub fn len(&self) -> usize {
         self.length
     }
 
-    /// Whether there are none.
+    /// Whether the number of weights is zero.
     pub fn is_empty(&self) -> bool {
         self.length == 0
     }
@@ -47,12 +47,12 @@ impl Weights {
         &mut self.values[(i * self.stages + j) * self.length..][..self.length]
     }
 
-    /// Multiplies all weights.
+    /// Multiplies all weights by a factor.
     pub fn scale(&mut self, factor: f64) {
         self.values.iter_mut().for_each(|value| *value *= factor);
     }
 
-    /// Makes them the weights of the integral of the kernel, over a step of length one.
+    /// Replaces the weights by those of the integral of the kernel, for unit steps.
     pub fn integrate(&mut self, tableau: &Tableau) {
         let s = self.stages;
         let (mut row, mut sums) = (vec![0.0; s], vec![0.0; s]);

@@ -1,12 +1,12 @@
-//! Where expressions have a kink or a jump at a time that no state decides: at the changes of sign of their
-//! [switches](super::switches) that depend on one input alone.
+//! Breaks: kinks and jumps of expressions at times that do not depend on states. They are sign changes of those
+//! [switches](super::switches) that depend on input 0 (time) alone.
 
 use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node};
 use super::tape::Tape;
 use numerics::Interval;
 
-/// The quantities whose changes of sign are the breaks of some expressions, compiled.
+/// The compiled event functions whose sign changes are the breaks of some expressions.
 #[derive(Clone, Debug)]
 pub struct Breaks {
     tape: Tape,
@@ -16,7 +16,7 @@ pub struct Breaks {
 }
 
 impl Breaks {
-    /// Those of `nodes` that depend on input 0 alone.
+    /// Compiles the event functions of `nodes` that depend on input 0 alone.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let quantities = graph.breaks(nodes);
         let tape = Tape::compile(graph, &quantities);
@@ -24,19 +24,19 @@ impl Breaks {
         Self { values, workspace: IntervalWorkspace::new(&tape), ranges, tape }
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
         self.workspace.bind(&self.tape);
     }
 
-    /// Their values where input 0 is `t`.
+    /// The values of the event functions at input 0 equal to `t`.
     pub fn at(&mut self, t: f64) -> &[f64] {
         self.tape.evaluate(t, &[], &mut self.values);
         &self.values
     }
 
-    /// Intervals that hold them wherever input 0 is in an interval.
+    /// Encloses the event functions over an interval of input 0.
     pub fn over(&mut self, t: Interval) -> &[Interval] {
         self.tape.enclose(t, &[], &mut self.workspace, &mut self.ranges);
         &self.ranges
@@ -73,7 +73,7 @@ mod tests {
         let text = "x*heaviside(t - 2) + abs(x - t) + min(t, 3, x) + max(2*t, 5) + abs(-4) + sign(x)";
         let node = graph.parse(text, &scope).unwrap();
         let mut breaks = Breaks::new(&mut graph, &[node]);
-        // t - 2 and 2 t - 5; of the min only that of t and 3 is known without x.
+        // t - 2, 2 t - 5, and t - 3 from the inner min(t, 3); the other switch of `min` depends on x.
         let mut values: Vec<f64> = breaks.at(2.25).iter().map(|value| value.abs()).collect();
         values.sort_by(f64::total_cmp);
         assert_eq!(values, [0.25, 0.5, 0.75]);
@@ -82,7 +82,7 @@ mod tests {
         assert!(breaks.over(Interval::new(1.0, 4.0)).iter().all(|range| range.contains(0.0)));
     }
 
-    /// The times in `[0, 10]` at which a sign changes, found as steps find them: by enclosures, halved.
+    /// The times in `[0, 10]` at which a sign changes, located as in steps: by bisection of enclosures.
     fn changes(text: &str) -> Vec<f64> {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         scope.bind("t", graph.input(0)).unwrap();
@@ -108,7 +108,7 @@ mod tests {
     fn every_edge_is_a_break_and_none_is_two() {
         let to_ten = |from: i32| (from..=10).map(f64::from).collect::<Vec<_>>();
         assert_eq!(changes("floor(t)"), to_ten(1));
-        // Upper ends are those of the pieces of `ceil`.
+        // The pieces of `ceil` include their upper ends.
         assert_eq!(changes("ceil(t)").iter().map(|t| t.floor()).collect::<Vec<_>>(), to_ten(0)[..10]);
         assert_eq!(changes("round(t)"), to_ten(0)[..10].iter().map(|t| t + 0.5).collect::<Vec<_>>());
         assert_eq!(changes("mod(t, 2.5)"), [2.5, 5.0, 7.5, 10.0]);
@@ -119,7 +119,7 @@ mod tests {
         assert_eq!(changes("pulse(t, 1, 0.5) + if(t >= 1.5 and t < 7, t, 0)"), [1.0, 1.5, 7.0]);
         assert_eq!(changes("if(mod(floor(t), 2) == 0, 1, -1)"), to_ten(1));
         assert_eq!(changes("floor(1000*t)").len(), 10_000);
-        // Of a duty that follows time: t/4 - k < 0.5 + t/40 until t = 40 (k + 0.5)/9.
+        // A duty that depends on time: t/4 - k < 0.5 + t/40 until t = 40 (k + 0.5)/9.
         let ends = [0.5, 1.5].map(|k: f64| 40.0 * k / 9.0);
         assert!(
             changes("pwm(t, 4, 0.5 + t/40)")

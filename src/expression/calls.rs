@@ -1,4 +1,4 @@
-//! Names in a text, and calls of functions and tables with their arguments.
+//! Parsing of names, and of calls of functions and tables with their arguments.
 
 use super::discontinuous::{Discontinuous, OutOfRange};
 use super::error::ExpressionError;
@@ -16,14 +16,14 @@ use winnow::combinator::{opt, peek, preceded};
 use winnow::prelude::*;
 use winnow::token::take_while;
 
-/// What to write in the place of a table of states that jumps.
+/// Remedy for a discontinuous table of states: text for messages.
 const TABLE_AS_SET: &str = "\"linear\" or \"pchip\"; or a variable in a set for each jump: at a = k the table rises by its \
      height times z, with z in the box [0, 1] and the inequality k - a";
 
-/// The function that adds up a vector, or a term over indices.
+/// The name of the function that sums a vector, or a term over indices.
 const SUM: &str = "sum";
 
-/// A name of the scope, or a function with its arguments.
+/// Parses a name of the scope, or a function with its arguments.
 pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
     let start = offset(input);
     if let Some(output) = input.state.scope.output_at(input.input) {
@@ -87,7 +87,8 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
     Err(failure(ExpressionError { did_you_mean, expected, ..ExpressionError::new(code, start, message) }))
 }
 
-/// The error of an output such as `v(R1)` that is not there, where others of its kind are; `rest` is what follows its name.
+/// The error for an unknown output such as `v(R1)`, if the scope has other outputs of this name; `rest` is the text
+/// after the name.
 fn no_output(scope: &Scope, name: &str, rest: &str) -> Option<ExpressionError> {
     const SHOWN: usize = 12;
     let is_like = |other: &&str| other.strip_prefix(name).is_some_and(|rest| rest.starts_with('('));
@@ -102,7 +103,7 @@ fn no_output(scope: &Scope, name: &str, rest: &str) -> Option<ExpressionError> {
     Some(error.expected(&list.join(", ")))
 }
 
-/// The names that may be used, until there are too many.
+/// Lists the available names for messages, shortened if there are too many.
 fn names_of(scope: &Scope) -> String {
     const SHOWN: usize = 12;
     let mut names = scope.names();
@@ -136,7 +137,7 @@ fn call(input: &mut Input, start: usize, name: &str, function: Function) -> Resu
     keep(input, start, |graph| function.apply(graph, &nodes))
 }
 
-/// A table at its argument.
+/// Parses a table lookup with its argument.
 fn look_up(input: &mut Input, start: usize, name: &str, table: &Table) -> Result<Read, Failure> {
     blank(input)?;
     if !input.input.starts_with('(') {
@@ -154,7 +155,7 @@ fn look_up(input: &mut Input, start: usize, name: &str, table: &Table) -> Result
     keep(input, start, |graph| graph.lookup(table, argument.node))
 }
 
-/// Refuses arguments that a function that jumps does not take.
+/// Rejects invalid arguments of a discontinuous function.
 fn check_stepped(
     input: &mut Input,
     start: usize,
@@ -163,7 +164,7 @@ fn check_stepped(
     arguments: &[Read],
 ) -> Result<(), Failure> {
     if stepped == Discontinuous::If {
-        // What is compared was refused already if it jumps with an unknown.
+        // Comparisons of unknowns have been rejected already.
         return conditions("if", [arguments[0]]).map(|_| ());
     }
     let nodes: Vec<Node> = arguments.iter().map(|read| read.node).collect();
@@ -174,7 +175,7 @@ fn check_stepped(
     })
 }
 
-/// Parenthesised, between commas; there may be none.
+/// Parses a parenthesised, comma-separated list of arguments, which may be empty.
 fn arguments(input: &mut Input) -> Result<Vec<Read>, Failure> {
     open(input)?;
     let mut arguments = Vec::new();
@@ -188,7 +189,7 @@ fn arguments(input: &mut Input) -> Result<Vec<Read>, Failure> {
     Ok(arguments)
 }
 
-/// Refuses what jumps with something that is solved for.
+/// Rejects a discontinuous function of an unknown (state or variable).
 pub(super) fn refuse_jump(input: &Input, start: usize, what: &str, of: &[Node], as_set: &str) -> Result<(), Failure> {
     let State { graph, scope, .. } = &input.state;
     let Some(first) = scope.unknowns() else { return Ok(()) };

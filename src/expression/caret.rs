@@ -1,22 +1,22 @@
-//! An error shown at its place in the text.
+//! Display of an error with a caret at its position in the text.
 
 use super::error::ExpressionError;
 use std::iter::repeat_n;
 
-/// The most characters of the text that are shown.
+/// The maximum number of characters of the text that are shown.
 const WIDTH: usize = 72;
 
-/// Stands for what is left out at either end.
+/// Marks omitted text at either end.
 const ELLIPSIS: &str = "...";
 
 impl ExpressionError {
-    /// Two lines: the text, or a window of it if it is long, and a caret under the place. Line breaks and tabs are
-    /// shown as spaces, control characters as U+FFFD, so that the caret stands right.
+    /// Returns two lines: the text, or a window of a long text, and a caret under the error. Line breaks and tabs are
+    /// shown as spaces, control characters as U+FFFD, so that the caret is aligned.
     pub fn caret(&self, text: &str) -> String {
         let place = text.floor_char_boundary(self.offset);
         let (before, after) = text.split_at(place);
         let reach = WIDTH / 2;
-        // A side that is short leaves its room to the other.
+        // Unused width of a short side is given to the other.
         let shown_before = shown(before.chars().rev(), WIDTH - shown(after.chars(), reach));
         let shown_after = shown(after.chars(), WIDTH - shown_before);
         let start = before.char_indices().rev().take(shown_before).last().map_or(place, |(start, _)| start);
@@ -30,7 +30,7 @@ impl ExpressionError {
     }
 }
 
-/// The number of characters, at most `room`.
+/// The number of characters, limited to `room`.
 fn shown(characters: impl Iterator<Item = char>, room: usize) -> usize {
     characters.take(room).count()
 }

@@ -1,14 +1,14 @@
-//! Comparisons and what is made of them: conditions, which are 1 where they hold and 0 where they do not. Their breaks are
-//! those of `heaviside`. A difference of two doubles has the sign of their order, so that no rounding moves a condition.
+//! Comparisons and conditions. A condition is 1 if it holds and 0 otherwise; its breaks are those of `heaviside`. The
+//! difference of two doubles has the correct sign, so that rounding does not affect comparisons.
 
 use super::graph::{Graph, Node};
 use super::operator::Operator;
 
-/// What to write in the place of a comparison of states.
+/// Remedy for a comparison of states: text for messages.
 pub(super) const AS_SET: &str = "a variable in a set, or a `filippov` problem: `a > b` = z with z in the box [0, 1] and \
      the inequality b - a, and `if(a > b, p, q)` = q + (p - q)*z";
 
-/// A comparison, as it is written.
+/// A comparison operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Comparison {
     Less,
@@ -20,7 +20,7 @@ pub(super) enum Comparison {
 }
 
 impl Comparison {
-    /// 1 where it holds, else 0; NaN passes through.
+    /// The condition `a ~ b`: 1 if it holds, else 0; NaN propagates.
     pub(super) fn apply(self, graph: &mut Graph, a: Node, b: Node) -> Node {
         match self {
             Self::Less => graph.at_least(a, b, true),
@@ -37,7 +37,7 @@ impl Comparison {
 }
 
 impl Graph {
-    /// Whether `a >= b`, or, if `negated`, whether not.
+    /// The condition `a >= b`, or its negation if `negated`.
     pub(super) fn at_least(&mut self, a: Node, b: Node, negated: bool) -> Node {
         let difference = self.subtract(a, b);
         let holds = self.heaviside(difference);
@@ -60,7 +60,7 @@ impl Graph {
         self.not(neither)
     }
 
-    /// `a` where a condition holds, else `b`; what is not chosen need not have a value.
+    /// `a` if a condition holds, else `b`; the other operand may be undefined.
     pub(super) fn choice(&mut self, condition: Node, a: Node, b: Node) -> Node {
         match self.number(condition) {
             Some(1.0) => return a,
@@ -72,7 +72,7 @@ impl Graph {
         self.add(a, b)
     }
 
-    /// `a` where a condition holds, else 0.
+    /// `a` if a condition holds, else 0, even if `a` is undefined.
     fn chosen(&mut self, condition: Node, a: Node) -> Node {
         match self.number(a) {
             Some(number) if number.is_finite() => self.multiply(condition, a),

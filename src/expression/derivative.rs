@@ -1,11 +1,11 @@
-//! Derivatives, by one sweep in reverse over the graph (Griewank and Walther 2008, section 3.2): with the adjoint
-//! `w = d root / d y` of a term `y = phi(a, b)` known,
+//! Reverse-mode differentiation by one sweep over the graph (Griewank and Walther 2008, section 3.2). Given the adjoint
+//! `w = d root / d y` of a term `y = phi(a, b)`,
 //!
 //! ```text
 //! d root / d a  +=  w d phi / d a,    d root / d b  +=  w d phi / d b
 //! ```
 //!
-//! The adjoints are terms of the same graph, at most a few for each term of the expression.
+//! Adjoints are terms of the same graph, a small number for each term of the expression.
 
 use super::error::ExpressionError;
 use super::graph::{Graph, Node, Term};
@@ -17,33 +17,34 @@ use std::f64::consts::LN_10;
 /// The largest number of terms in a graph, derivatives included.
 pub(super) const MAXIMUM_TERMS: usize = 2_000_000;
 
-/// What is differentiated by.
+/// The variables of differentiation.
 #[derive(Debug)]
 enum By {
-    /// The inputs; what parameters alone decide is constant, and what vanishes at the values given is left out.
+    /// The inputs. Terms of parameters alone are constant; derivatives that vanish at the given parameter values are
+    /// dropped.
     Inputs,
-    /// The parameters, by way of these terms: those that depend on one.
+    /// The parameters, with the set of all terms that depend on a parameter.
     Parameters(FxHashSet<Node>),
 }
 
 impl Graph {
-    /// The inputs that `root` has a derivative by, and the derivatives, sorted by input; those that vanish
-    /// identically are left out, and those that vanish with the parameters given, which is assumed from then on.
+    /// The derivatives of `root` with respect to its inputs, as `(input, derivative)` sorted by input. Derivatives that
+    /// vanish identically or at the given parameter values are dropped; the latter is recorded as an assumption.
     ///
     /// # Errors
-    /// `too_many_nodes` when the graph has grown past two million terms.
+    /// `too_many_nodes` if the graph exceeds two million terms.
     pub fn gradient(&mut self, root: Node) -> Result<Vec<(usize, Node)>, ExpressionError> {
         self.sweep(root, &By::Inputs)
     }
 
-    /// The parameters that `root` has a derivative by, and the derivatives, sorted by parameter; those that vanish
-    /// whatever the parameters are left out.
+    /// The derivatives of `root` with respect to its parameters, as `(parameter, derivative)` sorted by parameter.
+    /// Derivatives that vanish identically are dropped.
     ///
     /// # Errors
-    /// `too_many_nodes` when the graph has grown past two million terms.
+    /// `too_many_nodes` if the graph exceeds two million terms.
     pub fn gradient_by_parameters(&mut self, root: Node) -> Result<Vec<(usize, Node)>, ExpressionError> {
         let mut terms = self.all_below(&[root]);
-        // Operands stand before the terms that use them.
+        // Operands come before the terms that use them.
         terms.sort_unstable();
         let mut depending = FxHashSet::default();
         for y in terms {
@@ -61,7 +62,7 @@ impl Graph {
 
     fn sweep(&mut self, root: Node, by: &By) -> Result<Vec<(usize, Node)>, ExpressionError> {
         let mut gradient = Vec::new();
-        // Sorted by place, so that the last one has all that its users contribute.
+        // Sorted by position, so that the adjoint of the last term is complete.
         let mut adjoints = BTreeMap::from([(root, self.constant(1.0))]);
         while let Some((y, w)) = adjoints.pop_last() {
             if self.len() > MAXIMUM_TERMS {
@@ -93,7 +94,7 @@ impl Graph {
         Ok(gradient)
     }
 
-    /// Whether a derivative is left out.
+    /// Whether a derivative is dropped as zero.
     fn is_nothing(&mut self, derivative: Node, by: &By) -> bool {
         match by {
             By::Inputs => self.vanishes(derivative),
@@ -101,7 +102,7 @@ impl Graph {
         }
     }
 
-    /// Whether an operand has a derivative.
+    /// Whether an operand depends on the variables of differentiation.
     fn varies(&self, operand: Node, by: &By) -> bool {
         match by {
             By::Inputs => self.value(operand).is_none(),
@@ -109,7 +110,7 @@ impl Graph {
         }
     }
 
-    /// What `y` with adjoint `w` gives to the adjoints of its operands. Constants need none.
+    /// The contributions of `y` with adjoint `w` to the adjoints of its nonconstant operands.
     fn contributions(&mut self, y: Node, w: Node, by: &By) -> [Option<(Node, Node)>; 2] {
         let Term::Apply(operator, a, b) = self.terms[y.place()] else {
             return [None, None];
@@ -132,8 +133,9 @@ impl Graph {
         [first, second]
     }
 
-    /// What `a` where a condition holds, with adjoint `w`, gives to what is differentiated by: the derivatives of `a` as they
-    /// are chosen. Where it is not they may not exist, and an adjoint of 0 would not hide that.
+    /// The contributions of `Choose` (`a` if a condition holds, else 0) with adjoint `w`: the chosen derivatives of
+    /// `a`. They are taken directly with respect to the variables of differentiation, because derivatives of `a` may be
+    /// undefined where it is not chosen, and zero adjoints would not suppress them.
     fn by_chosen(&mut self, condition: Node, a: Node, w: Node, by: &By) -> Result<Vec<(Node, Node)>, ExpressionError> {
         let mut contributions = Vec::new();
         if self.varies(a, by) {
@@ -149,7 +151,8 @@ impl Graph {
         Ok(contributions)
     }
 
-    /// What a power that is written out, with adjoint `w`, gives to its exponent; its base has its share by the product.
+    /// The contribution of an expanded power with adjoint `w` to its exponent; the contribution to its base is that of
+    /// the product.
     fn by_exponent(&mut self, power: Node, w: Node, by: &By) -> Option<(Node, Node)> {
         let Term::Apply(operator, base, exponent) = self.terms[power.place()] else { return None };
         self.varies(exponent, by).then(|| (exponent, self.by_second(operator, base, exponent, power, w)))
@@ -205,7 +208,7 @@ impl Graph {
                 let denominator = self.multiply(three, square);
                 self.divide(w, denominator)
             }
-            // 2 H - 1 rather than the sign, which is 0 at 0 and no limit of derivatives there.
+            // 2 H - 1 rather than the sign, whose value 0 at 0 is not a limit of derivatives.
             Operator::Abs => {
                 let (two, step) = (self.constant(2.0), self.unary(Operator::Heaviside, a));
                 let double = self.multiply(two, step);
@@ -238,7 +241,7 @@ impl Graph {
         }
     }
 
-    /// `w d phi(a, b) / d b`, with `y = phi(a, b)`, of a binary operator.
+    /// `w d phi(a, b) / d b`, with `y = phi(a, b)`, for a binary operator.
     fn by_second(&mut self, operator: Operator, a: Node, b: Node, y: Node, w: Node) -> Node {
         match operator {
             Operator::Add => w,
@@ -276,7 +279,7 @@ impl Graph {
         self.multiply(w, slope)
     }
 
-    /// `w / sqrt((1 - a)(1 + a))`, which loses no digits near 1.
+    /// `w / sqrt((1 - a)(1 + a))`, without cancellation near 1.
     fn by_arc(&mut self, w: Node, a: Node) -> Node {
         let one = self.constant(1.0);
         let (below, above) = (self.subtract(one, a), self.add(one, a));
@@ -293,20 +296,21 @@ impl Graph {
         self.multiply(w, slope)
     }
 
-    /// `w` where `a > b`, else 0.
+    /// `w` if `a > b`, else 0.
     fn gate(&mut self, a: Node, b: Node, w: Node) -> Node {
         let greater = self.binary(Operator::Greater, a, b);
         self.binary(Operator::Gate, greater, w)
     }
 
-    /// `w` where not `a > b`, else 0.
+    /// `w` unless `a > b`, else 0.
     fn gate_not(&mut self, a: Node, b: Node, w: Node) -> Node {
         let (one, greater) = (self.constant(1.0), self.binary(Operator::Greater, a, b));
         let not_greater = self.subtract(one, greater);
         self.binary(Operator::Gate, not_greater, w)
     }
 
-    /// `ln a` where `a > 0`, else 0: `0^y` does not depend on `y > 0`, and below 0 there is no derivative by `y`.
+    /// `ln a` if `a > 0`, else 0: `0^y` does not depend on `y > 0`, and for `a < 0` there is no derivative with respect
+    /// to `y`.
     fn guarded_logarithm(&mut self, a: Node) -> Node {
         let (zero, one) = (self.constant(0.0), self.constant(1.0));
         let positive_part = self.gate(a, zero, a);

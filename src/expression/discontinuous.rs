@@ -1,5 +1,5 @@
-//! Functions that jump, mostly again and again, and what is made of them. They are functions of time and parameters: a step
-//! ends where one of them [switches](super::switches). What jumps with a state or a variable belongs in a set.
+//! Discontinuous, mostly periodic functions. They are functions of time and parameters: steps end where one of them
+//! [switches](super::switches). Jumps that depend on a state or a variable must be modelled by a convex set.
 //!
 //! ```text
 //! ceil(a) = -floor(-a)                    sawtooth(t, T) = mod(t/T, 1)        triangle(t, T) = 1 - |2 sawtooth(t, T) - 1|
@@ -10,7 +10,7 @@ use super::graph::{Graph, Node};
 use super::operator::Operator;
 use super::parameters::Assumption;
 
-/// A function that jumps.
+/// A discontinuous function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Discontinuous {
     Floor,
@@ -25,7 +25,7 @@ pub(super) enum Discontinuous {
     Pulse,
 }
 
-/// What an argument has to be.
+/// The admissible range of an argument.
 #[derive(Clone, Copy, Debug)]
 enum Range {
     Positive,
@@ -52,7 +52,7 @@ impl Discontinuous {
         }
     }
 
-    /// How it is called, and what it gives.
+    /// For messages: the call and its meaning.
     pub(super) fn usage(self) -> &'static str {
         match self {
             Self::Floor => "`floor(a)`, the largest whole number up to a",
@@ -77,7 +77,7 @@ impl Discontinuous {
         }
     }
 
-    /// What to write where it is to jump with a state or a variable.
+    /// For messages: the remedy if an argument depends on a state or a variable.
     pub(super) fn as_set(self) -> &'static str {
         match self {
             Self::Floor | Self::Ceil | Self::Round => {
@@ -96,7 +96,8 @@ impl Discontinuous {
         }
     }
 
-    /// The first argument whose value is known and out of its range. That others are not is assumed from then on.
+    /// Reports the first argument whose known value is out of range. The others are assumed to be in range; the
+    /// assumptions are recorded in `graph`.
     pub(super) fn check(self, graph: &mut Graph, arguments: &[Node]) -> Result<(), OutOfRange> {
         let ranges: &[(usize, &'static str, Range)] = match self {
             Self::Modulo => &[(1, "divisor", Range::NotZero)],
@@ -116,7 +117,7 @@ impl Discontinuous {
         Ok(())
     }
 
-    /// The term of as many arguments as it takes.
+    /// Builds the term of the function for the required number of arguments.
     pub(super) fn apply(self, graph: &mut Graph, arguments: &[Node]) -> Node {
         let a = arguments[0];
         match self {
@@ -152,7 +153,7 @@ impl Discontinuous {
 }
 
 impl Range {
-    /// 1 where a value is in the range, 0 where it is not.
+    /// The condition that a value is in the range.
     fn holds(self, graph: &mut Graph, a: Node) -> Node {
         let (zero, one) = (graph.constant(0.0), graph.constant(1.0));
         match self {
@@ -180,13 +181,14 @@ impl Range {
 }
 
 impl Graph {
-    /// The share of a period that has passed.
+    /// The elapsed fraction of a period.
     fn sawtooth(&mut self, t: Node, period: Node) -> Node {
         let (one, periods) = (self.constant(1.0), self.divide(t, period));
         self.binary(Operator::Modulo, periods, one)
     }
 
-    /// 1 while less than a share of the period has passed, else 0. A share that follows time is taken between 0 and 1.
+    /// 1 while the elapsed fraction of the period is below `duty`, else 0. A time-dependent duty is clamped to
+    /// `[0, 1]`.
     fn pwm(&mut self, t: Node, period: Node, duty: Node) -> Node {
         let duty = if self.value(duty).is_some() {
             duty

@@ -1,8 +1,8 @@
-//! The functions of the language at intervals, and programs over boxes: [`Tape::enclose`] gives intervals that hold the
-//! outputs at every point of a box of inputs.
+//! Interval arithmetic for the functions of the language, and for programs: [`Tape::enclose`] encloses the outputs over
+//! a box of inputs.
 //!
-//! Monotone functions are taken at the ends; sine, cosine and tangent look for their extrema and poles between them.
-//! Library functions are off by a few units in the last place: their values are widened by [`SLACK`].
+//! Monotone functions are evaluated at the ends of an interval; sine, cosine and tangent also check for extrema and
+//! poles inside. Library functions have errors of a few units in the last place: their values are widened by [`SLACK`].
 
 use super::graph::is_power_of_two;
 use super::operator::Operator;
@@ -10,22 +10,22 @@ use super::tape::Tape;
 use numerics::{Interval, between};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// The relative error that a library function may have; the worst of those in use are off by 4 units in the last place.
+/// Bound on the relative error of library functions; the largest error of those in use is 4 units in the last place.
 const SLACK: f64 = 8.0 * f64::EPSILON;
 
-/// The registers of one program at intervals, so that [`Tape::enclose`] does not allocate.
+/// Interval registers of one program, so that [`Tape::enclose`] does not allocate.
 #[derive(Clone, Debug, Default)]
 pub struct IntervalWorkspace {
     registers: Vec<Interval>,
 }
 
 impl IntervalWorkspace {
-    /// Room for this program, with its constants.
+    /// Allocates the registers of a program and sets its constants.
     pub fn new(tape: &Tape) -> Self {
         Self { registers: tape.registers.iter().map(|&value| Interval::point(value)).collect() }
     }
 
-    /// Takes over what the parameters of the program have become.
+    /// Updates the constants after new parameters were bound to the program.
     pub fn bind(&mut self, tape: &Tape) {
         let constants = tape.program.inputs..tape.program.first;
         for (range, &value) in self.registers[constants.clone()].iter_mut().zip(&tape.registers[constants]) {
@@ -35,8 +35,8 @@ impl IntervalWorkspace {
 }
 
 impl Tape {
-    /// Writes intervals that hold the outputs wherever the first input, mostly time, is in `first` and the others are in
-    /// `rest`, which reach at least to the largest index that occurs. The workspace is one made for this program.
+    /// Encloses the outputs for the first input (usually time) in `first` and the others in `rest`, which must extend
+    /// to the largest index that occurs. The workspace must belong to this program.
     pub fn enclose(
         &self,
         first: Interval,
@@ -63,9 +63,9 @@ impl Tape {
 }
 
 impl Operator {
-    /// The values at `(a, b)`; `same` if both operands are one term, which then has one value and not two.
+    /// Encloses the values at `(a, b)`; `same` states that both operands are the same term and thus have equal values.
     pub(super) fn enclose(self, a: Interval, b: Interval, same: bool) -> Interval {
-        // What a closed gate does not let through need not exist; comparisons and some powers of NaN have a value.
+        // A closed gate is 0 even if its operand is undefined; comparisons and some powers of NaN have a value.
         if !matches!(self, Self::Gate | Self::Choose | Self::Greater | Self::Power) && (a.is_empty() || b.is_empty()) {
             return Interval::EMPTY;
         }
@@ -105,9 +105,9 @@ impl Operator {
             Self::Multiply if same => a.square(),
             Self::Multiply => product(a, b),
             Self::Divide if same => Interval::point(1.0).defined_if(defined && !a.contains(0.0)),
-            // A whole number of whole parts is to be no other: of these what jumps at whole numbers is certain.
+            // Exact quotients are not widened, so that functions with jumps at integers are certain.
             Self::Divide if is_exact_quotient(a, b) => Interval::point(a.lo / b.lo).defined_if(defined),
-            // As where the divisor is a number, and the quotient is written as a product.
+            // As for constant divisors, whose quotient is compiled as a product.
             Self::Divide if b.lo == b.hi && is_power_of_two(b.lo) => {
                 let reciprocal = 1.0 / b.lo;
                 product(a, Interval { lo: reciprocal, hi: reciprocal, ..b })
@@ -125,12 +125,12 @@ impl Operator {
     }
 }
 
-/// Whether two numbers have a quotient that is not rounded.
+/// Whether both operands are points with an exact quotient.
 fn is_exact_quotient(a: Interval, b: Interval) -> bool {
     a.lo == a.hi && b.lo == b.hi && (a.lo / b.lo).mul_add(b.lo, -a.lo) == 0.0
 }
 
-/// `a b`, exact where one of them is the number 1, as a parameter may be, or both are numbers whose product is not rounded.
+/// `a b`; exact if one factor is the point 1, as a parameter may be, or if both are points with an exact product.
 fn product(a: Interval, b: Interval) -> Interval {
     let is_one = |x: Interval| x.lo == 1.0 && x.hi == 1.0;
     let value = a.lo * b.lo;
@@ -148,19 +148,19 @@ fn product(a: Interval, b: Interval) -> Interval {
     }
 }
 
-/// `a - b floor(a / b)`: between 0 and `b`, but for rounding where the quotient is a whole number or nearly one.
+/// `a - b floor(a / b)`: between 0 and `b`, up to rounding if the quotient is nearly an integer.
 fn modulo(a: Interval, b: Interval) -> Interval {
     let quotient = Operator::Divide.enclose(a, b, false);
     let whole = Operator::Floor.enclose(quotient, quotient, true);
     if whole.lo == whole.hi {
         return a - product(b, whole);
     }
-    // The quotient and its product with `b` are off by a unit each.
+    // The quotient and its product with `b` have a rounding error of one unit each.
     let rounding = 4.0 * f64::EPSILON * a.magnitudes().1;
     between(b.lo.min(0.0) - rounding, b.hi.max(0.0) + rounding, whole.defined)
 }
 
-/// `b` where `a` is not 0, else 0.
+/// `b` if `a` is not 0, else 0.
 fn gate(a: Interval, b: Interval) -> Interval {
     if a.is_empty() {
         Interval::EMPTY
@@ -173,35 +173,35 @@ fn gate(a: Interval, b: Interval) -> Interval {
     }
 }
 
-/// A lower bound of what a library function was to compute.
+/// A lower bound of the exact value, given the result of a library function.
 fn below(value: f64) -> f64 {
     if value.is_finite() { value - (SLACK * value.abs() + f64::MIN_POSITIVE) } else { value.next_down() }
 }
 
-/// An upper bound of what a library function was to compute.
+/// An upper bound of the exact value, given the result of a library function.
 fn above(value: f64) -> f64 {
     -below(-value)
 }
 
-/// An increasing function. All of them are exact at zero.
+/// Encloses an increasing function; all of them are exact at zero.
 fn increasing(a: Interval, function: impl Fn(f64) -> f64) -> Interval {
     let lo = if a.lo == 0.0 { function(0.0) } else { below(function(a.lo)) };
     let hi = if a.hi == 0.0 { function(0.0) } else { above(function(a.hi)) };
     between(lo, hi, a.defined)
 }
 
-/// A function on the part of `a` that lies in its domain, from `least` to `most`.
+/// Encloses a function on the part of `a` in its domain `least..=most`.
 fn within(a: Interval, least: f64, most: f64, function: impl Fn(Interval) -> Interval) -> Interval {
     let inside = Interval { lo: a.lo.max(least), hi: a.hi.min(most), ..a };
     if inside.is_empty() { Interval::EMPTY } else { function(inside).defined_if(least <= a.lo && a.hi <= most) }
 }
 
-/// The values of a function that has none outside `least..=most`.
+/// Clamps an enclosure to the range `least..=most` of a function.
 fn clamped(a: Interval, least: f64, most: f64) -> Interval {
     Interval { lo: a.lo.clamp(least, most), hi: a.hi.clamp(least, most), ..a }
 }
 
-/// Sine or cosine, by where it has one of its maxima.
+/// Encloses sine or cosine; `crest` is the position of a maximum.
 fn wave(a: Interval, crest: f64, function: impl Fn(f64) -> f64) -> Interval {
     let (at_lo, at_hi) = (function(a.lo), function(a.hi));
     let hi = if reaches(a, crest, TAU) { 1.0 } else { above(at_lo.max(at_hi)) };
@@ -209,7 +209,8 @@ fn wave(a: Interval, crest: f64, function: impl Fn(f64) -> f64) -> Interval {
     clamped(between(lo, hi, a.defined), -1.0, 1.0)
 }
 
-/// Whether `first + k period` may be in `a` for a whole `k`. Far out, where a period is lost in rounding, it may.
+/// Whether `first + k period` may be in `a` for an integer `k`; true for large arguments, where rounding exceeds a
+/// period.
 fn reaches(a: Interval, first: f64, period: f64) -> bool {
     if !(a.lo.is_finite() && a.hi.is_finite()) || a.width() >= period {
         return true;
@@ -219,14 +220,15 @@ fn reaches(a: Interval, first: f64, period: f64) -> bool {
     (from - rounding).ceil() <= to + rounding
 }
 
-/// `a^b`, as IEEE 754 has it: what has no value to the power of 0 is 1, and so is 1 to that of what has none.
+/// `a^b` according to IEEE 754: NaN to the power of 0 is 1, and 1 to the power of NaN is 1.
 fn power(a: Interval, b: Interval) -> Interval {
     let one = (!a.defined && b.contains(0.0)) || (!b.defined && a.contains(1.0));
     let known = if a.is_empty() || b.is_empty() { Interval::EMPTY } else { real_power(a, b) };
     if one { known.hull(Interval::point(1.0)).defined_if(false) } else { known }
 }
 
-/// `a^b`: of a positive base `exp(b ln a)`, whose extrema are at the corners; of a negative base for whole constants.
+/// `a^b`: for a positive base `exp(b ln a)`, whose extrema are at the corners; for a negative base with constant
+/// integer exponents.
 fn real_power(a: Interval, b: Interval) -> Interval {
     let defined = a.defined && b.defined;
     let fixed = (b.lo == b.hi).then_some(b.lo);
@@ -238,14 +240,14 @@ fn real_power(a: Interval, b: Interval) -> Interval {
     }
     let grows = b.lo > 0.0;
     within(a, 0.0, f64::INFINITY, |a| {
-        // The sign of a zero would turn the sign of its powers.
+        // Powers of a negative zero could have the wrong sign.
         let least = a.lo.abs();
         let values = [least.powf(b.lo), least.powf(b.hi), a.hi.powf(b.lo), a.hi.powf(b.hi)];
         clamped(corners(values, defined && (a.lo > 0.0 || grows)), 0.0, f64::INFINITY)
     })
 }
 
-/// `a^k`
+/// `a^k` for an integer `k`.
 fn whole_power(a: Interval, k: f64) -> Interval {
     if k < 0.0 {
         return Interval::point(1.0) / whole_power(a, -k);
@@ -258,8 +260,8 @@ fn whole_power(a: Interval, k: f64) -> Interval {
     }
 }
 
-/// The angle of `(x, y)`. It jumps where `y` changes its sign and `x` is negative; on a box without that line its extrema
-/// are at the corners.
+/// The angle `atan2(y, x)`. It jumps where `y` changes sign and `x` is negative; on a box without this line, its
+/// extrema are at the corners.
 fn angle(y: Interval, x: Interval) -> Interval {
     let defined = y.defined && x.defined;
     if x.lo > 0.0 || y.lo > 0.0 || y.hi < 0.0 {
@@ -269,7 +271,7 @@ fn angle(y: Interval, x: Interval) -> Interval {
     between(-above(PI), above(PI), defined)
 }
 
-/// The interval of the values at the corners of a box.
+/// The hull of the values at the corners of a box, widened by the error of library functions.
 fn corners(values: [f64; 4], defined: bool) -> Interval {
     let (lo, hi) =
         values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), value| (lo.min(value), hi.max(value)));

@@ -1,17 +1,18 @@
-//! What is wrong with an expression, and where.
+//! Errors of expressions, with their position in the text.
 
-/// Why a text is no expression, or an expression cannot be kept.
+/// Why a text is not a valid expression, or why an expression exceeds a limit.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{message}")]
 pub struct ExpressionError {
-    /// A stable word for programs: `syntax`, `unknown_name`, `unknown_function`, `wrong_arity`, `number_out_of_range`,
-    /// `out_of_range`, `misplaced_condition`, `jump_of_unknown`, `not_ascii`, `too_long`, `too_deep` or `too_many_nodes`.
+    /// A stable error code for programs: `syntax`, `unknown_name`, `unknown_function`, `wrong_arity`,
+    /// `number_out_of_range`, `out_of_range`, `misplaced_condition`, `jump_of_unknown`, `not_ascii`, `too_long`,
+    /// `too_deep` or `too_many_nodes`.
     pub code: &'static str,
-    /// The byte at which the offender starts; the length of the text if it ends too early.
+    /// The byte offset of the error; the length of the text if it ends too early.
     pub offset: usize,
-    /// What was expected and what was found, for people.
+    /// The message for users: what was expected and what was found.
     pub message: String,
-    /// What would be right.
+    /// A valid alternative.
     pub expected: Option<String>,
     /// The nearest valid spelling.
     pub did_you_mean: Option<String>,

@@ -1,5 +1,5 @@
-//! What a node does that few points of it need not show: functions of the inputs behind the first that are no polynomials
-//! of low degree, and jumps among them.
+//! Features that evaluation at a few points may miss: nonpolynomial dependence (or high degree) on the inputs after the
+//! first, and jumps.
 
 use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node, Term};
@@ -8,8 +8,8 @@ use super::tape::Tape;
 use numerics::Interval;
 use rustc_hash::FxHashMap;
 
-/// The quantities at whose changes of sign some expressions jump, compiled: the switches of functions with a jump, and the
-/// first argument of `atan2`, that depend on more than the first input.
+/// The compiled event functions at whose sign changes some expressions jump: switches of discontinuous functions and
+/// first arguments of `atan2`, if they depend on inputs after the first.
 #[derive(Clone, Debug, Default)]
 pub struct Jumps {
     tape: Tape,
@@ -18,7 +18,7 @@ pub struct Jumps {
 }
 
 impl Jumps {
-    /// Those of `nodes`.
+    /// Compiles the event functions of `nodes`.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let terms = graph.terms_below(nodes);
         let jump = |node: Node| match graph.operation(node)? {
@@ -34,13 +34,13 @@ impl Jumps {
         Self { workspace: IntervalWorkspace::new(&tape), ranges: vec![Interval::LINE; quantities.len()], tape }
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
         self.workspace.bind(&self.tape);
     }
 
-    /// Whether one may change its sign where the inputs are in `t`, then in `rest`.
+    /// Whether an event function may change sign for the first input in `t` and the others in `rest`.
     pub fn may_be_in(&mut self, t: Interval, rest: &[Interval]) -> bool {
         if self.ranges.is_empty() {
             return false;
@@ -51,11 +51,11 @@ impl Jumps {
 }
 
 impl Graph {
-    /// The places among `nodes` of those that are no polynomials of at most this degree in the inputs behind the first.
+    /// The indices of those `nodes` that are not polynomials of at most the given degree in the inputs after the first.
     pub fn beyond_degree(&self, nodes: &[Node], degree: u32) -> Vec<usize> {
         let mut terms = self.terms_below(nodes);
         terms.sort_unstable();
-        // Operands stand before the terms that use them; what is no polynomial has no degree.
+        // Operands come before the terms that use them; nonpolynomial terms have the degree `None`.
         let mut degrees: FxHashMap<Node, Option<u32>> = FxHashMap::default();
         for node in terms {
             let degree = match (self.terms[node.place()], self.operation(node)) {
@@ -72,8 +72,8 @@ impl Graph {
     }
 }
 
-/// The degree of the result of an operator on polynomials of degrees `a` and `b`; `number` is the value of the second operand
-/// where that is a constant. `None` where an operand or the result is no polynomial.
+/// The degree of the result of an operator on polynomials of degrees `a` and `b`; `number` is the value of a constant
+/// second operand. `None` if an operand or the result is not a polynomial.
 fn degree_of(operator: Operator, a: Option<u32>, b: Option<u32>, number: Option<f64>) -> Option<u32> {
     let (a, b) = (a?, b?);
     match operator {

@@ -4,16 +4,16 @@ use super::discontinuous::Discontinuous;
 use super::graph::{Graph, Node};
 use super::operator::Operator;
 
-/// How a function makes a term of its arguments.
+/// The kind of a function, which determines its term.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Function {
     Unary(Operator),
     Binary(Operator),
-    /// `x^y` as C writes it.
+    /// `pow(x, y)`, the power as a function.
     Power,
     /// `min` or `max` of two or more arguments.
     Extremum(Operator),
-    /// One that jumps, of time and parameters.
+    /// A discontinuous function of time and parameters.
     Discontinuous(Discontinuous),
 }
 
@@ -50,7 +50,7 @@ const FUNCTIONS: [(&str, Function); 30] = [
     ("pulse", Function::Discontinuous(Discontinuous::Pulse)),
 ];
 
-/// What other languages call a function, and what is written here.
+/// Names of functions in other languages, with their equivalents in this language.
 const FUNCTION_SYNONYMS: [(&str, &str); 39] = [
     ("log", "ln"),
     ("sqr", "a^2"),
@@ -102,8 +102,8 @@ impl Function {
         FUNCTIONS.iter().map(|&(name, _)| name)
     }
 
-    /// Whether its name cannot be one of the user's. Those that jump came later: a name before a parenthesis is theirs, and
-    /// else the user's.
+    /// Whether users cannot define this name. Names of discontinuous functions, which were added later, are not
+    /// reserved: before a parenthesis they denote the function, otherwise the user's name.
     pub(super) fn is_reserved(self) -> bool {
         !matches!(self, Self::Discontinuous(_))
     }
@@ -118,7 +118,7 @@ impl Function {
         }
     }
 
-    /// Whether it may have so many arguments.
+    /// Whether the function accepts this number of arguments.
     pub(super) fn takes(self, arguments: usize) -> bool {
         match self {
             Self::Unary(_) => arguments == 1,
@@ -128,7 +128,7 @@ impl Function {
         }
     }
 
-    /// The term of as many arguments as it takes.
+    /// Builds the term of the function for an accepted number of arguments.
     pub(super) fn apply(self, graph: &mut Graph, arguments: &[Node]) -> Node {
         let a = arguments[0];
         match self {
@@ -144,8 +144,8 @@ impl Function {
 }
 
 impl Graph {
-    /// `min` or `max`. Where the arguments are equal the second one gives the derivative; a constant is put there, so
-    /// that `sqrt(max(x, 0))` has the derivative 0 at 0 and not infinity.
+    /// `min` or `max`. For equal arguments the derivative is that of the second one; constants become the second
+    /// argument, so that `sqrt(max(x, 0))` has the derivative 0 at 0 and not infinity.
     fn extremum(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         match self.value(a) {
             Some(_) => self.binary(operator, b, a),
@@ -154,7 +154,7 @@ impl Graph {
     }
 }
 
-/// The spelling of this language for a foreign one.
+/// The equivalent in this language of a name from another language.
 pub(super) fn synonym(name: &str, called: bool) -> Option<&'static str> {
     let function = FUNCTION_SYNONYMS.iter().find(|(foreign, _)| called && *foreign == name).map(|&(_, ours)| ours);
     function.or((name == "e" && !called).then_some("exp(1)"))

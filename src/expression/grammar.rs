@@ -1,7 +1,7 @@
-//! The grammar of infix text, by precedence climbing (Pratt 1973, *Top down operator precedence*). Terms go straight
-//! into the graph; there is no syntax tree.
+//! The grammar of infix expressions, by precedence climbing (Pratt 1973, *Top down operator precedence*). Terms are
+//! added to the graph directly; there is no syntax tree.
 //!
-//! Recursion is bounded: parentheses, signs and `^` chains each count towards [`DEEPEST`].
+//! Recursion is bounded: parentheses, signs and chains of `^` all count towards [`DEEPEST`].
 
 use super::calls::{name, refuse_jump};
 use super::conditions::{self, Comparison};
@@ -18,10 +18,10 @@ use winnow::prelude::*;
 use winnow::stream::Stateful;
 use winnow::token::{any, one_of, take_while};
 
-/// The longest text of one expression, in bytes.
+/// The maximum length of an expression, in bytes.
 const LONGEST: usize = 64 * 1024;
 
-/// Greek letters, as names in ASCII.
+/// Greek letters with their names in ASCII.
 const GREEK: [(char, &str); 20] = [
     ('\u{3b1}', "alpha"),
     ('\u{3b2}', "beta"),
@@ -45,10 +45,10 @@ const GREEK: [(char, &str); 20] = [
     ('\u{3c9}', "omega"),
 ];
 
-/// The deepest nesting.
+/// The maximum nesting depth.
 const DEEPEST: usize = 200;
 
-/// What the parsers carry along.
+/// The state of the parsers.
 #[derive(Debug)]
 pub(super) struct State<'s> {
     pub graph: &'s mut Graph,
@@ -56,36 +56,36 @@ pub(super) struct State<'s> {
     /// The whole text.
     text: &'s str,
     pub depth: usize,
-    /// The indices of the sums that are being read.
+    /// The indices of enclosing sums.
     pub indices: Vec<Index>,
 }
 
-/// What was read.
+/// A parsed term.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Read {
     pub node: Node,
     pub kind: Kind,
-    /// Where it starts.
+    /// The byte offset of its start.
     pub start: usize,
 }
 
-/// What kind of a thing was read. A condition may stand for the number that it is.
+/// The kind of a parsed term. Conditions may be used as numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Number,
-    /// A comparison without parentheses, which by itself is mostly an inequality that someone means.
+    /// A comparison without parentheses; on its own, the user usually means an inequality.
     Comparison,
     Condition,
 }
 
 pub(super) type Input<'i, 's> = Stateful<&'i str, State<'s>>;
 
-/// Why a parser did not go on.
+/// The failure of a parser.
 #[derive(Debug)]
 pub(super) enum Failure {
-    /// Something else may stand here.
+    /// Recoverable: try an alternative.
     Elsewhere,
-    /// Nothing may.
+    /// Final: report the error.
     Final(Box<ExpressionError>),
 }
 
@@ -106,10 +106,10 @@ impl<'i, 's> ParserError<Input<'i, 's>> for Failure {
 }
 
 impl Graph {
-    /// Reads an infix expression in the names of `scope`.
+    /// Parses an infix expression with the names of `scope`.
     ///
     /// # Errors
-    /// The first thing in the text that cannot be, with its place.
+    /// The first error in the text, with its position.
     pub fn parse(&mut self, text: &str, scope: &Scope) -> Result<Node, ExpressionError> {
         check_characters(text)?;
         let state = State { graph: self, scope, text, depth: 0, indices: Vec::new() };
@@ -129,7 +129,7 @@ impl Graph {
     }
 }
 
-/// Of what may be meant as an inequality, says how that is written.
+/// Extends the error of a text that may be meant as an inequality by the correct form of an inequality.
 fn of_inequality(error: ExpressionError, text: &str) -> ExpressionError {
     let difference = if matches!(error.code, "misplaced_condition" | "jump_of_unknown") {
         remedies::of_inequality(text)
@@ -168,7 +168,7 @@ fn check_characters(text: &str) -> Result<(), ExpressionError> {
     Err(ExpressionError { did_you_mean, ..ExpressionError::new("not_ascii", offset, message) })
 }
 
-/// The loosest construct: conditions, and what they compare.
+/// Parses a term of lowest precedence: conditions and their operands.
 pub(super) fn term(input: &mut Input) -> Result<Read, Failure> {
     expression(operand).prefix(sign).infix(operator).parse_next(input)
 }
@@ -229,7 +229,7 @@ fn operator<'i, 's>(input: &mut Input<'i, 's>) -> Result<Infix<Input<'i, 's>, Re
     })
 }
 
-/// A word of the language, and not the beginning of a longer one.
+/// Parses a keyword that is not the prefix of a longer word.
 fn word<'i, 's>(word: &'static str) -> impl Parser<Input<'i, 's>, &'i str, Failure> {
     terminated(word, not(one_of(('a'..='z', 'A'..='Z', '0'..='9', '_'))))
 }
@@ -260,7 +260,7 @@ fn compare(input: &mut Input, comparison: Comparison, a: Read, b: Read) -> Resul
     Ok(Read { kind: Kind::Comparison, ..read })
 }
 
-/// What `joint` takes.
+/// Checks that the operands of `joint` (`if`, `and`, `or`, `not`) are conditions.
 pub(super) fn conditions<const N: usize>(joint: &str, found: [Read; N]) -> Result<[Read; N], Failure> {
     let Some(number) = found.iter().find(|read| read.kind == Kind::Number) else { return Ok(found) };
     let message = format!("`{joint}` takes conditions, and this is a number");
@@ -283,7 +283,7 @@ fn number(input: &mut Input) -> Result<Read, Failure> {
     }
     opt((one_of(['e', 'E']), opt(one_of(['+', '-'])), digits(1))).void().parse_next(input)?;
     let literal = &whole[..offset(input) - start];
-    // The form is that of a number already.
+    // The literal has the form of a number.
     let value: f64 = literal.parse().unwrap_or(f64::NAN);
     if value.is_finite() && (value != 0.0 || mantissa.bytes().all(|byte| matches!(byte, b'0' | b'.'))) {
         return keep(input, start, |graph| graph.constant(value));
@@ -318,7 +318,7 @@ pub(super) fn identifier<'i>(input: &mut Input<'i, '_>) -> Result<&'i str, Failu
     take_while(1.., ('a'..='z', 'A'..='Z', '0'..='9', '_')).parse_next(input)
 }
 
-/// One level deeper. Whoever ascends again takes the level back.
+/// Increases the nesting depth; the caller decreases it at the end of the construct.
 pub(super) fn descend(input: &mut Input) -> Result<(), Failure> {
     input.state.depth += 1;
     if input.state.depth <= DEEPEST {
@@ -328,7 +328,7 @@ pub(super) fn descend(input: &mut Input) -> Result<(), Failure> {
     Err(failure(ExpressionError::new("too_deep", offset(input), message)))
 }
 
-/// Adds a number to the graph, which is bounded.
+/// Adds a number to the graph; fails if the graph exceeds its size limit.
 pub(super) fn keep(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> Node) -> Result<Read, Failure> {
     let node = add(input.state.graph);
     if input.state.graph.len() > MAXIMUM_TERMS {
@@ -337,7 +337,7 @@ pub(super) fn keep(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph)
     Ok(Read { node, kind: Kind::Number, start })
 }
 
-/// The same of a condition.
+/// Adds a condition to the graph; fails if the graph exceeds its size limit.
 fn condition(input: &mut Input, start: usize, add: impl FnOnce(&mut Graph) -> Node) -> Result<Read, Failure> {
     keep(input, start, add).map(|read| Read { kind: Kind::Condition, ..read })
 }
@@ -362,7 +362,7 @@ pub(super) fn syntax(input: &Input, expected: &str) -> Failure {
     })
 }
 
-/// After an operand comes something that continues no expression.
+/// The error for text after an operand that does not continue the expression.
 fn missing_operator(input: &Input, otherwise: &str) -> Failure {
     let (before, rest) = input.state.text.split_at(offset(input));
     let remedy = remedies::of_operator(before, rest, input.state.scope);

@@ -1,15 +1,15 @@
-//! The graph of terms: equal terms are one node, and operands stand before the terms that use them.
+//! The expression graph: equal terms are one node (hash consing), and operands come before the terms that use them.
 //!
-//! Rewriting is exact in IEEE arithmetic with rounding to nearest, up to the sign of a zero: neutral elements are
-//! dropped, signs move outwards (`-a - b = -(a + b)`), and a division by a power of two becomes a product. Neither
-//! `0 x -> 0` nor `x - x -> 0` is among the rules: they would hide a NaN or an infinity in `x`.
+//! Rewriting is exact in IEEE arithmetic with rounding to nearest, up to the sign of zeros: neutral elements are
+//! dropped, signs move outwards (`-a - b = -(a + b)`), and division by a power of two becomes multiplication.
+//! `0 x -> 0` and `x - x -> 0` are not applied, because they would hide a NaN or an infinity in `x`.
 //!
-//! Terms in parameters and numbers alone know their value where the parameters have the values given
-//! ([`Graph::parameter`]), and are constants to whoever asks about structure. Of the rules, those of signs go by these
-//! values, as they hold whatever the sign; neutral elements are dropped, and quotients by powers of two written as products,
-//! only where they are numbers. An evaluation then has the bits of one with numbers in place of the parameters, but for the
-//! signs of zeros, for exponents that are whole numbers or halves in one of the two alone, and for derivatives where terms
-//! are equal by their numbers alone, so that sums have another order.
+//! Terms in parameters and numbers alone have a known value, at the given parameter values ([`Graph::parameter`]), and
+//! count as constants for the structure of a problem. Sign rules use these values, because they hold for either sign.
+//! Neutral elements and divisions by powers of two are rewritten only for numbers, not for parameters. Evaluation is
+//! then bitwise equal to that with numbers instead of parameters, except for signs of zeros, for exponents that are
+//! integers or halves in only one of both cases, and for derivatives in which terms are equal only by their numbers
+//! (different order of sums).
 
 use super::operator::Operator;
 use super::parameters::Assumption;
@@ -23,16 +23,16 @@ use std::sync::Arc;
 pub struct Node(pub(super) u32);
 
 impl Node {
-    /// Its place among the terms.
+    /// The index of the node among the terms of its graph.
     pub(super) fn place(self) -> usize {
         self.0 as usize
     }
 }
 
-/// A number, an input, a parameter, or an operator at two terms (at the same one twice if it is unary).
+/// A number, an input, a parameter, or an operator applied to two terms (twice the same term if it is unary).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Term {
-    /// By its bits, so that it can be hashed.
+    /// The bits of a number, so that it can be hashed.
     Constant(u64),
     Input(usize),
     Parameter(usize),
@@ -44,15 +44,15 @@ pub(super) enum Term {
 pub struct Graph {
     pub(super) terms: Vec<Term>,
     places: FxHashMap<Term, Node>,
-    /// Terms that are `base^exponent` written out as products: they have shorter derivatives than the products.
+    /// Powers `base^exponent` expanded to products, whose derivatives are shorter than those of the products.
     pub(super) powers: FxHashMap<Node, (Node, i32)>,
-    /// The values of terms in parameters, at the values given.
+    /// The values of terms in parameters, at the given parameter values.
     pub(super) known: FxHashMap<Node, f64>,
-    /// What was decided by these values.
+    /// Assumptions about the structure made with the `known` values.
     pub(super) assumptions: BTreeSet<(Node, Assumption)>,
-    /// The tables that terms look up.
+    /// The tables used by terms.
     pub(super) tables: Tables,
-    /// The bytes that sums have read once for each of their terms.
+    /// The number of bytes parsed repeatedly for the terms of sums.
     pub(super) read_again: usize,
 }
 
@@ -72,17 +72,17 @@ impl Graph {
         self.terms.is_empty()
     }
 
-    /// A number.
+    /// A constant.
     pub fn constant(&mut self, value: f64) -> Node {
         self.intern(Term::Constant(value.to_bits()))
     }
 
-    /// The input at `index` of what [`Tape::evaluate`](super::Tape::evaluate) is given.
+    /// The input with this `index` among the inputs of [`Tape::evaluate`](super::Tape::evaluate).
     pub fn input(&mut self, index: usize) -> Node {
         self.intern(Term::Input(index))
     }
 
-    /// The value of a constant node, of one in parameters that at the values given.
+    /// The value of a constant node, or of a node in parameters alone at the given parameter values.
     pub fn value(&self, node: Node) -> Option<f64> {
         match self.terms[node.place()] {
             Term::Constant(bits) => Some(f64::from_bits(bits)),
@@ -91,7 +91,7 @@ impl Graph {
         }
     }
 
-    /// The value of a node that is a number, whatever the parameters.
+    /// The value of a node that is a number, independent of parameters.
     pub fn number(&self, node: Node) -> Option<f64> {
         match self.terms[node.place()] {
             Term::Constant(bits) => Some(f64::from_bits(bits)),
@@ -99,7 +99,7 @@ impl Graph {
         }
     }
 
-    /// The operator and the operands of a term that is no constant.
+    /// The operator and the operands of a term that is not constant.
     pub(super) fn operation(&self, node: Node) -> Option<(Operator, Node, Node)> {
         match self.terms[node.place()] {
             Term::Apply(operator, a, b) if !self.known.contains_key(&node) => Some((operator, a, b)),
@@ -173,7 +173,7 @@ impl Graph {
         }
     }
 
-    /// 1 where `a >= 0`, else 0
+    /// 1 if `a >= 0`, else 0
     pub fn heaviside(&mut self, a: Node) -> Node {
         self.unary(Operator::Heaviside, a)
     }
@@ -183,19 +183,19 @@ impl Graph {
         self.of_table(Operator::Lookup, &table.0, a)
     }
 
-    /// What an operator gives of a table at `a`.
+    /// An operator of a table, applied at `a`.
     pub(super) fn of_table(&mut self, operator: Operator, table: &Arc<Pieces>, a: Node) -> Node {
         let place = self.tables.place(table);
         let place = self.constant(place as f64);
         self.binary(operator, a, place)
     }
 
-    /// The table of a term that looks one up.
+    /// The table of a table operator, given its second operand.
     pub(super) fn table_of(&self, operator: Operator, place: Node) -> Option<&Arc<Pieces>> {
         self.tables.get(self.number(place).filter(|_| operator.takes_table())?)
     }
 
-    /// A product or a quotient, its sign taken out so that `-k x` and `k x` share their work.
+    /// A product or a quotient with the sign moved outwards, so that `-k x` and `k x` share a term.
     fn signed(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         let (minus_a, a) = self.without_sign(a);
         let (minus_b, b) = self.without_sign(b);
@@ -203,7 +203,7 @@ impl Graph {
         if minus_a == minus_b { magnitude } else { self.negate(magnitude) }
     }
 
-    /// Whether a minus can be taken off, and what remains.
+    /// Splits off a negative sign: whether there is one, and the term without it.
     fn without_sign(&mut self, a: Node) -> (bool, Node) {
         match (self.value(a), self.negated(a)) {
             (Some(value), _) if value < 0.0 => (true, self.negate(a)),
@@ -212,7 +212,7 @@ impl Graph {
         }
     }
 
-    /// `b` where `a = -b` is written with its sign; constants have theirs within.
+    /// `b` if `a` is the term `-b`; `None` for negative constants.
     fn negated(&self, a: Node) -> Option<Node> {
         match self.operation(a) {
             Some((Operator::Negate, inner, _)) => Some(inner),
@@ -220,7 +220,7 @@ impl Graph {
         }
     }
 
-    /// A unary operator at `a`; a constant if `a` is one.
+    /// A unary operator applied to `a`; folded if `a` is a number.
     pub(super) fn unary(&mut self, operator: Operator, a: Node) -> Node {
         match self.number(a) {
             Some(a) => self.constant(operator.apply(a, a)),
@@ -231,7 +231,7 @@ impl Graph {
         }
     }
 
-    /// A binary operator at `(a, b)`; a constant if both are.
+    /// A binary operator applied to `(a, b)`; folded if both are numbers.
     pub(super) fn binary(&mut self, operator: Operator, a: Node, b: Node) -> Node {
         if let (Some(a), Some(b)) = (self.number(a), self.number(b)) {
             let value = self.tables.apply(operator, a, b);
@@ -242,7 +242,7 @@ impl Graph {
         self.applied(operator, a, b, value)
     }
 
-    /// An operator at two terms, with its value at the parameters given where it has one.
+    /// An operator applied to two terms, with its value at the given parameter values, if known.
     pub(super) fn applied(&mut self, operator: Operator, a: Node, b: Node, value: Option<f64>) -> Node {
         let node = self.intern(Term::Apply(operator, a, b));
         if let Some(value) = value {
@@ -260,7 +260,7 @@ impl Graph {
     }
 }
 
-/// Whether `1 / divisor` is exact: no mantissa, and neither number is subnormal.
+/// Whether `1 / divisor` is exact: the mantissa is zero, and neither number is subnormal.
 pub(super) fn is_power_of_two(divisor: f64) -> bool {
     const MANTISSA: u64 = (1 << 52) - 1;
     divisor.to_bits() & MANTISSA == 0 && divisor.is_normal() && (1.0 / divisor).is_normal()

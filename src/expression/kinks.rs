@@ -1,19 +1,19 @@
-//! Where expressions have a kink or a jump that depends on more than the first input: at the changes of sign of their
-//! [switches](super::switches). The others are [`Breaks`](super::Breaks).
+//! Kinks and jumps of expressions that depend on inputs after the first: sign changes of [switches](super::switches).
+//! Kinks and jumps in the first input alone are [`Breaks`](super::Breaks).
 
 use super::graph::{Graph, Node};
 use super::tape::Tape;
 
-/// A function that is not smooth, and what its argument depends on.
+/// A nonsmooth function in an expression, and the inputs of its argument.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Kink {
-    /// `abs`, `sign`, `heaviside`, `min`, `max` or another, as the language calls it.
+    /// The name of the function in the language: `abs`, `sign`, `heaviside`, `min`, `max`, ..
     pub function: &'static str,
-    /// The inputs of the quantity that changes its sign, sorted.
+    /// The inputs of the event function, sorted.
     pub inputs: Vec<usize>,
 }
 
-/// The quantities whose changes of sign are the kinks of some expressions, compiled, with their derivatives.
+/// The compiled event functions whose sign changes are the kinks of some expressions, with their derivatives.
 #[derive(Clone, Debug, Default)]
 pub struct Kinks {
     kinks: Vec<Kink>,
@@ -26,7 +26,7 @@ pub struct Kinks {
 }
 
 impl Kinks {
-    /// Those of `nodes`. A quantity whose derivatives pass the bounds of `graph` is left out.
+    /// Compiles the event functions of `nodes`, except those whose derivatives exceed the size limits of `graph`.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let (mut kinks, mut quantities) = (Vec::new(), Vec::new());
         let (mut derivatives, mut places) = (Vec::new(), Vec::new());
@@ -53,24 +53,24 @@ impl Kinks {
         }
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
         self.derivatives.bind(parameters);
     }
 
-    /// What they are, in the order of their values.
+    /// The kinks, in the order of the values of [`at`](Self::at).
     pub fn kinks(&self) -> &[Kink] {
         &self.kinks
     }
 
-    /// Their values where the inputs are `t`, then `rest`.
+    /// The values of the event functions for inputs `t`, then `rest`.
     pub fn at(&mut self, t: f64, rest: &[f64]) -> &[f64] {
         self.tape.evaluate(t, rest, &mut self.values);
         &self.values
     }
 
-    /// The derivatives of kink number `kink` there, as `(place in rest, value)`.
+    /// The derivatives of event function `kink` for inputs `t`, then `rest`, as `(index in rest, value)`.
     pub fn gradient(&mut self, kink: usize, t: f64, rest: &[f64]) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.derivatives.evaluate(t, rest, &mut self.slopes);
         let slopes = self.places.iter().zip(&self.slopes);
@@ -79,7 +79,7 @@ impl Kinks {
 }
 
 impl Graph {
-    /// The quantities, each once, with the function that has a kink where they change their sign.
+    /// The event functions, each once, with the name of the function that has a kink where they change sign.
     fn kink_quantities(&mut self, nodes: &[Node]) -> Vec<(&'static str, Node)> {
         let terms = self.terms_below(nodes);
         let mut found: Vec<(&'static str, Node)> = terms.into_iter().filter_map(|node| self.switch(node)).collect();

@@ -1,24 +1,24 @@
-//! One operator at many pairs of registers, all results written side by side. Without a dispatch for each and with
-//! operands in contiguous runs, the arithmetic is vectorised by the compiler; each result has the bits that
-//! [`Operator::apply`] gives.
+//! One operator applied to many pairs of registers, with contiguous results. Dispatch is done once and operands are
+//! staged contiguously, so that the compiler vectorises the arithmetic; results are bitwise equal to those of
+//! [`Operator::apply`].
 
 use super::operator::Operator;
 
-/// Lanes that are staged together: small enough for the stack, large enough to hide the dispatch.
+/// The number of lanes staged together: small enough for the stack, large enough to amortise the dispatch.
 const CHUNK: usize = 64;
 
-/// Where the operands of the lanes stand.
+/// The registers of the operands of the lanes.
 #[derive(Clone, Debug)]
 enum Operands {
     /// One register for all lanes.
     Same(usize),
-    /// Registers one after the other, from the first.
+    /// Consecutive registers, from the first.
     Run(usize),
-    /// Anywhere.
+    /// Arbitrary registers.
     Each(Vec<u32>),
 }
 
-/// One operator at many pairs of registers.
+/// One operator applied to many pairs of registers.
 #[derive(Clone, Debug)]
 pub(super) struct Lanes {
     operator: Operator,
@@ -28,7 +28,7 @@ pub(super) struct Lanes {
 }
 
 impl Lanes {
-    /// The operator at the pairs of registers `(a[i], b[i])`, at least one pair.
+    /// The operator applied to the pairs of registers `(a[i], b[i])`; there must be at least one pair.
     pub(super) fn new(operator: Operator, a: Vec<u32>, b: Vec<u32>) -> Self {
         Self { operator, length: a.len(), a: Operands::new(a), b: Operands::new(b) }
     }
@@ -56,7 +56,7 @@ impl Lanes {
         }
     }
 
-    /// Writes all results at the first `count` of `L` points; those at the other points may be anything.
+    /// Writes all results at the first `count` of `L` points; results at the other points are arbitrary.
     pub(super) fn evaluate_points<const L: usize>(
         &self,
         registers: &[[f64; L]],
@@ -91,7 +91,7 @@ impl Operands {
         }
     }
 
-    /// The operands of the lanes from `start` on, in `room` if they do not stand together already.
+    /// The operands of the lanes from `start` on, copied to `room` unless they are contiguous already.
     #[inline(always)]
     fn stage<'r>(&self, registers: &'r [f64], start: usize, room: &'r mut [f64]) -> &'r [f64] {
         match self {
@@ -114,12 +114,12 @@ impl Operator {
     /// `results[i] = apply(a[i], b[i])`.
     fn apply_all(self, a: &[f64], b: &[f64], results: &mut [f64]) {
         if !self.apply_arithmetic(a, b, results) {
-            // The function itself takes far longer than its dispatch.
+            // The function takes much longer than its dispatch.
             each(a, b, results, |a, b| self.apply(a, b));
         }
     }
 
-    /// `results[i] = apply(a[i], b[i])` for the first `count` lanes; the others hold anything.
+    /// `results[i] = apply(a[i], b[i])` for the first `count` lanes; the other results are arbitrary.
     #[inline(always)]
     pub(super) fn apply_lanes<const L: usize>(self, a: [f64; L], b: [f64; L], results: &mut [f64; L], count: usize) {
         if !self.apply_arithmetic(&a, &b, results) {
@@ -127,8 +127,8 @@ impl Operator {
         }
     }
 
-    /// The same for operations that take no longer than their dispatch; false of others. The operator is known inside each
-    /// loop, which is vectorised so.
+    /// `results[i] = apply(a[i], b[i])` for operators that are as cheap as their dispatch; returns false for others.
+    /// The operator is constant inside each loop, so that the loop is vectorised.
     #[inline(always)]
     fn apply_arithmetic(self, a: &[f64], b: &[f64], results: &mut [f64]) -> bool {
         match self {

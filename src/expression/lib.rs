@@ -1,16 +1,18 @@
-//! Infix text to evaluable code with exact derivatives.
+//! Infix expressions, compiled to programs with exact derivatives.
 //!
-//! [`Graph::parse`] reads text into a directed acyclic graph in which equal terms are one node. [`Graph::gradient`]
-//! sweeps that graph in reverse (Griewank and Walther 2008, *Evaluating Derivatives*, chapter 3) and leaves the
-//! derivatives in it as further nodes, so that values and derivatives share what they have in common and may be
-//! differentiated again. [`Tape::compile`] turns the nodes that are wanted into a straight program, which is evaluated at
-//! points, one ([`Tape::evaluate`]) or several side by side ([`Tape::evaluate_points`]), or over boxes in interval arithmetic ([`Tape::enclose`]).
+//! [`Graph::parse`] parses text into a directed acyclic graph in which equal terms are one node. [`Graph::gradient`]
+//! sweeps the graph in reverse (Griewank and Walther 2008, *Evaluating Derivatives*, chapter 3) and adds the
+//! derivatives as nodes, so that values and derivatives share common terms and can be differentiated again.
+//! [`Tape::compile`] compiles selected nodes to a straight-line program, which is evaluated at a point
+//! ([`Tape::evaluate`]), at several points at once ([`Tape::evaluate_points`]), or over boxes in interval arithmetic
+//! ([`Tape::enclose`]).
 //!
-//! Precedence, from loose to tight: `or`, `and`, `not`, `< <= > >= == !=`, `+ -`, `* /`, sign, `^` (also written `**`), which
-//! groups to the right: `-x^2` is `-(x^2)`, `2^3^2` is `2^9`, `2^-1` is one half. A condition is 1 where it holds, else 0.
+//! Precedence, lowest first: `or`, `and`, `not`, `< <= > >= == !=`, `+ -`, `* /`, sign, `^` (also written `**`), which
+//! is right-associative: `-x^2` is `-(x^2)`, `2^3^2` is `2^9`, `2^-1` is one half. A condition is 1 if it holds, else
+//! 0.
 //!
-//! Conventions at kinks: `abs'(0) = 1`, `sign(0) = 0`, `heaviside(0) = 1`, and where the arguments of `min` or `max`
-//! are equal one of them gives the derivative. NaN passes through every function.
+//! Conventions at kinks: `abs'(0) = 1`, `sign(0) = 0`, `heaviside(0) = 1`, and for equal arguments of `min` or `max`
+//! the derivative is that of one of them. NaN propagates through every function.
 
 mod breaks;
 mod calls;

@@ -1,16 +1,19 @@
-//! Where expressions are not locally Lipschitz: by the ranges of the arguments of those functions that have a jump, an
-//! infinite slope or a pole somewhere.
+//! Irregularities: points where expressions are not locally Lipschitz, found from the ranges of the arguments of
+//! functions with a jump, an infinite slope or a pole.
 //!
-//! - `sign`, `heaviside`, `floor`, `round`, `mod` and `atan2` jump; `sqrt`, `cbrt`, `asin`, `acos` and powers below one have an infinite slope.
-//! - The root of a nonnegative function with Lipschitz derivatives is Lipschitz (Glaeser 1963, Racine carree d'une fonction
-//!   differentiable): `sqrt(x^2 + y^2)` is, `sqrt(abs(x))` is not. Of `acos(f)` with `|f| <= 1` the same holds.
-//! - At a pole an expression has no value, so that a differential equation ends there and remains Lipschitz before,
-//!   unless another function has a finite value at infinity: `atan(1/x)` jumps.
+//! - `sign`, `heaviside`, `floor`, `round`, `mod` and `atan2` jump.
+//! - `sqrt`, `cbrt`, `asin`, `acos` and powers below one have an infinite slope.
+//! - The root of a nonnegative function with Lipschitz derivatives is Lipschitz (Glaeser 1963, Racine carree d'une
+//!   fonction differentiable): `sqrt(x^2 + y^2)` is, `sqrt(abs(x))` is not. This also holds for `acos(f)` with
+//!   `|f| <= 1`.
+//! - At a pole an expression has no value: the solution of a differential equation ends there and is Lipschitz before,
+//!   unless another function has a finite value at infinity, as in `atan(1/x)`, which jumps.
 //! - `abs`, `min` and `max` are Lipschitz.
 //!
-//! What depends on input 0 alone, time, does not matter: a differential equation may jump in time.
+//! Terms in input 0 (time) alone are ignored: a differential equation may jump in time.
 //!
-//! What a parameter decides (`sqrt(x^2 + c)` is Lipschitz for positive `c`) is decided anew when it is bound.
+//! Irregularities that depend on parameters (`sqrt(x^2 + c)` is Lipschitz for positive `c`) are updated when parameters
+//! are bound.
 
 use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node};
@@ -19,14 +22,14 @@ use super::tape::Tape;
 use numerics::Interval;
 use rustc_hash::FxHashSet;
 
-/// A function in an expression that is not Lipschitz at some of its arguments.
+/// A function in an expression that is not Lipschitz at some arguments.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Irregularity {
-    /// The function as the language calls it, or `/` and `^`.
+    /// The name of the function in the language, or `/` or `^`.
     pub function: &'static str,
     /// The inputs that its arguments depend on, sorted.
     pub inputs: Vec<usize>,
-    /// Whether it jumps there; otherwise it is continuous, or the expression may be.
+    /// Whether the function jumps at these arguments; otherwise it is continuous, or the expression may be.
     pub jumps: bool,
     points: Points,
 }
@@ -36,13 +39,13 @@ pub struct Irregularity {
 enum Points {
     /// Zero.
     Zero,
-    /// Zero and below.
+    /// Zero and negative numbers.
     NotPositive,
-    /// The ends of `[-1, 1]` and what is outside.
+    /// All points outside the open interval `(-1, 1)`.
     NotInsideUnit,
-    /// A first argument of zero beside a second that is not positive.
+    /// The branch cut of `atan2`: first argument zero, second argument not positive.
     Cut,
-    /// Some, wherever they are.
+    /// Unknown points: any argument may be irregular.
     Anywhere,
 }
 
@@ -58,11 +61,11 @@ impl Points {
     }
 }
 
-/// A function that is not Lipschitz at some arguments, in whatever range they turn out to be.
+/// A function that is not Lipschitz at some arguments, independent of the range of its arguments.
 #[derive(Clone, Debug)]
 struct Candidate {
     operator: Operator,
-    /// Whether another function hides its pole.
+    /// Whether its pole is hidden by a function with a finite value at infinity.
     pole: bool,
     /// Whether it is a power with a constant exponent.
     has_constant_exponent: bool,
@@ -73,16 +76,16 @@ struct Candidate {
 #[derive(Clone, Debug, Default)]
 pub struct Irregularities {
     candidates: Vec<Candidate>,
-    /// Those that no bound of their arguments excludes, with their places among the candidates.
+    /// The irregularities that the ranges of arguments over the whole space do not exclude, with their candidate index.
     found: Vec<(usize, Irregularity)>,
-    /// Two arguments of each candidate.
+    /// The program of two arguments per candidate.
     arguments: Tape,
     workspace: IntervalWorkspace,
     ranges: Vec<Interval>,
 }
 
 impl Irregularities {
-    /// Those of `nodes` that depend on another input than 0, and that no bound of their arguments excludes.
+    /// The irregularities of `nodes` that depend on inputs other than 0.
     pub fn new(graph: &Graph, nodes: &[Node]) -> Self {
         let (candidates, arguments): (Vec<Candidate>, Vec<[Node; 2]>) = graph.candidates(nodes).into_iter().unzip();
         let arguments = arguments.concat();
@@ -98,7 +101,7 @@ impl Irregularities {
         all
     }
 
-    /// Takes over other parameters, and decides again by their values.
+    /// Binds new parameter values and updates the irregularities.
     pub fn bind(&mut self, parameters: &[f64]) {
         if !self.candidates.is_empty() {
             self.arguments.bind(parameters);
@@ -107,7 +110,7 @@ impl Irregularities {
         }
     }
 
-    /// Which candidates are not Lipschitz at some arguments that they meet on the whole space.
+    /// Finds the candidates that may be irregular for inputs in the whole space.
     fn decide(&mut self) {
         let known = self.arguments.regularities();
         let pairs = self.arguments.program.outputs.chunks(2);
@@ -118,12 +121,13 @@ impl Irregularities {
         self.found = judged.collect();
     }
 
-    /// Whether the expressions are locally Lipschitz wherever they have a value.
+    /// Whether the expressions are locally Lipschitz on their domain.
     pub fn is_empty(&self) -> bool {
         self.found.is_empty()
     }
 
-    /// One that arguments over the box meet, a jump before anything else. The first input, time, is in `first`.
+    /// An irregularity that may occur in a box, jumps first. The first input (time) is in `first`, the others in
+    /// `rest`.
     pub fn over(&mut self, first: Interval, rest: &[Interval]) -> Option<&Irregularity> {
         self.arguments.enclose(first, rest, &mut self.workspace, &mut self.ranges);
         let ranges = &self.ranges;
@@ -137,7 +141,7 @@ impl Irregularities {
 }
 
 impl Candidate {
-    /// The irregularity, if the arguments, with these ranges and this smoothness, may meet it.
+    /// The irregularity of the candidate, if arguments with the given ranges and smoothness may reach it.
     fn judged(&self, a: Regularity, b: Regularity) -> Option<Irregularity> {
         let (half_line, unit) = (Interval::new(0.0, f64::INFINITY), Interval::new(-1.0, 1.0));
         let exponent = (self.has_constant_exponent && b.range.lo == b.range.hi).then_some(b.range.lo);
@@ -167,7 +171,7 @@ impl Candidate {
 }
 
 impl Tape {
-    /// What is known of each register on the whole space.
+    /// Range and smoothness of each register, for inputs in the whole space.
     fn regularities(&self) -> Vec<Regularity> {
         let (inputs, first) = (self.program.inputs, self.program.first);
         let leaf = |(register, &value): (usize, &f64)| match register < inputs {
@@ -187,7 +191,8 @@ impl Tape {
 }
 
 impl Graph {
-    /// The functions that may not be Lipschitz at some arguments, with these, the only one twice or with the exponent.
+    /// The functions that may be irregular, each with two arguments: a single argument is repeated, and a power with
+    /// constant exponent has its exponent as second argument.
     fn candidates(&self, nodes: &[Node]) -> Vec<(Candidate, [Node; 2])> {
         let mut terms = self.terms_below(nodes);
         let operator = |y: Node| self.operation(y).map(|(operator, ..)| operator);
@@ -217,7 +222,7 @@ impl Graph {
         found
     }
 
-    /// The terms that depend on another input than time.
+    /// The terms that depend on inputs other than time.
     fn of_states(&self, terms: &[Node]) -> FxHashSet<Node> {
         let mut found = FxHashSet::default();
         for &y in terms {
@@ -232,7 +237,7 @@ impl Graph {
         found
     }
 
-    /// The terms that reach a function with a finite value at infinity, so that their poles are hidden.
+    /// The terms that are used by a function with a finite value at infinity, so that their poles are hidden.
     fn hidden(&self, terms: &[Node]) -> FxHashSet<Node> {
         let mut hidden = FxHashSet::default();
         for &y in terms.iter().rev() {
@@ -267,25 +272,25 @@ impl Graph {
     }
 }
 
-/// What is known of a term on the whole space.
+/// Range and smoothness of a term, for inputs in the whole space.
 #[derive(Clone, Copy)]
 struct Regularity {
     range: Interval,
-    /// Whether it has Lipschitz derivatives, by other inputs than time, wherever it has a value.
+    /// Whether the term has Lipschitz derivatives with respect to inputs other than time, on its domain.
     smooth: bool,
-    /// Whether it depends on another input than time.
+    /// Whether the term depends on inputs other than time.
     of_states: bool,
 }
 
 impl Regularity {
-    /// Whether the term never leaves `domain`, and reaches its ends only as a smooth function touches an extremum.
+    /// Whether the term stays in `domain` and is smooth, so that it touches the ends of the domain only at its extrema.
     fn touches_only(self, domain: Interval) -> bool {
         self.smooth && self.range.defined && domain.contains(self.range.lo) && domain.contains(self.range.hi)
     }
 }
 
 impl Operator {
-    /// Whether it is not Lipschitz at some arguments, or has a pole.
+    /// Whether the operator is not Lipschitz at some arguments, or has a pole.
     fn may_be_irregular(self) -> bool {
         matches!(
             self,
@@ -306,7 +311,7 @@ impl Operator {
         )
     }
 
-    /// Whether it has Lipschitz derivatives at all arguments in these ranges at which it has a value.
+    /// Whether the operator has Lipschitz derivatives at all arguments in the given ranges at which it has a value.
     fn is_smooth(self, a: Interval, b: Interval) -> bool {
         match self {
             Self::Abs | Self::Sign | Self::Heaviside | Self::Cbrt => !a.contains(0.0),
@@ -317,7 +322,7 @@ impl Operator {
             Self::Atan2 => b.lo > 0.0,
             Self::Greater | Self::Gate => false,
             Self::Floor | Self::Round | Self::Parity | Self::Modulo | Self::Lookup | Self::Piece => false,
-            // Of a condition that no state decides, which is what there is: time may jump.
+            // Conditions never depend on states, only on time, in which jumps are admissible.
             Self::Choose => true,
             _ => true,
         }
@@ -329,7 +334,7 @@ mod tests {
     use super::super::Scope;
     use super::*;
 
-    /// The function that is not Lipschitz where `x` is in an interval and `y` anywhere, and whether it jumps.
+    /// The irregular function for `x` in an interval and any `y`, and whether it jumps.
     fn met(text: &str, x: Interval) -> Option<(&'static str, bool)> {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         for (index, name) in ["t", "x", "y"].into_iter().enumerate() {
@@ -353,7 +358,7 @@ mod tests {
             ("atan2(x, y)", "atan2", true),
             ("asin(x)", "asin", false),
             ("sqrt(1 - x^2)", "sqrt", false),
-            // -1/ln(x) vanishes at 0 with an infinite slope; x is 0 or leaves it.
+            // -1/ln(x) vanishes at 0 with an infinite slope: the solution x = 0 is not unique.
             ("-1/ln(x)", "ln", true),
             ("atan(1/x)", "/", true),
             ("y*sqrt(x)", "sqrt", false),

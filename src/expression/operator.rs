@@ -1,11 +1,12 @@
-//! The operations of a term, on one pair of numbers. Constant folding and the tape both call [`Operator::apply`], so
-//! that folding never changes a value.
+//! Operators of terms. Constant folding and program evaluation both call [`Operator::apply`], so that folding never
+//! changes a value.
 
-/// What a term does with its operands.
+/// The operator of a term.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) enum Operator {
     Negate,
-    /// The first operand, which is the second with an exponent that parameters give written out as products.
+    /// The first operand: the expansion of the second operand, a power whose exponent depends on parameters, into
+    /// products.
     Expanded,
     Sin,
     Cos,
@@ -24,13 +25,13 @@ pub(super) enum Operator {
     Abs,
     Sign,
     Heaviside,
-    /// The largest whole number that is not above it.
+    /// The largest integer not above the operand.
     Floor,
-    /// The nearest whole number, of two that are as near the one that is farther from zero.
+    /// The nearest integer, ties away from zero.
     Round,
-    /// 1 of an even whole number and -1 of an odd one.
+    /// 1 for even integers, -1 for odd integers.
     Parity,
-    // Binary from here on.
+    // Binary operators.
     Add,
     Subtract,
     Multiply,
@@ -39,18 +40,18 @@ pub(super) enum Operator {
     Atan2,
     Min,
     Max,
-    /// 1 where `a > b`, else 0.
+    /// 1 if `a > b`, else 0.
     Greater,
-    /// `b` where `a` is not 0, else 0 whatever `b` is: the branch not taken may be infinite.
+    /// `b` if `a` is not 0, else 0 for any `b`: the branch not taken may be infinite.
     Gate,
-    /// `b` where the condition `a` holds, 0 where it does not.
+    /// `b` if the condition `a` holds, else 0.
     Choose,
     /// `a - b floor(a / b)`, which has the sign of `b`.
     Modulo,
-    // Of a table from here on, whose place is the second operand.
+    // Table operators; the second operand is the index of the table.
     /// The value of a table.
     Lookup,
-    /// How many of its pieces have begun.
+    /// The number of pieces of a table that have begun.
     Piece,
 }
 
@@ -60,7 +61,7 @@ impl Operator {
         self < Self::Add
     }
 
-    /// Whether it takes a table, which [`Tables`](super::table::Tables) have.
+    /// Whether the operator needs a table, and is applied by [`Tables`](super::table::Tables).
     pub(super) fn takes_table(self) -> bool {
         self >= Self::Lookup
     }
@@ -70,17 +71,17 @@ impl Operator {
         matches!(self, Self::Add | Self::Multiply)
     }
 
-    /// Whether it jumps where its switch changes its sign.
+    /// Whether the operator jumps where its switch changes sign.
     pub(super) fn jumps(self) -> bool {
         matches!(self, Self::Sign | Self::Heaviside) || self.has_steps()
     }
 
-    /// Whether it jumps again and again, at whole numbers.
+    /// Whether the operator jumps at integers.
     pub(super) fn has_steps(self) -> bool {
         matches!(self, Self::Floor | Self::Round | Self::Parity | Self::Modulo)
     }
 
-    /// The name of a function that has a kink or a jump.
+    /// The name of the function in the language, if it has a kink or a jump.
     pub(super) fn kink(self) -> Option<&'static str> {
         match self {
             Self::Abs => Some("abs"),
@@ -95,7 +96,7 @@ impl Operator {
         }
     }
 
-    /// The value at `(a, b)`. NaN passes through; `f64::min` and `f64::max` would drop it.
+    /// The value at `(a, b)`. NaN propagates, unlike in `f64::min` and `f64::max`.
     #[inline(always)]
     pub(super) fn apply(self, a: f64, b: f64) -> f64 {
         match self {
@@ -143,7 +144,7 @@ impl Operator {
             Self::Choose if a == 0.0 || a.is_nan() => a,
             Self::Choose => b,
             Self::Modulo => a - b * (a / b).floor(),
-            // The table is not known here.
+            // Tables are looked up by `Tables::apply`.
             Self::Lookup | Self::Piece => f64::NAN,
         }
     }

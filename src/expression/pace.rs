@@ -1,54 +1,54 @@
-//! How fast expressions vary with an input whatever they do with the others: the largest rate at which the phase of a sine
-//! or the exponent of an exponential passes, by
+//! The pace of expressions in input 0 (time), independent of the other inputs: the largest rate of the phase of a sine
+//! or of the exponent of an exponential,
 //!
 //! ```text
 //! pace(p) = 0,   pace(sin a) = pace(exp a) = |a'|,   pace(a + b) = max(pace a, pace b),   pace(a b) = pace a + pace b
 //! ```
 //!
-//! for polynomials `p` of low degree in the input and `a` of first degree; a product of sines is a sum of sines of sums.
+//! for polynomials `p` of low degree in time and `a` of first degree; a product of sines is a sum of sines of sums.
 
 use super::graph::{Graph, Node, Term};
 use super::operator::Operator;
 use super::tape::Tape;
 use rustc_hash::FxHashMap;
 
-/// The degree in the input up to which polynomials have pace zero: the stages of a step of any size show them.
+/// The degree in time up to which polynomials have pace zero: the stages of a step of any size resolve them.
 const SLOW_DEGREE: u32 = 3;
 
-/// The largest rate of some expressions, compiled.
+/// The compiled pace of some expressions.
 #[derive(Clone, Debug, Default)]
 pub struct Pace {
-    /// `None` where an expression is made in other ways; without outputs where it is zero.
+    /// `None` if the pace is unknown; a program without outputs if the pace is zero.
     tape: Option<Tape>,
     value: Vec<f64>,
 }
 
-/// What is known of a term.
+/// The variation of a term with time.
 #[derive(Clone, Copy)]
 struct Variation {
-    /// The degree of its polynomials.
+    /// The degree of its polynomials in time.
     degree: u32,
-    /// Its pace; `None` stands for zero.
+    /// The pace; `None` for zero.
     pace: Option<Node>,
 }
 
 impl Pace {
-    /// That of `nodes` with input 0.
+    /// The pace of `nodes` in input 0.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let pace = graph.pace(nodes);
         let value = vec![0.0; usize::from(pace.flatten().is_some())];
         Self { tape: pace.map(|pace| Tape::compile(graph, pace.as_slice())), value }
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub fn bind(&mut self, parameters: &[f64]) {
         if let Some(tape) = &mut self.tape {
             tape.bind(parameters);
         }
     }
 
-    /// In radians a unit of the input: zero where the input is not there, or in polynomials alone, and infinite where
-    /// nothing is known.
+    /// The pace in radians per unit of time: zero without time dependence or for polynomials of low degree, infinite if
+    /// unknown.
     pub fn fastest(&mut self) -> f64 {
         let Some(tape) = &mut self.tape else { return f64::INFINITY };
         tape.evaluate(0.0, &[], &mut self.value);
@@ -57,12 +57,12 @@ impl Pace {
 }
 
 impl Graph {
-    /// The pace of all `nodes`, no node where it is zero; `None` where it is not known.
+    /// The pace of all `nodes`: `None` if it is unknown, `Some(None)` if it is zero.
     fn pace(&mut self, nodes: &[Node]) -> Option<Option<Node>> {
         let mut terms = self.terms_below(nodes);
         terms.sort_unstable();
         let mut courses: FxHashMap<Node, Variation> = FxHashMap::default();
-        // Operands stand before the terms that use them.
+        // Operands come before the terms that use them.
         for node in terms {
             let course = match (self.terms[node.place()], self.operation(node)) {
                 (Term::Input(0), _) => Some(Variation { degree: 1, pace: None }),
@@ -107,12 +107,12 @@ impl Graph {
             Operator::Sin | Operator::Cos | Operator::Exp if of_a.degree == 1 && of_a.pace.is_none() => {
                 let gradient = self.gradient(a).ok()?;
                 let (_, slope) = gradient.into_iter().find(|(input, _)| *input == 0)?;
-                // Known once parameters are.
+                // The slope depends on parameters alone.
                 let is_fixed = self.inputs(slope).is_empty();
                 is_fixed.then(|| Variation { degree: 0, pace: Some(self.unary(Operator::Abs, slope)) })
             }
-            // Breaks in time alone, the one where an argument of first degree is zero, or all where it is a whole number:
-            // steps end there.
+            // Breaks in time alone, at the zero or at the integer values of an argument of first degree: steps end
+            // there.
             Operator::Abs
             | Operator::Sign
             | Operator::Heaviside

@@ -1,25 +1,25 @@
-//! Parameters: inputs that stay as they are through a solve. Terms in them know their value where the parameters have the
-//! values given, so that questions of structure have an answer: does a coefficient vanish, is an exponent a whole number?
-//! What was decided by such a value is remembered as an assumption, to be asked about before other values are bound.
+//! Parameters: inputs that are constant during a solve. Terms in parameters have known values at the given parameter
+//! values, which decide about structure: whether a coefficient vanishes, or whether an exponent is an integer. Each
+//! such decision is recorded as an assumption, which is checked before new values are bound.
 
 use super::graph::{Graph, Node, Term};
 use super::tape::Tape;
 use rustc_hash::FxHashMap;
 use std::sync::Arc;
 
-/// What was decided by the value of a term in parameters.
+/// An assumption about the value of a term in parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Assumption {
-    /// Whether it is zero.
+    /// Whether the term is zero.
     Vanishing,
-    /// Whether it is finite.
+    /// Whether the term is finite.
     Finite,
-    /// All that its value says.
+    /// The exact value of the term.
     Value,
 }
 
 impl Graph {
-    /// The parameter at `index` of what [`Tape::bind`] is given, with the value that decides about structure.
+    /// The parameter with this `index` among the values of [`Tape::bind`], with the value that decides about structure.
     pub fn parameter(&mut self, index: usize, value: f64) -> Node {
         let node = self.intern(Term::Parameter(index));
         self.known.insert(node, value);
@@ -38,25 +38,26 @@ impl Graph {
         found
     }
 
-    /// Remembers that something was decided by the value of a term; the value of a number is no matter of parameters.
+    /// Records an assumption about the value of a term; numbers need no assumptions.
     pub fn assume(&mut self, node: Node, assumption: Assumption) {
         if self.known.contains_key(&node) {
             self.assumptions.insert((node, assumption));
         }
     }
 
-    /// Whether a term is zero at the values given, which is remembered.
+    /// Whether a term is zero at the given parameter values; recorded as an assumption.
     pub fn vanishes(&mut self, node: Node) -> bool {
         self.assume(node, Assumption::Vanishing);
         self.value(node) == Some(0.0)
     }
 
-    /// The terms that nodes need, in a graph of their own, and the nodes there; parameters keep their places and values.
+    /// Copies the terms below `nodes` to a new graph; returns the graph and the new nodes. Parameters keep their
+    /// indices and values.
     pub fn below(&self, nodes: &[Node]) -> (Self, Vec<Node>) {
         self.below_with(nodes, |input| input)
     }
 
-    /// The same with inputs in other places.
+    /// As [`below`](Self::below), with inputs renumbered by `place`.
     pub fn below_with(&self, nodes: &[Node], place: impl Fn(usize) -> usize) -> (Self, Vec<Node>) {
         let mut graph = Self::new();
         graph.tables = self.tables.clone();
@@ -84,7 +85,7 @@ impl Graph {
     }
 }
 
-/// What was decided by the values of parameters, to be asked whether it holds for others.
+/// The compiled assumptions of a graph, to be checked for new parameter values.
 #[derive(Clone, Debug, Default)]
 pub struct Assumptions {
     decisions: Arc<[Decision]>,
@@ -99,21 +100,21 @@ struct Decision {
     parameters: Vec<usize>,
 }
 
-/// An assumption that does not hold.
+/// A violated assumption.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Broken {
-    /// What was assumed.
+    /// The assumption.
     pub assumption: Assumption,
-    /// The value of the term by which it was decided.
+    /// The value of the term when the assumption was made.
     pub given: f64,
-    /// Its value now.
+    /// The value of the term at the new parameters.
     pub found: f64,
     /// The parameters that the term depends on, sorted.
     pub parameters: Vec<usize>,
 }
 
 impl Assumptions {
-    /// Those of a graph, up to now.
+    /// Compiles the assumptions recorded so far in a graph.
     pub fn new(graph: &Graph) -> Self {
         let (nodes, decisions): (Vec<Node>, Vec<Decision>) = graph
             .assumptions
@@ -125,10 +126,10 @@ impl Assumptions {
         Self { tape: Tape::compile(graph, &nodes), values: vec![0.0; nodes.len()], decisions: decisions.into() }
     }
 
-    /// The first that does not hold for these parameters.
+    /// Checks the assumptions for new parameters.
     ///
     /// # Errors
-    /// That one.
+    /// The first violated assumption.
     pub fn check(&mut self, parameters: &[f64]) -> Result<(), Broken> {
         self.tape.bind(parameters);
         self.tape.evaluate(0.0, &[], &mut self.values);

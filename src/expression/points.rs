@@ -1,26 +1,26 @@
-//! A whole program at several points side by side, as at the stages of a step: each instruction is dispatched once for all
-//! of them, and its arithmetic is vectorised by the compiler. Each result has the bits of a single evaluation.
+//! Evaluation of a program at several points at once, such as the stages of a step. Each instruction is dispatched once
+//! for all points, and its arithmetic is vectorised by the compiler. Results are bitwise equal to single evaluations.
 
 use super::tape::{Block, Instruction, Tape};
 
-/// The most points that are evaluated side by side: a register is then one line of a cache.
+/// The maximum number of points evaluated at once: a register is then one cache line.
 pub const MOST_LANES: usize = 8;
 
-/// The registers of a program, each at several points.
+/// The registers of a program at several points.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Wide {
-    /// The points of each; none before the constants are in their registers.
+    /// The number of points per register; zero before the constants are set.
     lanes: usize,
     registers: Vec<f64>,
 }
 
 impl Wide {
-    /// Has the constants taken anew, which parameters may have changed.
+    /// Invalidates the constants, which new parameters may have changed.
     pub(super) fn forget(&mut self) {
         self.lanes = 0;
     }
 
-    /// The registers at `L` points, of a program whose registers at one are given.
+    /// The registers at `L` points; constants are copied from the registers `single` of one point.
     fn registers<const L: usize>(&mut self, single: &[f64]) -> &mut [[f64; L]] {
         if self.lanes != L {
             self.lanes = L;
@@ -32,8 +32,9 @@ impl Wide {
 }
 
 impl Tape {
-    /// Writes what [`Tape::evaluate`] would at several points, one after the other, with the same bits: `first` has the first
-    /// input of each, and `rest` the others, as many of each.
+    /// Evaluates the outputs at several points at once, bitwise equal to [`Tape::evaluate`]. `first` contains the first
+    /// input of each point, `rest` the other inputs, concatenated with equal numbers per point; `outputs` are
+    /// concatenated by point.
     pub fn evaluate_points(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
         let (stride, width) = (rest.len() / first.len().max(1), self.program.outputs.len());
         debug_assert_eq!(outputs.len(), first.len() * width, "as many outputs as were compiled, at each point");
@@ -42,7 +43,7 @@ impl Tape {
             let (first, rest) = (&first[begin..end], &rest[stride * begin..stride * end]);
             let outputs = &mut outputs[width * begin..width * end];
             match end - begin {
-                // Terms that run side by side at one point gain nothing by others.
+                // Programs vectorised over terms gain nothing from vectorisation over points.
                 _ if self.program.is_vectorised => self.evaluate_each(first, rest, outputs),
                 1 => self.evaluate(first[0], rest, outputs),
                 // The narrowest vectors of processors have two lanes.
@@ -53,7 +54,7 @@ impl Tape {
         }
     }
 
-    /// The same at one after the other.
+    /// Evaluates the points one after the other.
     fn evaluate_each(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
         let (stride, width) = (rest.len() / first.len(), self.program.outputs.len());
         for (point, &first) in first.iter().enumerate() {
@@ -61,12 +62,12 @@ impl Tape {
         }
     }
 
-    /// The same at no more than `L` points, side by side.
+    /// Evaluates at most `L` points at once.
     fn evaluate_lanes<const L: usize>(&mut self, first: &[f64], rest: &[f64], outputs: &mut [f64]) {
         let mut wide = std::mem::take(&mut self.wide);
         let registers = wide.registers::<L>(&self.registers);
         let count = first.len();
-        // Lanes to spare repeat the first point.
+        // Spare lanes repeat the first point.
         let point_of: [usize; L] = std::array::from_fn(|lane| if lane < count { lane } else { 0 });
         if let Some((input, inputs)) = registers[..self.program.inputs].split_first_mut() {
             let points = point_of.map(|point| &rest[rest.len() / count * point..][..inputs.len()]);

@@ -1,14 +1,14 @@
-//! `x^y`. Exponents that are small whole numbers become products, by `x^(2k) = (x^k)^2`; halves become square roots:
-//! both are an order of magnitude faster than the general power, and whole powers take any sign of `x`. Where a parameter
-//! is such an exponent at the values given, its value is assumed, and the power stands behind the product for derivatives
-//! by the exponent.
+//! Powers `x^y`. Small integer exponents are expanded into products, by `x^(2k) = (x^k)^2`, and exponents `+-1/2` into
+//! square roots: both are an order of magnitude faster than the general power, and integer powers accept any sign of
+//! `x`. If the exponent depends on parameters, its value is recorded as an assumption, and the general power is kept
+//! beside the product for derivatives with respect to the exponent.
 
 use super::graph::{Graph, Node};
 use super::operator::Operator;
 use super::parameters::Assumption;
 
-/// The largest whole exponent that is written out. Each squaring doubles the relative error, so 16 costs a few units
-/// in the last place.
+/// The largest integer exponent that is expanded. Each squaring doubles the relative error: 16 costs a few units in the
+/// last place.
 const LARGEST: f64 = 16.0;
 
 impl Graph {
@@ -26,7 +26,7 @@ impl Graph {
         self.applied(Operator::Expanded, expanded, power, value)
     }
 
-    /// `x^exponent` in products and square roots, where it is written out.
+    /// `x^exponent` as products and square roots; `None` if it is not expanded.
     fn expanded(&mut self, x: Node, exponent: f64) -> Option<Node> {
         if exponent == exponent.trunc() && exponent.abs() <= LARGEST {
             return Some(self.whole_power(x, exponent as i32));
@@ -56,7 +56,7 @@ impl Graph {
             Some(product) if exponent < 0 => self.reciprocal(product),
             Some(product) => product,
         };
-        // Operands stand before what uses them; signs that moved outwards can leave it the other way round.
+        // Record the power only if its base comes before it; signs moved outwards can reverse the order.
         if x < power {
             self.powers.insert(power, (x, exponent));
         }

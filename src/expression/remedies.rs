@@ -1,8 +1,8 @@
-//! What stands in a text that another language would understand, and what is written here.
+//! Remedies for messages: equivalents in this language for syntax of other languages.
 
 use super::scope::{Scope, excerpt};
 
-/// Letters behind a number that stand for a power of ten elsewhere, with it.
+/// Suffixes of numbers that denote powers of ten in other languages.
 const SUFFIXES: [(&str, &str); 9] = [
     ("f", "e-15"),
     ("p", "e-12"),
@@ -15,14 +15,14 @@ const SUFFIXES: [(&str, &str); 9] = [
     ("T", "e12"),
 ];
 
-/// Units that people write behind numbers.
+/// Units that users may write after numbers.
 const UNITS: [&str; 42] = [
     "Ohm", "ohm", "Ohms", "ohms", "kOhm", "sec", "m", "mm", "cm", "km", "um", "s", "ms", "us", "ns", "min", "h", "kg",
     "g", "N", "kN", "Nm", "J", "kJ", "W", "kW", "V", "mV", "kV", "A", "mA", "F", "uF", "nF", "H", "mH", "uH", "Hz",
     "kHz", "MHz", "Pa", "K",
 ];
 
-/// The next token, as people would name it.
+/// The next token, as text for messages.
 pub(super) fn found(rest: &str) -> String {
     let in_word = |byte: &u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'.');
     match rest.chars().next() {
@@ -35,7 +35,7 @@ pub(super) fn found(rest: &str) -> String {
     }
 }
 
-/// What to write instead where an operand was expected.
+/// The remedy where an operand was expected.
 pub(super) fn of_operand(before: &str, rest: &str) -> Option<&'static str> {
     Some(match rest.as_bytes().first()? {
         b'|' => "a magnitude is written `abs(v)`",
@@ -51,7 +51,7 @@ pub(super) fn of_operand(before: &str, rest: &str) -> Option<&'static str> {
     })
 }
 
-/// What to write instead where an operator was expected.
+/// The remedy where an operator was expected.
 pub(super) fn of_operator(before: &str, rest: &str, scope: &Scope) -> Option<String> {
     let next = rest.chars().next()?;
     let after = rest[next.len_utf8()..].chars().next();
@@ -85,7 +85,7 @@ fn last_word(text: &str) -> &str {
     &text[text.rfind(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).map_or(0, |at| at + 1)..]
 }
 
-/// What to write where an operand follows an operand.
+/// The remedy where an operand follows an operand.
 fn of_product(before: &str, rest: &str, scope: &Scope) -> String {
     let word = &rest[..rest.bytes().take_while(u8::is_ascii_alphanumeric).count()];
     let number = before.trim_end();
@@ -125,7 +125,7 @@ fn of_product(before: &str, rest: &str, scope: &Scope) -> String {
     }
 }
 
-/// Whether a comparison stands in this text since the last parenthesis, comma or word that joins conditions.
+/// Whether the text contains a comparison since the last parenthesis, comma, `and` or `or`.
 fn is_second_comparison(before: &str) -> bool {
     let start = before.rfind(['(', ',']).map_or(0, |at| at + 1);
     let open = &before[start..];
@@ -133,7 +133,7 @@ fn is_second_comparison(before: &str) -> bool {
     open.contains(['<', '>']) || open.contains("==") || open.contains("!=")
 }
 
-/// What to write for a function of other languages that has no name here.
+/// The remedy for a function of other languages without an equivalent name.
 pub(super) fn of_call(name: &str) -> Option<&'static str> {
     Some(match name {
         "rand" | "random" | "randn" | "noise" => "a table of numbers that were drawn at random beforehand",
@@ -144,7 +144,7 @@ pub(super) fn of_call(name: &str) -> Option<&'static str> {
     })
 }
 
-/// What to write for a word that is a number elsewhere.
+/// The remedy for a word that denotes a number in other languages.
 pub(super) fn of_name(name: &str) -> Option<&'static str> {
     Some(match name.to_ascii_lowercase().as_str() {
         "inf" | "infinity" => "a finite number; a bound that is left out or `null` is none",
@@ -155,7 +155,7 @@ pub(super) fn of_name(name: &str) -> Option<&'static str> {
     })
 }
 
-/// How a function is called whose name is followed by something else than a parenthesis.
+/// The correct call of a function whose name is not followed by a parenthesis.
 pub(super) fn of_function(name: &str, rest: &str) -> String {
     let power = rest.strip_prefix("**").or_else(|| rest.strip_prefix('^'));
     if let Some((exponent, _)) = power.and_then(|power| power.split_once('(')) {
@@ -168,7 +168,7 @@ pub(super) fn of_function(name: &str, rest: &str) -> String {
     }
 }
 
-/// What stands for an inequality: the difference of its sides, which is not negative where it holds.
+/// The expression for an inequality: the difference of its sides, which is nonnegative if the inequality holds.
 pub(super) fn of_inequality(text: &str) -> Option<String> {
     let mut depth = 0_usize;
     let at = text.bytes().position(|byte| {

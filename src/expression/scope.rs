@@ -1,4 +1,4 @@
-//! Names and what they stand for.
+//! The scope of an expression: names bound to nodes and tables.
 
 use super::function::Function;
 use super::graph::{Graph, Node};
@@ -6,10 +6,10 @@ use super::table::Table;
 use rustc_hash::FxHashMap;
 use strsim::osa_distance;
 
-/// The constant that every scope knows.
+/// The name of the predefined constant.
 pub(super) const PI: &str = "pi";
 
-/// The words that join conditions.
+/// The keywords for conditions.
 pub(super) const WORDS: [&str; 3] = ["and", "or", "not"];
 
 /// Names bound to nodes, in the order of binding.
@@ -17,7 +17,7 @@ pub(super) const WORDS: [&str; 3] = ["and", "or", "not"];
 pub struct Scope {
     names: Vec<String>,
     nodes: FxHashMap<String, Node>,
-    /// The first of the inputs that are solved for.
+    /// The first input that is an unknown.
     unknowns: Option<usize>,
     tables: FxHashMap<String, Table>,
     /// The elements of vectors, in the order of binding.
@@ -27,19 +27,19 @@ pub struct Scope {
 /// Why a name cannot be bound.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
-    /// It is not of the form of a name.
+    /// The name is malformed.
     #[error("`{}` is no name: a name is a letter or `_`, then letters, digits and `_`, all ASCII", excerpt(.name))]
     Malformed {
         /// The offender.
         name: String,
     },
-    /// It belongs to the language.
+    /// The name is reserved by the language.
     #[error("`{name}` is a reserved word: `pi`, `and`, `or`, `not` and the functions of the language cannot be names")]
     Reserved {
         /// The offender.
         name: String,
     },
-    /// It stands for something else already.
+    /// The name is already bound.
     #[error("the name `{}` is taken", excerpt(.name))]
     Bound {
         /// The offender.
@@ -53,7 +53,7 @@ impl Scope {
         Self::default()
     }
 
-    /// Lets `name` stand for `node`.
+    /// Binds `name` to `node`.
     ///
     /// # Errors
     /// If it is malformed, reserved or already bound.
@@ -71,7 +71,7 @@ impl Scope {
         self.names.push(name.to_owned());
     }
 
-    /// The elements of a vector, in the order of binding; none where it is no vector.
+    /// The elements of a vector, in the order of binding; empty if there is no such vector.
     pub(super) fn vector(&self, name: &str) -> &[Node] {
         self.vectors.get(name).map_or(&[], Vec::as_slice)
     }
@@ -81,7 +81,7 @@ impl Scope {
         self.vectors.keys().map(String::as_str)
     }
 
-    /// Lets `name` stand for a table, to be called as a function of one argument.
+    /// Binds `name` to a table, which is called as a function of one argument.
     ///
     /// # Errors
     /// If it is malformed, bound, or the name of a function.
@@ -94,7 +94,7 @@ impl Scope {
         Ok(())
     }
 
-    /// Whether a name can be bound.
+    /// Checks that a name can be bound.
     fn claim(&self, name: &str) -> Result<(), NameError> {
         let owned = || name.to_owned();
         let name_or_vector = vector_of(name).unwrap_or(name);
@@ -111,13 +111,13 @@ impl Scope {
         Ok(())
     }
 
-    /// Takes the inputs from this one on for unknowns that are solved for: functions and comparisons that jump are refused of
-    /// them, as no step could end where they do.
+    /// Declares the inputs from `first` on as unknowns. Discontinuous functions and comparisons of unknowns are
+    /// rejected, because steps cannot end at their jumps.
     pub fn solve_for(&mut self, first: usize) {
         self.unknowns = Some(first);
     }
 
-    /// The first of the inputs that are solved for.
+    /// The first input that is an unknown.
     pub(super) fn unknowns(&self) -> Option<usize> {
         self.unknowns
     }
@@ -128,10 +128,10 @@ impl Scope {
         self.names().find(is_it).unwrap_or("?")
     }
 
-    /// Lets the name of an output stand for `node`, of the form of a name, with parts that are joined by dots, or `v(R1)`.
+    /// Binds the name of an output to `node`: a name, names joined by dots, or the form `v(R1)`.
     ///
     /// # Errors
-    /// If it is none of these, reserved or already bound.
+    /// If the name is malformed, reserved or already bound.
     pub fn bind_output(&mut self, name: &str, node: Node) -> Result<(), NameError> {
         let parts = name.strip_suffix(')').and_then(|call| call.split_once('('));
         let (first, second) = parts.unwrap_or((name, "_"));
@@ -147,7 +147,7 @@ impl Scope {
         Ok(())
     }
 
-    /// The longest name of an output at the beginning of a text, where it is no plain name.
+    /// The longest output name at the beginning of a text, unless it is a plain name.
     pub(super) fn output_at<'t>(&self, text: &'t str) -> Option<&'t str> {
         let plain = text.bytes().position(|byte| !is_letter(byte)).unwrap_or(text.len());
         let mut end = plain;
@@ -162,12 +162,12 @@ impl Scope {
         found
     }
 
-    /// What `name` stands for.
+    /// The node bound to `name`.
     pub fn get(&self, name: &str) -> Option<Node> {
         self.nodes.get(name).copied()
     }
 
-    /// A scope with the tables of this one, and nothing else.
+    /// A scope with only the tables of this scope.
     pub fn with_tables_alone(&self) -> Self {
         Self { tables: self.tables.clone(), ..Self::default() }
     }
@@ -188,7 +188,7 @@ impl Scope {
     }
 }
 
-/// The vector that a name with indices is an element of, as `x` of `x[3]` or `x[1,-2]`.
+/// The vector of an element name: `x` for `x[3]` or `x[1,-2]`.
 fn vector_of(name: &str) -> Option<&str> {
     let (vector, indices) = name.strip_suffix(']')?.split_once('[')?;
     let is_whole = |text: &str| {
@@ -210,7 +210,7 @@ fn is_letter(byte: u8) -> bool {
     byte.is_ascii_alphanumeric() || byte == b'_'
 }
 
-/// The start of a text that may be very long.
+/// The beginning of a possibly long text, for messages.
 pub(super) fn excerpt(text: &str) -> String {
     const LONGEST: usize = 40;
     match text.char_indices().nth(LONGEST) {
@@ -230,7 +230,7 @@ pub fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Opt
     candidates
         .filter(|candidate| candidate.len().abs_diff(name.len()) <= allowed)
         .map(|candidate| (osa_distance(&folded, &candidate.to_ascii_lowercase()), candidate))
-        // One letter for another is no slip of the pen where there is only one.
+        // Names of one letter are not corrected to another letter.
         .filter(|&(distance, _)| distance == 0 || name.len() > 1 && distance <= allowed)
         .min_by_key(|&(distance, _)| distance)
         .map(|(_, candidate)| candidate)

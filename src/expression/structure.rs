@@ -1,4 +1,4 @@
-//! What a term depends on: its inputs, and the functions in it that have a kink or a jump.
+//! The structure of a term: its inputs, its nonsmooth functions, and its summands.
 
 use super::graph::{Graph, Node, Term};
 use super::operator::Operator;
@@ -34,12 +34,13 @@ impl Graph {
         kinks
     }
 
-    /// A node as a sum of others with factors that are numbers or depend on parameters alone, as `(term, factor)`, each term
-    /// once and none of them a sum or a multiple itself; what has a value by itself is a multiple of the node 1.
+    /// Splits a node into a linear combination `(term, factor)`. Factors are numbers or depend on parameters alone.
+    /// Terms are distinct and are neither sums nor multiples themselves; constant summands become a multiple of the
+    /// node 1.
     pub fn terms_of_sum(&mut self, node: Node) -> Vec<(Node, Node)> {
         let one = self.constant(1.0);
         let mut by_itself = self.constant(0.0);
-        // Operands stand before the terms that use them: the last one has all that its users contribute.
+        // Operands come before the terms that use them: the factor of the last term is complete.
         let mut open = BTreeMap::from([(node, one)]);
         let mut terms = Vec::new();
         while let Some((term, factor)) = open.pop_last() {
@@ -102,14 +103,15 @@ impl Graph {
         inputs
     }
 
-    /// The nodes themselves and all that they are made of down to constants, each once.
+    /// The nodes and all terms below them, each once; terms below constants (including terms of parameters) are
+    /// omitted.
     pub(super) fn terms_below(&self, nodes: &[Node]) -> Vec<Node> {
         self.reached(nodes, |node| {
             self.operation(node).map(|(operator, a, b)| (a, (!operator.is_unary()).then_some(b)))
         })
     }
 
-    /// The nodes themselves and all that their values are computed from, constants taken apart, each once.
+    /// The nodes and all terms needed to compute their values, each once, including terms below constants.
     pub(super) fn computed_below(&self, nodes: &[Node]) -> Vec<Node> {
         self.reached(nodes, |node| match self.terms[node.place()] {
             Term::Apply(operator, a, b) => Some((a, (!operator.is_unary()).then_some(b))),
@@ -117,7 +119,7 @@ impl Graph {
         })
     }
 
-    /// The nodes themselves and all that they are made of, constants taken apart, each once.
+    /// The nodes and all terms below them, each once, including terms below constants.
     pub(super) fn all_below(&self, nodes: &[Node]) -> Vec<Node> {
         self.reached(nodes, |node| match self.terms[node.place()] {
             Term::Apply(_, a, b) => Some((a, Some(b))),
@@ -125,7 +127,7 @@ impl Graph {
         })
     }
 
-    /// The nodes themselves and what is reached from them by way of these operands, each once.
+    /// The nodes and all terms reachable from them through `operands`, each once.
     fn reached(&self, nodes: &[Node], operands: impl Fn(Node) -> Option<(Node, Option<Node>)>) -> Vec<Node> {
         let mut seen = FxHashSet::default();
         let mut open = nodes.to_vec();

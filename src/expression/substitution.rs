@@ -1,4 +1,4 @@
-//! A term with numbers in the place of inputs.
+//! Substitution of numbers for the inputs of a term.
 
 use super::derivative::MAXIMUM_TERMS;
 use super::error::ExpressionError;
@@ -6,7 +6,7 @@ use super::graph::{Graph, Node, Term};
 use super::operator::Operator;
 use rustc_hash::FxHashMap;
 
-/// What became of a term; a number is not a term before a term needs it.
+/// The result of substitution in a term; numbers are added to the graph only if a term needs them.
 #[derive(Clone, Copy)]
 enum Replaced {
     Number(f64),
@@ -14,13 +14,13 @@ enum Replaced {
 }
 
 impl Graph {
-    /// `node` with a number for each of these inputs; what then has no input left is a number.
+    /// Substitutes numbers for inputs of `node`; subterms without remaining inputs are folded to numbers.
     ///
     /// # Errors
-    /// `too_many_nodes` when the graph has grown past two million terms.
+    /// `too_many_nodes` if the graph exceeds two million terms.
     pub fn substitute(&mut self, node: Node, numbers: &[(usize, f64)]) -> Result<Node, ExpressionError> {
         let mut terms = self.terms_below(&[node]);
-        // Operands stand before the terms that use them.
+        // Operands come before the terms that use them.
         terms.sort_unstable();
         let mut replaced: FxHashMap<Node, Replaced> = FxHashMap::default();
         for old in terms {
@@ -32,7 +32,7 @@ impl Graph {
                 },
                 Term::Parameter(_) => Replaced::Term(old),
                 Term::Apply(..) if self.value(old).is_some() => Replaced::Term(old),
-                // What is written out is so whatever it is a power of.
+                // The expansion of a power is kept.
                 Term::Apply(Operator::Expanded, a, _) => replaced[&a],
                 Term::Apply(operator, a, b) => match (replaced[&a], replaced[&b]) {
                     (Replaced::Number(a), Replaced::Number(b)) => Replaced::Number(self.tables.apply(operator, a, b)),

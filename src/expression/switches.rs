@@ -1,13 +1,13 @@
-//! Switches: the quantities that change their sign where a term has a kink or a jump, and nowhere else. Of a function that
-//! jumps at whole numbers it is the parity of such a number, 1 or -1: it changes at each of them, at the very double at which
-//! the function jumps, and an interval of arguments without one between its ends leaves it a single value. Of a table it is that
-//! of the number of pieces that have begun.
+//! Switches: event functions that change sign exactly where a term has a kink or a jump. The switch of a function with
+//! jumps at integers is the parity (1 or -1) of the current integer: it changes at the same double as the function, and
+//! is constant on intervals of arguments without a jump. The switch of a table is the parity of the number of pieces
+//! that have begun.
 
 use super::graph::{Graph, Node};
 use super::operator::Operator;
 
 impl Graph {
-    /// The function that is not smooth, as the language calls it, and its switch.
+    /// The name of the nonsmooth function of a term, and its switch.
     pub(super) fn switch(&mut self, node: Node) -> Option<(&'static str, Node)> {
         let (operator, a, b) = self.operation(node)?;
         let quantity = match operator {
@@ -24,8 +24,8 @@ impl Graph {
         operator.kink().map(|function| (function, quantity))
     }
 
-    /// Of time a table switches from piece to piece, whatever they are: no step passes over what it does. Of a state it has
-    /// kinks between straight lines alone.
+    /// The switch of a table. A table of time switches at every piece, so that no step passes over a piece; a table of
+    /// states only at the kinks of linear interpolation.
     fn switch_of_table(&mut self, a: Node, place: Node) -> Option<(&'static str, Node)> {
         let table = self.table_of(Operator::Lookup, place)?.clone();
         if self.inputs(a) == [0] {

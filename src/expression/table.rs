@@ -1,21 +1,21 @@
-//! Tables: functions given by points, as polynomials from each of them to the next. Before the first point and behind the
-//! last the value stays as it is there.
+//! Tables: functions given by points, with piecewise polynomial interpolation. Before the first point and after the
+//! last, the value is constant.
 //!
-//! Between two points `pchip` is the cubic with the slopes of Fritsch and Carlson (1980, *Monotone piecewise cubic
-//! interpolation*), in the form of Fritsch and Butland (1984): it rises and falls only where the points do.
+//! `pchip` is the piecewise cubic with the slopes of Fritsch and Carlson (1980, *Monotone piecewise cubic
+//! interpolation*), in the form of Fritsch and Butland (1984): it is monotone wherever the points are.
 
 use super::operator::Operator;
 use numerics::Interval;
 use std::sync::{Arc, OnceLock};
 
-/// How a table goes on from point to point.
+/// The interpolation between the points of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interpolation {
-    /// Along straight lines.
+    /// Piecewise linear.
     Linear,
-    /// By cubics without overshoots and with one slope at each point.
+    /// Piecewise cubic, continuously differentiable and without overshoots.
     Pchip,
-    /// At the value of the point before.
+    /// Piecewise constant: the value of the previous point.
     Previous,
 }
 
@@ -23,10 +23,10 @@ pub enum Interpolation {
 #[derive(Clone, Debug)]
 pub struct Table(pub(super) Arc<Pieces>);
 
-/// Why points make no table.
+/// Why points do not define a table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TableError {
-    /// There are more of one than of the other.
+    /// The numbers of arguments and values differ.
     #[error("a table has {x} values `x` and {y} values `y`")]
     Lengths {
         /// The number of arguments.
@@ -34,27 +34,28 @@ pub enum TableError {
         /// The number of values.
         y: usize,
     },
-    /// There are fewer than two.
+    /// There are fewer than two points.
     #[error("a table has {0} points")]
     TooFew(usize),
-    /// An argument is not above the one before.
+    /// An argument is not above the previous one.
     #[error("`x` number {0}, counted from 0, is not above the one before")]
     Unsorted(usize),
-    /// A number, or the slope of a line, is none.
+    /// An argument, a value or a coefficient is not finite.
     #[error("point number {0}, counted from 0, is not finite or too far from the next")]
     NotFinite(usize),
 }
 
-/// Polynomials side by side.
+/// A piecewise polynomial.
 #[derive(Debug)]
 pub(super) struct Pieces {
-    /// Where one ends and the next begins.
+    /// The knots between pieces.
     knots: Arc<[f64]>,
-    /// Of each the coefficients about the knot before it; of the first, about the first knot.
+    /// The coefficients of each piece in powers of the distance from the knot before it (from the first knot for the
+    /// first).
     coefficients: Vec<[f64; 4]>,
-    /// The ranges of all, as a tree of hulls: those of two neighbours are below one of half their place.
+    /// The ranges of all pieces as a segment tree: entry `k` is the hull of entries `2 k` and `2 k + 1`.
     ranges: Vec<Interval>,
-    /// The knots at which one polynomial becomes another.
+    /// The knots at which the polynomial changes.
     switches: Arc<[f64]>,
     interpolation: Interpolation,
     derivative: OnceLock<Arc<Pieces>>,
@@ -91,20 +92,20 @@ impl Table {
         let mut coefficients = vec![still(y[0])];
         coefficients.extend(inner);
         coefficients.push(still(y[y.len() - 1]));
-        // Of what is continuous the slope alone tells whether a line goes on.
+        // Continuous pieces are compared by their slopes and higher coefficients, constant pieces by their values.
         let telling = usize::from(interpolation != Interpolation::Previous);
         let changes = |k: &usize| coefficients[*k][telling..] != coefficients[k + 1][telling..];
         let switches = (0..x.len()).filter(changes).map(|k| x[k]).collect();
         Ok(Self(Arc::new(Pieces::new(x.into(), coefficients, switches, interpolation))))
     }
 
-    /// Whether it jumps.
+    /// Whether the table jumps.
     pub fn jumps(&self) -> bool {
         self.0.interpolation == Interpolation::Previous && !self.0.switches.is_empty()
     }
 }
 
-/// Straight lines from point to point.
+/// The coefficients of linear interpolation.
 fn lines(x: &[f64], y: &[f64]) -> Vec<[f64; 4]> {
     (1..x.len()).map(|k| [y[k - 1], (y[k] - y[k - 1]) / (x[k] - x[k - 1]), 0.0, 0.0]).collect()
 }
@@ -133,7 +134,7 @@ fn cubics(x: &[f64], y: &[f64]) -> Vec<[f64; 4]> {
     (0..=last).map(piece).collect()
 }
 
-/// The slope at an end, of the parabola through three points where that makes no overshoot.
+/// The slope at an end: that of the parabola through three points, limited to avoid overshoots.
 fn slope_at_end(width: [f64; 2], chord: [f64; 2]) -> f64 {
     let slope = ((2.0 * width[0] + width[1]) * chord[0] - width[0] * chord[1]) / (width[0] + width[1]);
     if slope * chord[0] <= 0.0 {
@@ -166,7 +167,7 @@ impl Pieces {
         self.interpolation == Interpolation::Linear && !self.switches.is_empty()
     }
 
-    /// The name of what is not smooth in it.
+    /// The name of the nonsmooth function, if the table is not smooth.
     pub(super) fn kink(&self) -> Option<&'static str> {
         match self.interpolation {
             _ if self.switches.is_empty() => None,
@@ -176,13 +177,13 @@ impl Pieces {
         }
     }
 
-    /// The largest degree.
+    /// The largest degree of a piece.
     pub(super) fn degree(&self) -> u32 {
         let of_piece = |piece: &[f64; 4]| piece.iter().rposition(|c| *c != 0.0).unwrap_or(0);
         self.coefficients.iter().map(of_piece).max().map_or(0, |degree| degree as u32)
     }
 
-    /// The derivatives of the pieces.
+    /// The derivative, piece by piece.
     pub(super) fn derivative(&self) -> &Arc<Self> {
         self.derivative.get_or_init(|| {
             let differentiated = self.coefficients.iter().map(|&[_, b, c, d]| [b, 2.0 * c, 3.0 * d, 0.0]).collect();
@@ -190,7 +191,7 @@ impl Pieces {
         })
     }
 
-    /// A function that is zero at the switches alone, and there changes its sign at the rate of its argument.
+    /// A piecewise linear function that is zero exactly at the switches, with slopes 1 and -1.
     pub(super) fn zigzag(&self) -> &Arc<Self> {
         self.zigzag.get_or_init(|| {
             let zeros = &self.switches;
@@ -231,7 +232,7 @@ impl Pieces {
         if a.is_nan() { a } else { self.switches.partition_point(|switch| *switch <= a) as f64 }
     }
 
-    /// The range of one piece, on the part of it that is between two arguments.
+    /// The range of a piece for arguments in `[lo, hi]`.
     fn range_of(&self, piece: usize, lo: f64, hi: f64) -> Interval {
         let coefficients @ [a, b, c, d] = self.coefficients[piece];
         if [b, c, d] == [0.0; 3] {
@@ -265,7 +266,7 @@ impl Pieces {
         let mut range = self.range_of(first, a.lo, a.hi);
         if last > first {
             range = range.hull(self.range_of(last, a.lo, a.hi));
-            // Those between, by the fewest hulls that hold them.
+            // Ranges of the pieces in between, from the segment tree.
             let count = self.coefficients.len();
             let (mut from, mut to) = (count + first + 1, count + last);
             while from < to {
@@ -288,12 +289,12 @@ fn horner(&[a, b, c, d]: &[f64; 4], s: f64) -> f64 {
     a + s * (b + s * (c + s * d))
 }
 
-/// The tables of a graph or of a program, by their places. Copies share them.
+/// The tables of a graph or of a program, by index. Copies share the tables.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tables(Vec<Arc<Pieces>>);
 
 impl Tables {
-    /// The place of a table, which it is given if it has none yet.
+    /// The index of a table, which is added if it is new.
     pub(super) fn place(&mut self, table: &Arc<Pieces>) -> usize {
         self.0.iter().position(|known| Arc::ptr_eq(known, table)).unwrap_or_else(|| {
             self.0.push(table.clone());
@@ -301,12 +302,12 @@ impl Tables {
         })
     }
 
-    /// The table at a place, which is a number of a graph.
+    /// The table with an index, given as a number of a graph.
     pub(super) fn get(&self, place: f64) -> Option<&Arc<Pieces>> {
         self.0.get(place as usize)
     }
 
-    /// What an operator gives, tables included.
+    /// The value of an operator, including table operators.
     pub(super) fn apply(&self, operator: Operator, a: f64, b: f64) -> f64 {
         match (operator, self.get(b)) {
             (Operator::Lookup, Some(table)) => table.at(a),
@@ -315,7 +316,7 @@ impl Tables {
         }
     }
 
-    /// What an operator gives at intervals, tables included.
+    /// Encloses the values of an operator, including table operators.
     pub(super) fn enclose(&self, operator: Operator, a: Interval, b: Interval, same: bool) -> Interval {
         match operator {
             Operator::Lookup | Operator::Piece if a.is_empty() => Interval::EMPTY,

@@ -1,8 +1,8 @@
-//! A straight program for several nodes of a graph. Each instruction writes the next register. Terms are ordered by
-//! depth, then by operator and shape: those that agree in all three do not depend on each other, and where there are
-//! many, as in the rows of a discretised partial differential equation, they run as lanes without a dispatch for each.
+//! A straight-line program for several nodes of a graph. Each instruction writes the next register. Terms are ordered
+//! by depth, operator and shape. Terms that agree in all three are independent of each other; if there are many, as in
+//! the rows of a discretised partial differential equation, they are evaluated as lanes with a single dispatch.
 //!
-//! What depends on parameters alone is computed once, when they are bound: to each evaluation it is a constant.
+//! Terms in parameters alone are computed once, when parameters are bound, and are constants for evaluations.
 
 use super::graph::{Graph, Node, Term};
 use super::lanes::Lanes;
@@ -14,10 +14,11 @@ use std::hash::BuildHasher;
 use std::mem::take;
 use std::sync::Arc;
 
-/// From this number on, terms of one kind run as lanes; for fewer the staging of operands costs more than it saves.
+/// The number of terms of one kind from which they are evaluated as lanes; for fewer, staging operands costs more than
+/// it saves.
 const FEWEST_LANES: usize = 24;
 
-/// `operator(registers[a], registers[b])`, for the next register.
+/// Writes `operator(registers[a], registers[b])` to the next register.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Instruction {
     pub(super) operator: Operator,
@@ -27,46 +28,45 @@ pub(super) struct Instruction {
 
 #[derive(Clone, Debug)]
 pub(super) enum Block {
-    /// One after the other.
+    /// Instructions evaluated one after the other.
     Scalars(Vec<Instruction>),
-    /// All at once.
+    /// Instructions with one operator, evaluated at once.
     Lanes(Lanes),
-    /// One after the other, of tables.
+    /// Table lookups, evaluated one after the other.
     Lookups(Vec<Instruction>),
 }
 
-/// What a tape computes, and where: shared by all its copies.
+/// The program of a tape, shared by all its copies.
 #[derive(Debug, Default)]
 pub(super) struct Program {
     pub(super) blocks: Vec<Block>,
     /// The parameters that occur, with their registers.
     parameters: Vec<(usize, usize)>,
-    /// What depends on them alone, with the registers of the results.
+    /// The instructions for terms in parameters alone, with the registers of their results.
     prelude: Vec<(usize, Instruction)>,
     pub(super) inputs: usize,
-    /// Whether most instructions run as lanes at one point already.
+    /// Whether most instructions are evaluated as lanes, even at a single point.
     pub(super) is_vectorised: bool,
     /// The register of the first instruction.
     pub(super) first: usize,
     pub(super) outputs: Vec<u32>,
-    /// What it looks up.
+    /// The tables used by the program.
     pub(super) tables: Tables,
 }
 
-/// A compiled program of several outputs, with registers of its own: evaluation does not allocate, and a copy shares the
+/// A compiled program with several outputs and its own registers. Evaluation does not allocate; copies share the
 /// program. The default has no outputs.
 #[derive(Clone, Debug, Default)]
 pub struct Tape {
     pub(super) program: Arc<Program>,
-    /// The inputs, the constants and what parameters give, then one for each instruction.
+    /// Registers of inputs, of constants and terms in parameters, then one per instruction.
     pub(super) registers: Vec<f64>,
-    /// The same at several points at once.
+    /// The registers for evaluation at several points at once.
     pub(super) wide: Wide,
 }
 
 impl Tape {
-    /// A program that computes `outputs`, and of the terms of `graph` only those that they need. Its parameters are bound
-    /// to the values given.
+    /// Compiles `outputs` and the terms of `graph` that they need. Parameters are bound to their given values.
     pub fn compile(graph: &Graph, outputs: &[Node]) -> Self {
         let steps = steps(graph, outputs);
         let inputs = steps.iter().filter_map(|(_, node)| match graph.terms[node.place()] {
@@ -94,7 +94,7 @@ impl Tape {
         Self { program: Arc::new(program), registers, wide: Wide::default() }
     }
 
-    /// Binds the parameters, which reach at least to the largest index that occurs, until they are bound again.
+    /// Binds new parameter values, which must extend to the largest index that occurs.
     pub fn bind(&mut self, parameters: &[f64]) {
         let Self { program, registers, wide } = self;
         wide.forget();
@@ -106,9 +106,8 @@ impl Tape {
         }
     }
 
-    /// Writes the values of the outputs where the first input is `first`, mostly time, and the others are `rest`, which
-    /// reach at least to the largest index that occurs. Equal inputs give equal bits. What is not defined comes out as
-    /// NaN or an infinity.
+    /// Evaluates the outputs for the first input `first` (usually time) and the other inputs `rest`, which must extend
+    /// to the largest index that occurs. Results are reproducible bitwise. Undefined values are NaN or infinite.
     pub fn evaluate(&mut self, first: f64, rest: &[f64], outputs: &mut [f64]) {
         let Self { program, registers, .. } = self;
         debug_assert_eq!(outputs.len(), program.outputs.len(), "as many outputs as were compiled");
@@ -145,7 +144,7 @@ impl Tape {
         }
     }
 
-    /// The largest finite number of the last evaluation, with all on the way to the outputs, by its size.
+    /// The largest absolute value of all finite intermediate results of the last evaluation.
     pub fn largest(&self) -> f64 {
         self.registers.iter().filter(|value| value.is_finite()).fold(0.0, |largest, value| largest.max(value.abs()))
     }
@@ -170,7 +169,7 @@ impl Tape {
     }
 }
 
-/// The registers of a program in the course of being compiled.
+/// A program under compilation.
 struct Assembly<'g> {
     graph: &'g Graph,
     inputs: usize,
@@ -194,12 +193,12 @@ impl<'g> Assembly<'g> {
         }
     }
 
-    /// What the steps need of terms in parameters alone, operands first.
+    /// Adds the constants and the terms in parameters alone that the steps need, operands first.
     fn prelude(&mut self, steps: &[(Kind, Node)]) {
         let known = steps.iter().map(|&(_, node)| node).filter(|node| self.graph.known.contains_key(node));
         let mut terms = self.graph.computed_below(&known.collect::<Vec<_>>());
         terms.sort_unstable();
-        // What is computed stands together, as its operands in the lanes of evaluations should.
+        // Computed terms get consecutive registers, so that operands of lanes are contiguous.
         let (computed, given): (Vec<Node>, Vec<Node>) =
             terms.into_iter().partition(|node| matches!(self.graph.terms[node.place()], Term::Apply(..)));
         for node in given {
@@ -218,7 +217,7 @@ impl<'g> Assembly<'g> {
         }
     }
 
-    /// A step; what the prelude has is there.
+    /// Adds a step, unless the prelude contains it.
     fn take(&mut self, kind: Kind, node: Node) {
         if self.register_of.contains_key(&node) {
             return;
@@ -237,7 +236,7 @@ impl<'g> Assembly<'g> {
         }
     }
 
-    /// The register of a term, of one that is written out that of the product.
+    /// The register of a term; for an expanded power, that of its product.
     fn register(&self, mut node: Node) -> u32 {
         while let Term::Apply(Operator::Expanded, a, _) = self.graph.terms[node.place()] {
             node = a;
@@ -245,25 +244,25 @@ impl<'g> Assembly<'g> {
         self.register_of[&node]
     }
 
-    /// A register for a term.
+    /// Allocates a register for a term.
     fn keep(&mut self, node: Node, value: f64) {
         self.register_of.insert(node, narrow(self.registers.len()));
         self.registers.push(value);
     }
 }
 
-/// Places in half their size.
+/// Converts an index to `u32`.
 fn narrow(place: usize) -> u32 {
     u32::try_from(place).expect("a graph has fewer than 2^32 terms")
 }
 
-/// What terms that can be computed together have in common.
+/// The kind of a term; terms of one kind can be evaluated together.
 #[derive(Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Kind {
-    /// The length of the longest path below: terms of one depth do not depend on each other.
+    /// The length of the longest path below the term: terms of equal depth are independent of each other.
     depth: u32,
     operator: Option<Operator>,
-    /// A hash of the operators below. Terms of one shape made row by row have operands that stand side by side.
+    /// A hash of the operators below the term. Terms of equal shape, created row by row, have contiguous operands.
     shape: u64,
 }
 
@@ -282,7 +281,7 @@ impl Kind {
     }
 }
 
-/// All terms that the outputs need, operands first, those of one kind together.
+/// All terms that the outputs need, operands first, grouped by kind.
 fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     let mut nodes = graph.terms_below(outputs);
     nodes.sort_unstable();
@@ -297,7 +296,7 @@ fn steps(graph: &Graph, outputs: &[Node]) -> Vec<(Kind, Node)> {
     steps
 }
 
-/// The instructions, with their kinds, cut where lanes begin and end.
+/// Divides the instructions into blocks of scalars, lanes and lookups.
 fn blocks(instructions: &[(Kind, Instruction)]) -> Vec<Block> {
     let mut blocks = Vec::new();
     let mut scalars = Vec::new();

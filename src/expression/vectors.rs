@@ -1,6 +1,6 @@
-//! Vectors: names with whole numbers in brackets, `x[3]` and `x[i + 1, j]`, and sums over ranges of indices,
-//! `sum(c[i]*x[i] for i in 1..n)`. An index is an expression in numbers, indices and parameters that has a whole value; what
-//! it was made of keeps its value from then on. A sum is the chain of additions that could be written instead.
+//! Vectors: names with integer indices, `x[3]` and `x[i + 1, j]`, and sums over index ranges,
+//! `sum(c[i]*x[i] for i in 1..n)`. An index is an expression in numbers, indices and parameters with an integer value;
+//! values of parameters in indices are recorded as assumptions. A sum is expanded to a chain of additions.
 
 use super::error::ExpressionError;
 use super::grammar::{
@@ -13,22 +13,23 @@ use std::fmt::Write;
 use winnow::combinator::opt;
 use winnow::prelude::*;
 
-/// The bytes that all sums of a graph may read again, one summand after the other: it bounds the time that a short text takes.
+/// Limit on the bytes parsed repeatedly for the summands of all sums of a graph: bounds the parsing time of short
+/// texts.
 const MOST_READ: usize = 16 << 20;
 
-/// An index while a sum is read.
+/// The index of an enclosing sum, with its current value.
 #[derive(Clone, Debug)]
 pub(super) struct Index {
     name: String,
     value: i64,
 }
 
-/// The value of an index of this name.
+/// The value of the innermost index with this name.
 pub(super) fn index(indices: &[Index], name: &str) -> Option<f64> {
     indices.iter().rev().find(|index| index.name == name).map(|index| index.value as f64)
 }
 
-/// An element of a vector, from the bracket behind its name on.
+/// Parses an element of a vector, starting at the bracket after its name.
 pub(super) fn element(input: &mut Input, start: usize, name: &str) -> Result<Read, Failure> {
     descend(input)?;
     '['.void().parse_next(input)?;
@@ -54,7 +55,7 @@ pub(super) fn element(input: &mut Input, start: usize, name: &str) -> Result<Rea
     }
 }
 
-/// Nothing has this index.
+/// The error for an unknown element of a vector.
 fn missing(input: &Input, start: usize, name: &str, key: &str) -> ExpressionError {
     let scope = input.state.scope;
     let elements = scope.vector(name).len();
@@ -80,7 +81,7 @@ fn missing(input: &Input, start: usize, name: &str, key: &str) -> ExpressionErro
     ExpressionError::new("index_out_of_range", start, message).expected(&expected)
 }
 
-/// A sum, from the parenthesis behind its name on: of all elements of a vector, or of a term for each value of indices.
+/// Parses a sum, starting at the parenthesis after its name: of all elements of a vector, or of a term over indices.
 pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
     blank(input)?;
     open(input)?;
@@ -90,7 +91,7 @@ pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
         close(input, " or `)`")?;
         return add_up(input, start, &nodes);
     }
-    // Where indices are named stands behind the term, which cannot be read without them.
+    // The indices are declared after the term, but are needed to parse it.
     let Some(binders) = behind_for(body) else {
         let message = "a sum takes a vector or a term with its indices".to_owned();
         let error = ExpressionError::new("wrong_arity", start, message);
@@ -107,7 +108,7 @@ pub(super) fn sum(input: &mut Input, start: usize) -> Result<Read, Failure> {
     add_up(input, start, &nodes?)
 }
 
-/// The term of a sum for each value of its indices; where these are named stands behind it, from `binders` on.
+/// The summands: parses the term of a sum for each value of its indices, which are declared from byte `binders` on.
 fn summands<'i>(
     input: &mut Input<'i, '_>,
     start: usize,
@@ -132,7 +133,7 @@ fn summands<'i>(
         if !input.input.starts_with("for") {
             return Err(syntax(input, "an operator or `for`"));
         }
-        // The last index goes round first.
+        // The last index varies fastest.
         let next = (0..ranges.len()).rev().find(|&k| input.state.indices[outer + k].value < ranges[k].2);
         let Some(k) = next else { return Ok(nodes) };
         input.state.indices[outer + k].value += 1;
@@ -149,7 +150,7 @@ fn add_up(input: &mut Input, start: usize, nodes: &[Node]) -> Result<Read, Failu
     })
 }
 
-/// The elements of a vector whose name stands alone.
+/// The elements of a vector, if the argument is the name of a vector alone.
 fn whole_vector(input: &mut Input) -> Result<Option<Vec<Node>>, Failure> {
     let before = input.input;
     let name = opt(identifier).parse_next(input)?.unwrap_or_default();
@@ -162,7 +163,7 @@ fn whole_vector(input: &mut Input) -> Result<Option<Vec<Node>>, Failure> {
     Ok(None)
 }
 
-/// Where the text goes on behind the word `for` that belongs to the sum that it begins within.
+/// The byte offset after the keyword `for` of the innermost sum at the beginning of the text.
 fn behind_for(text: &str) -> Option<usize> {
     let mut depth = 0_usize;
     let mut after_word = false;
@@ -184,7 +185,7 @@ fn behind_for(text: &str) -> Option<usize> {
     None
 }
 
-/// The indices of a sum with their first and last values.
+/// Parses the indices of a sum with their first and last values.
 fn binders(input: &mut Input) -> Result<Vec<(String, i64, i64)>, Failure> {
     let mut found: Vec<(String, i64, i64)> = Vec::new();
     loop {
@@ -217,7 +218,7 @@ fn binders(input: &mut Input) -> Result<Vec<(String, i64, i64)>, Failure> {
     }
 }
 
-/// The whole number that a term is.
+/// The integer value of an index term.
 fn whole(input: &mut Input, read: Read) -> Result<i64, Failure> {
     const MOST: f64 = 1e9;
     let graph = &mut *input.state.graph;

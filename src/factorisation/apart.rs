@@ -1,8 +1,8 @@
-//! Work that takes long and cannot be interrupted, since the library that does it does not look up: done on a thread of
-//! its own, which is left to itself once nobody wants the result any more.
+//! Long computations that cannot be interrupted, because the library that makes them does not poll: each runs on its
+//! own thread, which is abandoned if nobody needs the result any more.
 //!
-//! Such a thread goes on with its memory until it has ended. So there are only so many, the abandoned ones among them; who
-//! comes when all are taken waits until one has ended.
+//! An abandoned thread occupies its memory until it ends. The number of threads, abandoned ones included, is therefore
+//! limited; a computation waits while all are taken.
 
 use std::num::NonZero;
 use std::sync::LazyLock;
@@ -11,27 +11,27 @@ use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::thread::{self, available_parallelism};
 use std::time::Duration;
 
-/// The time between two looks at whether to go on.
-const GLANCE: Duration = Duration::from_millis(20);
+/// The time between two polls of the stop condition.
+const POLL_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Those of the process: one a core for work that is waited for, and as many that were abandoned.
+/// The threads of the process: one for each core for current work, and as many for abandoned work.
 pub static THREADS: LazyLock<Threads> =
     LazyLock::new(|| Threads::new(2 * available_parallelism().map_or(1, NonZero::get)));
 
-/// How many threads there may be, and how many there are.
+/// A limit on the number of threads, with the number in use.
 pub struct Threads {
     most: usize,
     taken: AtomicUsize,
 }
 
 impl Threads {
-    /// At most so many.
+    /// Allows at most `most` threads.
     pub const fn new(most: usize) -> Self {
         Self { most, taken: AtomicUsize::new(0) }
     }
 
-    /// What `work` computes; nothing if `stop` says so before it is done, which is asked a few times a second, or if the
-    /// system has no thread.
+    /// Returns the result of `work`; `None` if `stop` returns true before it is done, which is polled several times a
+    /// second, or if the system has no thread left.
     pub fn compute<T: Send + 'static>(
         &'static self,
         work: impl FnOnce() -> T + Send + 'static,
@@ -42,12 +42,12 @@ impl Threads {
         let computing = move || {
             let computed = work();
             drop(place);
-            // Where nobody waits any more there is nobody to tell.
+            // Sending fails if the receiver has given up, which is harmless.
             let _ = done.send(computed);
         };
         thread::Builder::new().name("dvi-factors".to_owned()).spawn(computing).ok()?;
         while !stop() {
-            match result.recv_timeout(GLANCE) {
+            match result.recv_timeout(POLL_INTERVAL) {
                 Ok(computed) => return Some(computed),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
@@ -56,20 +56,20 @@ impl Threads {
         None
     }
 
-    /// Waits for a place until `stop` says so.
+    /// Waits for a free thread; `None` once `stop` returns true.
     fn place(&'static self, stop: impl Fn() -> bool) -> Option<Taken> {
         let one_more = |taken| (taken < self.most).then_some(taken + 1);
         while self.taken.fetch_update(AcqRel, Relaxed, one_more).is_err() {
             if stop() {
                 return None;
             }
-            thread::sleep(GLANCE);
+            thread::sleep(POLL_INTERVAL);
         }
         Some(Taken(self))
     }
 }
 
-/// A place, given back when its thread ends, in a panic too.
+/// A place in the limit, released when its thread ends, also by a panic.
 struct Taken(&'static Threads);
 
 impl Drop for Taken {
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(ONE.compute(|| 1, || false), Some(1));
         let abandoned = ONE.compute(move || released.recv().is_ok(), || true);
         assert_eq!(abandoned, None);
-        // Its thread is still there: nobody else is let in, and who is stopped waits no longer.
+        // The abandoned thread still counts: no other is admitted, and a stopped caller does not wait.
         assert_eq!(ONE.compute(|| 2, || true), None);
         assert_eq!(ONE.taken.load(Relaxed), 1);
         release.send(()).expect("a thread that waits");

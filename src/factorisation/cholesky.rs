@@ -6,7 +6,7 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::{LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky};
 use faer::{Conj, MatMut, Par, Side};
 
-/// The most nonzeros of a factor: 2 GiB of them.
+/// Largest number of nonzeros of a factor: 2 GiB.
 const MOST_VALUES: usize = 1 << 28;
 
 /// A Cholesky factor for matrices of one pattern.
@@ -18,7 +18,7 @@ pub struct Cholesky {
 }
 
 impl Cholesky {
-    /// Analyses the pattern of a symmetric matrix of both triangles; `None` if memory does not suffice.
+    /// Analyses the pattern of a symmetric matrix with both triangles stored; `None` if memory does not suffice.
     pub fn new(matrix: &SparseMatrix) -> Option<Self> {
         let pattern = matrix.symbolic();
         let analysis =
@@ -32,7 +32,7 @@ impl Cholesky {
         Some(Self { values: vec![0.0; analysis.len_val()], analysis, memory, is_regular: false })
     }
 
-    /// Factorises a matrix of the pattern analysed; false if it is not positive definite.
+    /// Factorises a matrix with the analysed pattern; false if it is not positive definite.
     pub fn factorise(&mut self, matrix: &SparseMatrix) -> bool {
         let stack = MemStack::new(&mut self.memory);
         self.is_regular = self

@@ -1,9 +1,9 @@
-//! `P A = L U` for a dense `A`, with partial pivoting: small ones eliminated by nalgebra, larger ones in blocks by faer
-//! (Golub and Van Loan 2013, section 3.4).
+//! `P A = L U` for a dense `A`, with partial pivoting: small matrices are eliminated by nalgebra, larger ones in blocks
+//! by faer (Golub and Van Loan 2013, section 3.4).
 //!
-//! Where a matrix is solved with several times, dividing by its pivots every time takes as long as all the rest if it is
-//! complex, and calls for blocks are never paid for by one right-hand side: the pivots are inverted once, and the
-//! substitutions are plain loops over columns.
+//! Solves are optimised for many right-hand sides in turn: division by complex pivots would take as long as all other
+//! operations, and blocked kernels do not pay for a single right-hand side. The pivots are therefore inverted once, and
+//! the substitutions are plain loops over columns.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::lu::partial_pivoting::factor;
@@ -13,8 +13,8 @@ use nalgebra::{Complex, DMatrix, DVectorViewMut, LU};
 
 /// A real or complex number.
 pub trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64> + Copy {
-    /// Up to so many rows nalgebra's unblocked elimination is faster than faer's, measured; complex arithmetic fills the
-    /// registers earlier.
+    /// Largest number of rows for which nalgebra's unblocked elimination is faster than faer's, measured; complex
+    /// arithmetic fills the registers earlier.
     const SMALL: usize;
 }
 
@@ -28,24 +28,24 @@ impl Number for Complex<f64> {
 
 /// LU factors of an `n x n` matrix.
 pub struct DenseLu<T> {
-    /// The matrix column after column, and after [`DenseLu::factorise`] its factors.
+    /// The matrix in column-major order; after [`DenseLu::factorise`] its factors.
     entries: Vec<T>,
-    /// Which row of the matrix each row of the factors is.
+    /// The row of the matrix for each row of the factors.
     permutation: Vec<usize>,
-    /// One over the pivots.
+    /// The reciprocals of the pivots.
     reciprocals: Vec<T>,
     permuted: Vec<T>,
     blocks: Option<Blocks>,
 }
 
-/// What elimination in blocks needs besides.
+/// Workspace of blocked elimination.
 struct Blocks {
     inverse: Vec<usize>,
     memory: MemBuffer,
 }
 
 impl<T: Number> DenseLu<T> {
-    /// Room for `n x n`.
+    /// Allocates for an `n x n` matrix.
     pub fn new(n: usize) -> Self {
         let blocks = (n > T::SMALL).then(|| Blocks {
             inverse: (0..n).collect(),
@@ -61,7 +61,7 @@ impl<T: Number> DenseLu<T> {
         }
     }
 
-    /// The entries, column after column, to be written before [`DenseLu::factorise`], which overwrites them.
+    /// The entries in column-major order, to be written before [`DenseLu::factorise`], which overwrites them.
     pub fn entries(&mut self) -> &mut [T] {
         &mut self.entries
     }
@@ -108,7 +108,7 @@ impl<T: Number> DenseLu<T> {
     }
 }
 
-/// `x -= factor column`, as far as `x` reaches
+/// `x -= factor column`, for the entries of `x`.
 #[inline(always)]
 fn subtract<T: Number>(x: &mut [T], factor: T, column: &[T]) {
     for (x, &entry) in x.iter_mut().zip(column) {

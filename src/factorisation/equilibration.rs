@@ -1,8 +1,8 @@
-//! Scaling of small dense matrices whose rows and columns have units of their own, before ranks are read off them.
+//! Scaling of small dense matrices whose rows and columns have units of their own, before their ranks are determined.
 
 use nalgebra::DMatrix;
 
-/// The matrix with its rows and columns scaled to entries of at most one, and their scales.
+/// Returns the matrix with rows and columns scaled to entries of at most one, and the scales of rows and of columns.
 pub fn equilibrated(mut matrix: DMatrix<f64>) -> (DMatrix<f64>, Vec<f64>, Vec<f64>) {
     let of_rows: Vec<f64> = matrix.row_iter().map(|row| scale_of(row.amax())).collect();
     matrix.row_iter_mut().zip(&of_rows).for_each(|(mut row, scale)| row.scale_mut(*scale));

@@ -1,6 +1,6 @@
-//! Factorisations of dense and of sparse matrices, by nalgebra and faer: analysed once, computed again and again. None of
-//! them is trusted to notice a singular matrix; a solution that is not finite shows it. Beside them the spectra that
-//! ranks and verdicts rest on.
+//! Factorisations of dense and sparse matrices, by nalgebra and faer: analysed once, computed many times. No
+//! factorisation is relied on to detect a singular matrix; a solution that is not finite shows it. Also the spectra on
+//! which ranks and verdicts rest.
 
 mod apart;
 mod cholesky;

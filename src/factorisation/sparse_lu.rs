@@ -11,8 +11,8 @@ use faer::traits::math_utils::is_finite;
 use faer::{Conj, MatMut, Par};
 use std::sync::Arc;
 
-/// Nonzeros from which factors, and their analysis, may take more than a second: in three dimensions they grow like the
-/// square of the rows.
+/// Number of nonzeros from which factors, and their analysis, may take more than a second: in three dimensions they
+/// grow with the square of the number of rows.
 const LARGE: usize = 200_000;
 
 /// The ordering and elimination tree of a pattern, for real and complex matrices alike.
@@ -25,7 +25,7 @@ impl Analysis {
         factorize_symbolic_lu(pattern, Default::default()).ok().map(|analysis| Self(Arc::new(analysis)))
     }
 
-    /// The same, given up where `stop` says so: the ordering of a large pattern takes seconds.
+    /// Analyses a square pattern unless `stop` returns true: the ordering of a large pattern takes seconds.
     pub fn new_unless(pattern: SymbolicSparseColMatRef<'_, usize>, stop: impl Fn() -> bool) -> Option<Self> {
         if pattern.compute_nnz() < LARGE {
             return Self::new(pattern);
@@ -41,12 +41,12 @@ pub struct SparseLu<T> {
     factors: NumericLu<usize, T>,
     memory: MemBuffer,
     is_factored: bool,
-    /// Whether the workspace is with a thread that nobody waits for any more.
+    /// Whether an abandoned thread owns the workspace.
     is_given_up: bool,
 }
 
 impl<T: ComplexField> SparseLu<T> {
-    /// Workspace for the pattern analysed; `None` if memory does not suffice.
+    /// Allocates for the analysed pattern; `None` if memory does not suffice.
     pub fn new(analysis: &Analysis) -> Option<Self> {
         let factor = analysis.0.factorize_numeric_lu_scratch::<T>(Par::Seq, Default::default());
         let solve = analysis.0.solve_in_place_scratch::<T>(1, Par::Seq);
@@ -60,8 +60,8 @@ impl<T: ComplexField> SparseLu<T> {
         })
     }
 
-    /// Factorises a matrix of the pattern analysed; false if it is structurally singular, not finite, or too large, or if
-    /// these factors were given up.
+    /// Factorises a matrix with the analysed pattern; false if it is structurally singular, not finite, or too large,
+    /// or if these factors were given up.
     pub fn factorise(&mut self, matrix: &SparseMatrix<T>) -> bool {
         if self.is_given_up {
             return false;
@@ -75,8 +75,8 @@ impl<T: ComplexField> SparseLu<T> {
         self.is_factored
     }
 
-    /// The same, given up where `stop` says so, which is asked a few times a second: the factors of a large matrix can take
-    /// minutes. Once they are given up there are no factors any more.
+    /// Factorises unless `stop` returns true, which is polled several times a second: the factors of a large matrix can
+    /// take minutes. After that these factors are unusable.
     pub fn factorise_unless(&mut self, matrix: &SparseMatrix<T>, stop: impl Fn() -> bool) -> bool
     where
         T: Send + Sync + 'static,

@@ -1,9 +1,9 @@
-//! Singular values and eigenvalues of small dense matrices, by nalgebra, of any finite entries: scaled before, so that no
-//! square overflows, and with bounded work.
+//! Singular values and eigenvalues of small dense matrices with any finite entries, by nalgebra: scaled first, so that
+//! no square overflows, and with bounded work.
 
 use nalgebra::{DMatrix, SVD, SymmetricEigen};
 
-/// Many times what any matrix takes; a sweep converges cubically.
+/// Iteration limit, far above the need of any matrix; sweeps converge cubically.
 const ITERATIONS: usize = 10_000;
 
 /// `A = U S V^T`, the singular values descending.
@@ -17,7 +17,7 @@ pub struct Singular {
 }
 
 impl Singular {
-    /// Decomposes; `None` if an entry is not finite.
+    /// Computes the decomposition; `None` if an entry is not finite.
     pub fn of(matrix: &DMatrix<f64>) -> Option<Self> {
         if matrix.is_empty() {
             let (rows, columns) = matrix.shape();
@@ -35,7 +35,7 @@ impl Singular {
         })
     }
 
-    /// How many values are above this fraction of the largest.
+    /// The number of singular values above this fraction of the largest.
     pub fn rank(&self, fraction: f64) -> usize {
         let largest = self.values.first().copied().unwrap_or(0.0);
         self.values.iter().take_while(|&&value| value > 0.0 && value > fraction * largest).count()
@@ -49,7 +49,7 @@ pub fn least_eigenvalue(symmetric: &DMatrix<f64>) -> Option<f64> {
     Some(size * eigen.eigenvalues.min())
 }
 
-/// The largest entry, or one where all are zero.
+/// The largest absolute entry, or one if all are zero.
 fn size(matrix: &DMatrix<f64>) -> Option<f64> {
     let size = matrix.amax();
     let is_finite = !matrix.is_empty() && matrix.iter().all(|entry| entry.is_finite());

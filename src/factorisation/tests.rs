@@ -134,7 +134,7 @@ fn an_analysis_and_factors_that_take_long_can_be_given_up() {
     let mut right = vec![0.0; n];
     entries.iter().for_each(|&(i, _, value)| right[i] += value);
     assert!(lu.solve(&mut right) && right.iter().all(|x| (x - 1.0).abs() < 1e-12));
-    // There are no factors any more, nor any to come.
+    // The factors are unusable from now on.
     assert!(!lu.factorise_unless(&matrix, || true) && !lu.solve(&mut right));
     assert!(!lu.factorise_unless(&matrix, || false));
 }

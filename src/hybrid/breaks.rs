@@ -1,52 +1,57 @@
-//! Breaks: the times at which a rate, a `G` or a bound has a kink or a jump whatever the states are, as one with
-//! `heaviside(t - 1)` has. A step across one would be of order one, and one longer than a pulse need not see it at all.
+//! Breakpoints (time events): times at which a rate, a `G` or a bound has a kink or a jump that depends on time alone,
+//! as `heaviside(t - 1)` has at 1. A step across a breakpoint would be of order one, and a step longer than a pulse
+//! could miss the pulse altogether.
 //!
-//! What changes its sign there is enclosed over the step in interval arithmetic, and parts over which a change is not excluded
-//! are halved, the first part first: no break is passed over, however short the time to the next. A step ends on the last
-//! number before the first change, and the next begins on the first number after it.
+//! The functions that change sign at breakpoints are enclosed over the step in interval arithmetic. Subintervals over
+//! which a sign change is not excluded are bisected, the earliest first, so that no breakpoint is passed over, however
+//! close the next one is. A step ends on the last floating-point number before the first sign change, and the next step
+//! begins on the first number after it.
 
 use numerics::Interval;
 use problem::Dvi;
 
-/// The parts of a step that are enclosed at most. A break takes two for each binary digit of a double; more are left where a
-/// quantity touches zero, about which enclosures say little.
+/// Maximum number of subintervals of a step that are enclosed. Locating a breakpoint takes two for each binary digit of
+/// a double; more stay undecided where a function touches zero, since enclosures prove little there.
 const MOST_PARTS: usize = 400;
-/// Samples of a step whose enclosures leave changes of sign open. It is then no longer than twice the time between the last
-/// two breaks, or since the last: periodic forcing is sampled eight times between two of its breaks.
+/// Number of samples of a step if enclosures leave sign changes undecided. The step is then no longer than twice the
+/// time between the last two breakpoints, or twice the time since the last one, whichever is longer: periodic forcing
+/// is sampled eight times between two of its breakpoints.
 const SAMPLES: u32 = 16;
-/// Breaks closer to each other than this many units of rounding are one: those of `t - 1` and `3*t - 3` are at one time, but for
-/// a few units, or for as many as digits cancel in a longer expression. Fewer would take such a pair for a step of its own;
-/// many more would take two breaks for one where what lies between them counts.
+/// Breakpoints closer than this many units of rounding count as one. The breakpoints of `t - 1` and `3*t - 3` agree up
+/// to a few units, or up to the digits that cancel in a longer expression. A smaller value would make a step between
+/// such a pair; a much larger one would merge breakpoints although the interval between them matters.
 const ONE: f64 = 1e3;
-/// A break within this many units of rounding of either end of a step is at that end: the sums that give the end, and the time of
-/// the break, are off by a unit or two each. Fewer would leave steps of some units; many more would move breaks.
+/// A breakpoint within this many units of rounding of an end of a step is placed at that end: the sums that give the
+/// end, and the time of the breakpoint, err by a unit or two each. A smaller value would leave steps of a few units; a
+/// much larger one would move breakpoints.
 const AT_END: f64 = 8.0;
 
-/// What is remembered of breaks.
+/// State of the search for breakpoints.
 #[derive(Debug)]
 pub struct Breaks {
     signs: Vec<bool>,
-    /// The parts of a step that are left to be enclosed, the first last.
+    /// Subintervals still to be enclosed, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
-    /// The last break or the start, and the time to it from the one before.
+    /// Time of the last breakpoint, or of the start, and the time between it and the breakpoint before it.
     last: f64,
     gap: f64,
-    /// The first number after the break before which the present step ends.
+    /// First floating-point number after the breakpoint before which the present step ends.
     after: Option<f64>,
 }
 
 impl Breaks {
-    /// For a run that starts at `t`.
+    /// Starts the search for a run that begins at time `t`.
     pub fn new(t: f64) -> Self {
         Self { signs: Vec::new(), left: Vec::new(), last: t, gap: f64::INFINITY, after: None }
     }
 
-    /// The first number after the break before which the present step ends, if it ends at one.
+    /// The first floating-point number after the breakpoint before which the present step ends, if it ends at one.
     pub fn after(&self) -> Option<f64> {
         self.after
     }
 
-    /// The part of a step from `t` of size `h` up to the first break; zero where a run is to [pass](Self::pass) it first.
+    /// Cuts a step of size `h` from `t` at the first breakpoint and returns its size; zero if the run must first
+    /// [pass](Self::pass) the breakpoint.
     pub fn up_to_break(&mut self, problem: &mut dyn Dvi, t: f64, h: f64) -> f64 {
         self.after = None;
         let noise = f64::EPSILON * (ONE * t.abs() + h);
@@ -54,7 +59,7 @@ impl Breaks {
         if is_behind_break && h <= noise {
             return h;
         }
-        // What is left of the last break is rounding.
+        // The last breakpoint may still show within rounding: search behind it.
         let begin = if is_behind_break { t + noise } else { t };
         self.signs.clear();
         self.signs.extend(problem.breaks(begin).iter().map(|value| *value >= 0.0));
@@ -73,7 +78,7 @@ impl Breaks {
         }
     }
 
-    /// Takes note that a run goes on behind a break.
+    /// Records that the run continues at time `after`, behind a breakpoint.
     pub fn pass(&mut self, after: f64) {
         let gap = after - self.last;
         if gap > ONE * f64::EPSILON * after.abs() {
@@ -89,7 +94,8 @@ impl Breaks {
         if part <= AT_END * f64::EPSILON * t.abs() { 0.0 } else { part }
     }
 
-    /// The numbers before and after the first change of a sign; `None` where enclosures do not tell whether there is one.
+    /// The numbers before and after the first sign change, `Some(None)` if no sign changes, and `None` if enclosures
+    /// leave it undecided.
     fn first_enclosed(&mut self, problem: &mut dyn Dvi, begin: f64, end: f64, h: f64) -> Option<Option<(f64, f64)>> {
         self.left.clear();
         self.left.push((begin, end));
@@ -117,7 +123,7 @@ impl Breaks {
         Some(None)
     }
 
-    /// The numbers before and after the first change of a sign that samples show.
+    /// The numbers before and after the first sign change that samples detect.
     fn first_sampled(&self, problem: &mut dyn Dvi, begin: f64, end: f64, h: f64) -> Option<(f64, f64)> {
         let mut before = begin;
         for sample in 1..=SAMPLES {

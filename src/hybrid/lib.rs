@@ -1,5 +1,6 @@
-//! The hybrid automaton: a mode, its smooth equations, the events that end it, and what comes after them. What every engine
-//! shares that follows one, whatever its modes are: faces of `K`, modes of contacts, faces of a problem with memory.
+//! The hybrid automaton: a mode, its smooth equations, the events that end it, and the mode that follows. All engines
+//! that follow an automaton share these parts, whatever its modes are: faces of `K`, contact modes, faces of a problem
+//! with a memory kernel.
 
 mod breaks;
 mod monitors;

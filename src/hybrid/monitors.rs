@@ -1,61 +1,63 @@
-//! Monitors: functions whose sign tells that something has happened, along the dense output of a step.
+//! Monitors (event functions): functions along the dense output of a step whose sign change marks an event.
 //!
-//! A step is looked at by parts, the first part first. A part over which the enclosure of a monitor holds no zero is free of
-//! it; others are halved. So the first change of sign is found however short the time to the next is, where there are
-//! enclosures; where there are none, monitors are sampled, and the step counts as open.
+//! A step is examined in subintervals, the earliest first. If the enclosure of a monitor over a subinterval contains no
+//! zero, the monitor has no event there; other subintervals are bisected. Enclosures find the first sign change however
+//! close the next one is. Without enclosures the monitors are sampled, and the step counts as open (not proven).
 
 use numerics::Interval;
 
-/// The parts of a step that are enclosed at most. A change of sign takes two for each binary digit of a double; more are left
-/// where a monitor touches zero, about which enclosures say little.
+/// Maximum number of subintervals of a step that are enclosed. Locating a sign change takes two for each binary digit
+/// of a double; more stay undecided where a monitor touches zero, since enclosures prove little there.
 const MOST_PARTS: usize = 400;
-/// The samples of a step without enclosures.
+/// Number of samples of a step without enclosures.
 const SAMPLES: f64 = 32.0;
-/// Two changes of sign of one monitor that are closer to each other than this part of a step are none, and count as one behind
-/// another: rounding makes several of one.
+/// Time resolution of the sign changes of one monitor, relative to the step: rounding splits one sign change into
+/// several. Two within this distance cancel if both lie in one subinterval; behind a located sign change, the next is
+/// ignored.
 const ONE: f64 = 1e-9;
-/// The units of rounding within which a time is found: the times of a step are sums, off by a unit or two each.
+/// Tolerance on an event time, in units of rounding: the times of a step are sums that err by a unit or two each.
 const FOUND: f64 = 4.0;
 
-/// What monitors are taken of: the dense output of a step.
+/// A step with dense output, along which monitors are evaluated.
 pub trait Followed {
-    /// Writes the monitors at a time within the step.
+    /// Writes the values of the monitors at time `t` within the step to `out`.
     fn monitors(&mut self, t: f64, out: &mut [f64]);
 
-    /// Writes intervals that hold the monitors between two times within the step; false where they are not known.
+    /// Writes enclosures of the monitors over `[from, to]` within the step to `out`; returns false if there are none.
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool;
 }
 
-/// A change of sign.
+/// A sign change of a monitor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
-    /// The first number at which it is seen.
+    /// First floating-point time at which the new sign is seen.
     pub t: f64,
-    /// Which monitor.
+    /// Index of the monitor.
     pub monitor: usize,
-    /// Whether it was negative before; it is zero or positive now.
+    /// Whether the monitor rises: negative before `t`, zero or positive at `t`.
     pub is_rising: bool,
 }
 
-/// The sides of zero on which monitors are.
+/// The sides of zero on which the monitors are, and the search for their next sign change.
 #[derive(Clone, Debug)]
 pub struct Monitors {
-    /// 1, -1, or 0 where a monitor has been zero from the start on. A monitor that reaches zero has changed its side.
+    /// Sign of each monitor: 1, -1, or 0 if it has been zero since the start. A monitor that reaches zero counts as
+    /// having changed sign.
     sides: Vec<f64>,
-    /// Whether a monitor has reached zero and not left it since.
+    /// Whether a monitor has reached zero and stayed there since.
     rests: Vec<bool>,
-    /// Up to when changes of a monitor belong to its last.
+    /// Time up to which sign changes of a monitor belong to its last event.
     quiet: Vec<f64>,
     values: Vec<f64>,
     ranges: Vec<Interval>,
-    /// The parts of a step that are left, the first last.
+    /// Subintervals of a step still to be examined, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
-    /// Steps that are not proven to show all changes.
+    /// Number of steps that are not proven to show all sign changes.
     pub open: u64,
 }
 
 impl Monitors {
-    /// Monitors with these values where a run starts.
+    /// Starts from the values of the monitors at the start of a run.
     pub fn new(values: &[f64]) -> Self {
         let count = values.len();
         Self {
@@ -69,7 +71,7 @@ impl Monitors {
         }
     }
 
-    /// The first change of sign between two times within a step.
+    /// The first sign change in `[from, to]` within a step.
     pub fn next(&mut self, step: &mut impl Followed, from: f64, to: f64) -> Option<Crossing> {
         if self.sides.is_empty() {
             return None;
@@ -97,11 +99,11 @@ impl Monitors {
                     break;
                 }
             } else if !can_halve || b - a <= ONE * h {
-                self.settle();
+                self.set_sides();
                 continue;
             } else if parts > MOST_PARTS || !is_enclosed && b - a <= h / SAMPLES {
                 is_open = true;
-                self.settle();
+                self.set_sides();
                 continue;
             }
             self.left.extend([(middle, b), (a, middle)]);
@@ -110,7 +112,8 @@ impl Monitors {
         crossing.map(|(monitor, t)| self.cross(monitor, t, h))
     }
 
-    /// Whether the enclosures of a part that ends at `b` hold no change; they may tell the side of what was zero so far.
+    /// Whether the enclosures of a subinterval that ends at `b` exclude a sign change. Sets the sign of monitors that
+    /// were zero so far, if the enclosures decide it.
     fn are_clear(&mut self, b: f64) -> bool {
         let mut are_clear = true;
         for k in 0..self.sides.len() {
@@ -127,7 +130,8 @@ impl Monitors {
         are_clear
     }
 
-    /// The first monitor that is on another side at `t` than it was; one without a value stays where it was.
+    /// The first monitor (of lowest index) whose sign at `t` differs from its recorded sign; a NaN leaves the sign as
+    /// it is.
     fn changed_at(&mut self, step: &mut impl Followed, t: f64) -> Option<usize> {
         step.monitors(t, &mut self.values);
         let mut changed = None;
@@ -145,8 +149,8 @@ impl Monitors {
         changed
     }
 
-    /// Takes the sides of monitors that were zero up to a part which is done, from their values at its end.
-    fn settle(&mut self) {
+    /// Sets the sign of monitors that were zero so far, from their values at the end of a finished subinterval.
+    fn set_sides(&mut self) {
         for (own, value) in self.sides.iter_mut().zip(&self.values).filter(|(side, _)| **side == 0.0) {
             *own = side(*value);
         }

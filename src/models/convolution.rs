@@ -4,30 +4,30 @@
 //! z in K(t),    <(m * z)(t) + q(t), z~ - z> >= 0  for all z~ in K(t),    (m * z)(t) = int_0^t m(t - s) z(s) ds
 //! ```
 //!
-//! with its names. Told are `z`, its integral, and `G = m * z + q`.
+//! with the names of its outputs: `z`, the integral of `z`, and `G = m * z + q`.
 
 use super::DviModel;
 use analysis::{Analysis, analyse_memory};
 use convolution::Kernel;
 use nalgebra::DMatrix;
 
-/// A problem with memory.
+/// A convolution inequality (a problem with memory) and its output names.
 #[derive(Clone, Debug)]
 pub struct ConvolutionModel {
-    /// `q` and `K`: a problem without states, whose inequality is `q(t)`.
+    /// `q` and `K`, as a problem without states whose inequality function is `q(t)`.
     pub forcing: DviModel,
-    /// `m`.
+    /// The kernel `m`.
     pub kernel: Kernel,
-    /// The exponent `a` of the kernel, above 0 and at most 2.
+    /// The exponent `a` in `m(t) ~ t^(a-1)` at zero, with `0 < a <= 2`.
     pub index: f64,
-    /// `M` with `m(t) ~ M t^(a-1)` at zero, but for a positive factor.
+    /// The leading matrix `M` in `m(t) ~ M t^(a-1)` at zero, up to a positive factor.
     pub at_zero: DMatrix<f64>,
-    /// The names of `z`, of its integral, and of `G`.
+    /// The names of `z`, of the integral of `z`, and of `G`, in this order.
     pub output_names: Vec<String>,
 }
 
 impl ConvolutionModel {
-    /// Gives the outputs their names.
+    /// Builds the model and names its outputs `z`, `integral_z` and `G_z`; appends `_` to avoid duplicates.
     pub fn new(forcing: DviModel, kernel: Kernel, index: f64, at_zero: DMatrix<f64>) -> Self {
         let mut output_names = forcing.variable_names.clone();
         for prefix in ["integral", "G"] {
@@ -47,7 +47,7 @@ impl ConvolutionModel {
         self.forcing.variable_names.len()
     }
 
-    /// What the theory says of it.
+    /// Existence and uniqueness according to the theory of convolution inequalities.
     pub fn analyse(&self) -> Analysis {
         analyse_memory(self.index, &self.at_zero)
     }

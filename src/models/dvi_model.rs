@@ -1,4 +1,4 @@
-//! A differential variational inequality with its names and its start, to be solved any number of times.
+//! A differential variational inequality with its names and initial values. A model can be solved any number of times.
 
 use super::{Linear, Outputs, Parameters, Symbolic};
 use analysis::{Analysis, analyse};
@@ -10,42 +10,42 @@ use problem::{Dvi, Structure};
 pub enum Equations {
     /// Rates and inequality as expressions.
     Symbolic(Box<Symbolic>),
-    /// Constant matrices and a forcing.
+    /// Constant matrices and a forcing that depends on time.
     Linear(Box<Linear>),
 }
 
-/// What is to be said where steps chatter across a kink.
+/// Advice for the user when steps chatter across a kink.
 #[derive(Clone, Debug, Default)]
 pub struct KinkAdvice {
-    /// The kinks in the order of [`Dvi::kinks`], such as "`sign` of `x`".
+    /// Descriptions of the kinks in the order of [`Dvi::kinks`], such as "`sign` of `x`".
     pub names: Vec<String>,
-    /// The problem with its kinks written as a set, as JSON.
+    /// The same problem as JSON, with each kink replaced by a variable in a convex set.
     pub as_set: Option<String>,
 }
 
-/// A differential variational inequality with its names, its initial values and what is to be said of it.
+/// A differential variational inequality with its names, its initial values and its warnings.
 #[derive(Clone, Debug)]
 pub struct DviModel {
     /// The names of the `n` states.
     pub state_names: Vec<String>,
     /// The names of the `m` variables.
     pub variable_names: Vec<String>,
-    /// The further outputs.
+    /// The outputs besides states and variables.
     pub outputs: Outputs,
-    /// The states at the start, `n` finite values.
+    /// The initial states, `n` finite values.
     pub initial: Vec<f64>,
     /// The equations.
     pub equations: Equations,
-    /// What the user should know before it is solved.
+    /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,
-    /// What is to be said where steps chatter across a kink.
+    /// Advice for the user when steps chatter across a kink.
     pub kinks: KinkAdvice,
-    /// The parameters; `None` where there are none, or they are constants.
+    /// The parameters; `None` if the problem has none or if they were folded into constants.
     pub parameters: Option<Parameters>,
 }
 
 impl Equations {
-    /// Sizes, set and sparsity.
+    /// Sizes, convex set and sparsity pattern.
     pub fn structure(&self) -> &Structure {
         match self {
             Self::Symbolic(equations) => equations.structure(),
@@ -69,7 +69,7 @@ impl Equations {
 }
 
 impl DviModel {
-    /// An evaluator with registers of its own.
+    /// A new evaluator with its own workspace.
     pub fn problem(&self) -> Box<dyn Dvi> {
         match &self.equations {
             Equations::Symbolic(equations) => equations.clone(),
@@ -77,7 +77,7 @@ impl DviModel {
         }
     }
 
-    /// Whether a rate has a kink of a state; the user was warned of it.
+    /// Whether a rate has a kink in a state; `warnings` then contains `kink_in_rate`.
     pub fn has_kinks(&self) -> bool {
         self.warnings.iter().any(|warning| warning.code == "kink_in_rate")
     }
@@ -87,13 +87,13 @@ impl DviModel {
         self.state_names.iter().chain(&self.variable_names).chain(&self.outputs.names)
     }
 
-    /// Sizes, set and sparsity.
+    /// Sizes, convex set and sparsity pattern.
     pub fn structure(&self) -> &Structure {
         self.equations.structure()
     }
 
-    /// What the theory says of the problem at time `t` and its initial states, with each variable as near to zero as its
-    /// constant bounds allow.
+    /// Index, existence and uniqueness at time `t` and the initial states. Each variable is set to the projection of
+    /// zero onto its constant bounds.
     pub fn analyse(&self, t: f64) -> Analysis {
         let set = &self.structure().set;
         let variables = (0..set.dimension()).map(|k| set.project(k, 0.0));

@@ -1,13 +1,14 @@
-//! Filippov systems: `x' = f_i(t,x)` in region `i`, and on the borders a convex combination of the regions that meet.
+//! Filippov systems: `x' = f_i(t,x)` in region `i`, and a convex combination of the adjacent `f_i` on the boundaries.
 //!
-//! Two regions, of a surface `h = 0` (Filippov 1988, *Differential Equations with Discontinuous Righthand Sides*, section 4):
+//! Two regions on either side of a surface `h = 0` (Filippov 1988, *Differential Equations with Discontinuous Righthand
+//! Sides*, section 4):
 //!
 //! ```text
 //! x' = (1 - z) f+ + z f-,    z in [0, 1],    0 <= h (z~ - z)  for all z~ in [0, 1]
 //! ```
 //!
-//! Many regions, each where its indicator is the least (Stewart 1990, A high accuracy method for solving ODEs with
-//! discontinuous right-hand side):
+//! Many regions, where region `i` is the set of points at which its indicator `g_i` is the smallest (Stewart 1990, A
+//! high accuracy method for solving ODEs with discontinuous right-hand side):
 //!
 //! ```text
 //! x' = sum_i z_i f_i,    z in the simplex,    0 <= <g, z~ - z>  for all z~ in the simplex
@@ -17,16 +18,16 @@ use super::Rows;
 use expression::{ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, Shape};
 
-/// A region, in nodes whose inputs are `t`, then `x`.
+/// A region of a Filippov system, in nodes whose inputs are `t`, then `x`.
 #[derive(Clone, Debug)]
 pub struct Region {
-    /// `g_i`, least where the region is.
+    /// The indicator `g_i`, smallest of all indicators inside region `i`.
     pub indicator: Node,
-    /// `f_i`, one a state.
+    /// The rates `f_i`, one per state.
     pub rates: Vec<Node>,
 }
 
-/// The rows of two regions: `plus` where `surface` is positive, `minus` where it is negative.
+/// Rows of a system with two regions: rates `plus` where `surface` is positive, `minus` where it is negative.
 pub fn two_regions(graph: &mut Graph, surface: Node, plus: &[Node], minus: &[Node]) -> Rows {
     let z = graph.input(1 + plus.len());
     let mut rate = |(&plus, &minus)| {
@@ -40,7 +41,7 @@ pub fn two_regions(graph: &mut Graph, surface: Node, plus: &[Node], minus: &[Nod
     Rows { mass: Mass::Identity, rates, inequality: vec![surface], set, moving: Vec::new() }
 }
 
-/// The rows of `regions`, at least one, over `n` states.
+/// Rows of a system with at least one region and `n` states (Stewart's formulation).
 pub fn many_regions(graph: &mut Graph, n: usize, regions: &[Region]) -> Rows {
     let mut rates = vec![graph.constant(0.0); n];
     for (i, region) in regions.iter().enumerate() {
@@ -56,22 +57,23 @@ pub fn many_regions(graph: &mut Graph, n: usize, regions: &[Region]) -> Rows {
     Rows { mass: Mass::Identity, rates, inequality, set, moving: Vec::new() }
 }
 
-/// The regions into which solutions leave from a point at once: those that meet there, and whose own rate takes each of the
-/// others' indicators above theirs. Where there are two or more, sliding is repulsive and solutions are not unique.
+/// Regions that a solution may enter immediately from a given point: the regions adjacent to the point whose own rate
+/// makes every other adjacent indicator grow faster than their own. If there are two or more, the boundary is repulsive
+/// and solutions are not unique.
 #[derive(Clone, Debug)]
 pub struct Departures {
     t: f64,
-    /// Of each region its indicator with its derivatives; then the rates of all.
+    /// For each region the indicator and its derivatives; then the rates of all regions.
     tape: Tape,
-    /// The inputs by which each indicator is differentiated.
+    /// For each indicator, the inputs with respect to which it is differentiated.
     inputs: Vec<Vec<usize>>,
 }
 
 impl Departures {
-    /// Those at time `t`.
+    /// Compiles the indicators, their gradients and the rates, for evaluation at time `t`.
     ///
     /// # Errors
-    /// An indicator whose derivative passes the bounds of `graph`.
+    /// If the derivative of an indicator exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, regions: &[Region], t: f64) -> Result<Self, ExpressionError> {
         let mut nodes: Vec<Node> = Vec::new();
         let mut inputs = Vec::new();
@@ -85,17 +87,17 @@ impl Departures {
         Ok(Self { t, tape: Tape::compile(graph, &nodes), inputs })
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
     }
 
-    /// Whether there are several from `x`.
+    /// Whether the boundary at `x` is repulsive: solutions can enter two or more regions.
     pub fn repel(&mut self, x: &[f64]) -> bool {
         self.from(x).len() > 1
     }
 
-    /// The regions into which solutions leave from `x`.
+    /// The regions that a solution may enter from `x`.
     pub fn from(&mut self, x: &[f64]) -> Vec<usize> {
         let regions = self.inputs.len();
         let mut point = vec![self.t];
@@ -115,12 +117,12 @@ impl Departures {
             normals.push(normal);
             rest = after;
         }
-        // The change of every indicator in time when the rate of region i acts.
+        // The time derivative of an indicator along the rate of region i.
         let along = |i: usize, normal: &[f64]| {
             let rates = &rest[i * x.len()..(i + 1) * x.len()];
             normal[0] + normal[1..].iter().zip(rates).map(|(d, f)| d * f).sum::<f64>()
         };
-        // An indicator is known to the rounding of its terms only.
+        // Relative tolerance for equal indicators: the rounding error of their linear terms.
         const ROUNDING: f64 = 1e-12;
         let least = indicators.iter().copied().fold(f64::INFINITY, f64::min);
         let meets = |i: usize| indicators[i] - least <= ROUNDING * sizes[i];
@@ -138,7 +140,7 @@ mod tests {
     use super::*;
     use expression::Scope;
 
-    /// Two regions on either side of `x = 0`, with their velocities across it.
+    /// The number of regions that can be entered from `x`, with rates `plus` for `x > 0` and `minus` for `x < 0`.
     fn departures_from(x: f64, plus: &str, minus: &str) -> usize {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         let input = graph.input(1);

@@ -1,26 +1,27 @@
-//! The slopes of a forcing in time as sums of terms: what two rows have in common is then one term, which falls out of a
-//! combination of them before it is enclosed.
+//! Time derivatives of the forcing as sums of shared terms. A term that occurs in several rows is stored once, so that
+//! it cancels in linear combinations of the rows before interval enclosure.
 
 use expression::{Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
 use problem::{ForcingSlopes, Sums};
 use rustc_hash::FxHashMap;
 
-/// The sums, with the programs of their terms and factors.
+/// Time derivatives of the forcing, with the compiled programs of terms and factors.
 #[derive(Clone, Debug)]
 pub(super) struct Slopes {
     pub sums: ForcingSlopes,
     terms: Tape,
     over_box: IntervalWorkspace,
-    /// The factors in the order of the sums, where parameters decide any of them, and room for their values.
+    /// The program of all factors in the order of the sums, with a buffer for their values; `None` if no factor depends
+    /// on parameters.
     factors: Option<(Tape, Vec<f64>)>,
 }
 
-/// Sums in which factors are nodes.
+/// Sums of `(term index, factor)` with factors as graph nodes.
 type Symbolic = Vec<Vec<(usize, Node)>>;
 
 impl Slopes {
-    /// Takes `dF/dt`, `dG/dt` and `d^2G/dt^2`, which are functions of time and parameters.
+    /// Splits `dF/dt`, `dG/dt` and `d^2G/dt^2` (functions of time and parameters) into shared terms.
     pub fn new(graph: &mut Graph, rates: &[Node], inequality: &[Node], curvature: &[Node]) -> Self {
         let mut terms: Vec<Node> = Vec::new();
         let mut places = FxHashMap::default();
@@ -50,7 +51,7 @@ impl Slopes {
         }
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.terms.bind(parameters);
         self.over_box.bind(&self.terms);
@@ -62,7 +63,7 @@ impl Slopes {
         factors.zip(values).for_each(|(factor, value)| *factor = *value);
     }
 
-    /// The terms wherever `t` is in an interval.
+    /// Encloses all terms over an interval of `t`.
     pub fn enclose(&mut self, t: Interval, terms: &mut [Interval]) {
         self.terms.enclose(t, &[], &mut self.over_box, terms);
     }

@@ -1,9 +1,9 @@
-//! What the types of specification lower to: equations that can be handed out as often as they are needed, with the
-//! names that their columns go by.
+//! Lowered problems: compiled equations (cheap to clone) with output names.
 //!
-//! Parameters are inputs of these equations: other values are bound to a model that is compiled
-//! ([`DviModel::with_parameters`], [`MechanicalModel::with_parameters`]), and it has derivatives by them
-//! ([`DviModel::slopes`]). Elastic bodies, obstacles, rigid bodies and memory have theirs folded into constants.
+//! Parameters are inputs of the compiled equations: new values can be bound without recompilation
+//! ([`DviModel::with_parameters`], [`MechanicalModel::with_parameters`]), and derivatives with respect to parameters
+//! are available ([`DviModel::slopes`]). Models of elastic bodies, obstacles, rigid bodies and memory kernels fold
+//! their parameters into constants.
 
 pub mod circuit;
 mod convolution;

@@ -4,8 +4,8 @@
 //! M x' = A x + B z + a(t),    z in K(t,x),    G = C x + D z + g(t)
 //! ```
 //!
-//! The matrices are stored as one, `[A B; C D]`, by its nonzeros, which are its Jacobian. The forcing `(a, g)` and the
-//! moving bounds of `K`, if there are any, are expressions.
+//! The matrices are stored as one sparse matrix `[A B; C D]`, which is also the Jacobian. The forcing `(a, g)` and the
+//! moving bounds of `K`, if any, are expressions.
 
 use super::ParametricTerms;
 use super::forcing_slopes::Slopes;
@@ -18,13 +18,13 @@ use problem::{ConvexSet, Dvi, ForcingSlopes, Mass, MovingBound, Structure};
 pub struct LinearRows {
     /// `M`.
     pub mass: Mass,
-    /// `[A B; C D]` as `(row, column, value)`, each place once, in any order.
+    /// `[A B; C D]` as `(row, column, value)` in any order, without duplicate entries.
     pub matrix: Vec<(usize, usize, f64)>,
-    /// The terms in parameters that entries of the matrix are the values of, in any order.
+    /// The matrix entries that depend on parameters, as `(row, column, node)` in any order.
     pub parametric: Vec<(usize, usize, Node)>,
-    /// `a` (n), in the input `t` alone.
+    /// `a` (n), functions of `t` alone.
     pub state_forcing: Vec<Node>,
-    /// `g` (m), in the input `t` alone.
+    /// `g` (m), functions of `t` alone.
     pub inequality_forcing: Vec<Node>,
     /// `K` with its constant bounds.
     pub set: ConvexSet,
@@ -33,7 +33,7 @@ pub struct LinearRows {
 }
 
 impl LinearRows {
-    /// The rows as terms in parameters.
+    /// Rows and coefficients that may depend on parameters.
     pub fn terms(&self) -> ParametricTerms {
         let bounds = self.moving.iter().map(|(_, node)| node);
         let rows = self.state_forcing.iter().chain(&self.inequality_forcing).chain(bounds).copied().collect();
@@ -41,41 +41,43 @@ impl LinearRows {
     }
 }
 
-/// A linear complementarity system, with registers of its own.
+/// A linear complementarity system with its own workspace.
 #[derive(Clone, Debug)]
 pub struct Linear {
     structure: Structure,
-    /// The values at the first places of the pattern; the others are derivatives of moving bounds.
+    /// The values of the matrix entries, which come first in the pattern; derivatives of moving bounds follow.
     coefficients: Vec<f64>,
-    /// Those that parameters decide, by their places, with the program and the room for their values.
+    /// Indices into `coefficients` of the entries that depend on parameters.
     parametric: Vec<u32>,
+    /// The program of the `parametric` entries, with a buffer for their values.
     decided: (Tape, Vec<f64>),
-    /// Their columns, which every evaluation reads: half as wide as in the pattern.
+    /// The columns of `coefficients`, as `u32` because every evaluation reads them.
     columns: Vec<u32>,
-    /// Where each row of the matrix ends among them.
+    /// The end of each matrix row in `coefficients`.
     row_ends: Vec<usize>,
     /// `a`, `g` and the moving bounds.
     forcing: Tape,
     bound_derivatives: Tape,
     time_derivatives: Tape,
-    /// Those of `a` and `g` by `t`, and the second ones of `g`; none where one passes the bounds of the graph.
+    /// The time derivatives of `a` and `g`, and the second ones of `g`; `None` if one exceeds the size limits of the
+    /// graph.
     slopes: Option<Slopes>,
     breaks: Breaks,
     pace: Pace,
-    /// Those of the three tapes over boxes.
+    /// Interval workspaces of `forcing`, `bound_derivatives` and `time_derivatives`.
     boxes: [IntervalWorkspace; 3],
-    /// The middle and the radius of each unknown over a box.
+    /// The midpoint and the radius of each unknown over a box.
     balls: Vec<(f64, f64)>,
-    /// Each unknown at several points.
+    /// The values of each unknown at several points, side by side.
     lanes: Vec<f64>,
 }
 
 impl Linear {
-    /// Compiles the forcing and puts the matrix in order.
+    /// Compiles the forcing and sorts the matrix by rows.
     ///
     /// # Errors
-    /// The index of the first moving bound, or of the first component of `g` counted after them, whose derivative passes
-    /// the bounds of `graph`.
+    /// The index of the first moving bound or component of `g` (counted after the moving bounds) whose derivative
+    /// exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, rows: LinearRows) -> Result<Self, (usize, ExpressionError)> {
         let (n, m) = (rows.state_forcing.len(), rows.inequality_forcing.len());
         let mut matrix = rows.matrix;
@@ -151,7 +153,7 @@ impl Linear {
 }
 
 impl Linear {
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         let (tape, values) = &mut self.decided;
         tape.bind(parameters);
@@ -173,7 +175,7 @@ impl Linear {
         self.pace.bind(parameters);
     }
 
-    /// Adds the products of the matrix with `y` at no more than `L` points to the values there.
+    /// Adds the product of the matrix with `y` to `values`, for at most `L` points at once.
     fn add_products<const L: usize>(&mut self, ys: &[f64], values: &mut [f64]) {
         let (unknowns, rows) = (self.structure.unknowns(), self.structure.rows());
         self.lanes.resize(L * unknowns, 0.0);
@@ -289,11 +291,11 @@ impl Dvi for Linear {
     }
 }
 
-/// The number of partial sums of a row, which do not wait for each other.
+/// The number of independent partial sums per row, for instruction-level parallelism.
 const PARTS: usize = 4;
 
-/// The products of a sparse row with the unknowns at `L` points, where `y[j]` holds unknown `j` at all points. A product has the
-/// same bits for any `L`.
+/// The products of a sparse row with the unknowns at `L` points, where `y[j]` is unknown `j` at all points. Products
+/// are bitwise equal for all `L`.
 #[inline(always)]
 fn products<const L: usize>(columns: &[u32], coefficients: &[f64], y: &[[f64; L]]) -> [f64; L] {
     let add = |sums: &mut [f64; L], column: u32, coefficient: f64| {
@@ -316,8 +318,9 @@ fn products<const L: usize>(columns: &[u32], coefficients: &[f64], y: &[[f64; L]
     sums
 }
 
-/// The range of the product of a sparse row with unknowns in balls: the product with the middles, plus and minus that of the
-/// sizes with the radii, and the rounding of both (Rump 1999, *Fast and parallel interval arithmetic*).
+/// Encloses the product of a sparse row with unknowns given as `(midpoint, radius)`: the product with the midpoints,
+/// plus or minus the product of the absolute values with the radii and the rounding error of both (Rump 1999, *Fast and
+/// parallel interval arithmetic*).
 fn range_of_product(columns: &[u32], coefficients: &[f64], balls: &[(f64, f64)]) -> Interval {
     let (mut middle, mut radius, mut size) = (0.0_f64, 0.0_f64, 0.0_f64);
     for (&column, coefficient) in columns.iter().zip(coefficients) {
@@ -327,7 +330,8 @@ fn range_of_product(columns: &[u32], coefficients: &[f64], balls: &[(f64, f64)])
         size += term.abs();
         radius += coefficient.abs() * of_radius;
     }
-    // Each sum of `k` products is off by at most `k` units of its terms, and is taken up and down once more.
+    // The rounding error of a sum of `k` products is at most `k` units relative to the sum of absolute values; further
+    // units cover the rounding of `middle - half` and `middle + half`.
     let rounding = (columns.len() + 2) as f64 * f64::EPSILON * (size + radius);
     let half = (radius + rounding).next_up();
     if half.is_finite() && middle.is_finite() { Interval::new(middle - half, middle + half) } else { Interval::LINE }

@@ -1,12 +1,12 @@
-//! A mechanical system in expressions. With `T = v^T M v / 2`, a potential `V` and forces `Q`, Lagrange's equations
+//! Mechanical systems in expressions. With `T = v^T M v / 2`, a potential `V` and forces `Q`, Lagrange's equations
 //! `d/dt dT/dv - dT/dq = Q - dV/dq` are
 //!
 //! ```text
 //! M v' = f = Q - dV/dq + dT/dq - (d(M v)/dq) v - (dM/dt) v
 //! ```
 //!
-//! all by exact differentiation; contacts and joints give `J` and `b` by that of gaps and constraints, and `J` and `b` of
-//! slips are read off expressions that are affine in `v`.
+//! All derivatives are exact. For joints and contact normals, `J` and `b` in `u = J v + b` are derivatives of
+//! constraints and gaps; for slips, they are the coefficients of expressions that are affine in `v`.
 
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Jumps, Node, Tape};
 use nalgebra::DMatrix;
@@ -19,17 +19,17 @@ use problem::{
 /// The parts of a system with `n` coordinates as nodes of a [`Graph`] whose inputs are `t`, then `q` (n), then `v` (n).
 #[derive(Clone, Debug)]
 pub struct MechanicalRows {
-    /// `M`, row by row, `n n` nodes; symmetric.
+    /// The symmetric mass matrix `M` by rows, `n n` nodes.
     pub mass: Vec<Node>,
-    /// `V`.
+    /// The potential energy `V`.
     pub potential: Node,
-    /// `Q`.
+    /// The generalised forces `Q`.
     pub forces: Vec<Node>,
-    /// `phi` of the joints, in `t` and `q`.
+    /// The joint constraints `phi(t, q) = 0`.
     pub joints: Vec<Node>,
-    /// The gaps, in `t` and `q`.
+    /// The gaps, functions of `t` and `q`.
     pub gaps: Vec<Node>,
-    /// The velocities of slip of all contacts, affine in `v`.
+    /// The slip velocities of all contacts, affine in `v`.
     pub slips: Vec<Node>,
     /// The contacts.
     pub contacts: Vec<ContactData>,
@@ -48,7 +48,7 @@ pub enum DifferentiationError {
     Slip(usize, ExpressionError),
 }
 
-/// A system in expressions, with registers of its own.
+/// A mechanical system in expressions, with its own workspace.
 #[derive(Clone, Debug)]
 pub struct SymbolicMechanics {
     structure: MechanicalStructure,
@@ -61,16 +61,16 @@ pub struct SymbolicMechanics {
     rows: Sparse,
     energies: Tape,
     bias: Tape,
-    /// Derivatives of balance, acceleration and velocity, one below the other.
+    /// Derivatives of force balance, constraint acceleration and constraint velocity, stacked in this order.
     sensitivity: Sparse,
     breaks: Breaks,
     jumps: Jumps,
-    /// Those after `t`.
+    /// The inputs after `t`: `q`, `v`, `a`, `lambda`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
 }
 
-/// Room for the enclosures of the parts of a system.
+/// Interval workspaces for the parts of a system.
 #[derive(Clone, Debug)]
 struct Enclosures {
     values: IntervalWorkspace,
@@ -80,12 +80,12 @@ struct Enclosures {
     bias: IntervalWorkspace,
     mass: IntervalWorkspace,
     sensitivity: IntervalWorkspace,
-    /// Those after `t`.
+    /// The inputs after `t`.
     inputs: Vec<Interval>,
     jacobian: Vec<Interval>,
 }
 
-/// The places of a matrix that may be nonzero, and the program that fills them.
+/// The structural nonzeros of a matrix, and the program for their values.
 #[derive(Clone, Debug)]
 struct Sparse {
     places: Vec<(usize, usize)>,
@@ -100,7 +100,7 @@ impl Sparse {
     }
 }
 
-/// Inputs by number.
+/// Indices of the graph inputs `t`, `q`, `v`, `a`, `lambda`.
 struct Inputs {
     n: usize,
 }
@@ -135,7 +135,7 @@ fn derivatives(graph: &mut Graph, node: Node, count: usize) -> Result<Vec<Node>,
     Ok(all)
 }
 
-/// The derivative of a node along `t' = 1, q' = v`.
+/// The total time derivative of a node, with `t' = 1` and `q' = v`.
 fn along(graph: &mut Graph, derivatives: &[Node], n: usize) -> Node {
     let mut sum = derivatives[0];
     for i in 0..n {
@@ -150,7 +150,7 @@ impl SymbolicMechanics {
     /// Differentiates and compiles.
     ///
     /// # Errors
-    /// The first part whose derivative passes the bounds of `graph`.
+    /// The first part whose derivative exceeds the size limits of `graph`.
     pub fn new(graph: &mut Graph, rows: &MechanicalRows) -> Result<Self, DifferentiationError> {
         let n = rows.forces.len();
         let inputs = Inputs { n };
@@ -288,7 +288,7 @@ impl SymbolicMechanics {
         })
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         let Enclosures { values, drift, rows, forces, bias, mass, sensitivity, .. } = &mut self.enclosures;
         let enclosed = [
@@ -311,7 +311,7 @@ impl SymbolicMechanics {
         self.jumps.bind(parameters);
     }
 
-    /// The contacts, whose coefficients may be others.
+    /// The contacts, for setting their coefficients.
     pub(super) fn contacts_mut(&mut self) -> &mut [ContactData] {
         &mut self.structure.contacts
     }
@@ -322,7 +322,7 @@ impl SymbolicMechanics {
         self.inputs[n..2 * n].copy_from_slice(v);
     }
 
-    /// With velocities zero, where they do not matter.
+    /// Sets the inputs to `q` and zero velocities, for programs that do not depend on velocities.
     fn place_at_rest(&mut self, q: &[f64]) {
         let n = self.structure.coordinates;
         self.inputs[..n].copy_from_slice(q);
@@ -330,7 +330,7 @@ impl SymbolicMechanics {
     }
 }
 
-/// `p = M v`.
+/// The momenta `p = M v`.
 fn momenta(graph: &mut Graph, mass: &[Node], n: usize) -> Vec<Node> {
     (0..n)
         .map(|i| {
@@ -343,7 +343,7 @@ fn momenta(graph: &mut Graph, mass: &[Node], n: usize) -> Vec<Node> {
         .collect()
 }
 
-/// `T`, `V` and `Q^T v`.
+/// Kinetic energy `T`, potential energy `V` and power `Q^T v`.
 fn energies(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> [Node; 3] {
     let n = momenta.len();
     let mut products = [momenta, &rows.forces].map(|factors| {
@@ -358,7 +358,7 @@ fn energies(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> [Node
     [products[0], rows.potential, products[1]]
 }
 
-/// `f`.
+/// The right-hand side `f` of Lagrange's equations.
 fn lagrange(graph: &mut Graph, rows: &MechanicalRows, momenta: &[Node]) -> Result<Vec<Node>, ExpressionError> {
     let n = momenta.len();
     let [kinetic, potential, _] = energies(graph, rows, momenta);
@@ -381,7 +381,7 @@ impl Mechanical for SymbolicMechanics {
 
     fn mass(&mut self, t: f64, q: &[f64], mass: &mut DMatrix<f64>) {
         self.place_at_rest(q);
-        // Symmetric, so that rows and columns are the same.
+        // The nodes are in row order and the matrix in column order, which is the same for a symmetric matrix.
         self.mass.evaluate(t, &self.inputs, mass.as_mut_slice());
     }
 

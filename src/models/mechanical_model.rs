@@ -1,11 +1,11 @@
-//! A mechanical system with its names and its start.
+//! A mechanical system with its names and initial values.
 
 use super::{Parameters, SymbolicMechanics, Unbindable};
 use analysis::{Analysis, Uniqueness};
 use problem::Warning;
 use problem::{Mechanical, MechanicalStructure};
 
-/// A mechanical system, to be solved any number of times.
+/// A mechanical system with its names and initial values. It can be solved any number of times.
 #[derive(Clone, Debug)]
 pub struct MechanicalModel {
     /// The names of the coordinates.
@@ -14,28 +14,28 @@ pub struct MechanicalModel {
     pub contacts: Vec<String>,
     /// The names of coordinates and velocities.
     pub state_names: Vec<String>,
-    /// The names of all outputs: states; of each contact the gap and the impulses since the start; energies.
+    /// The names of all outputs: states, then gap and accumulated impulses of each contact, then energies.
     pub output_names: Vec<String>,
-    /// `q` and `v` at the start.
+    /// The initial `q` and `v`.
     pub initial: Vec<f64>,
-    /// What the user should know before it is solved.
+    /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,
-    /// The parameters, with the coefficients of contacts that depend on them; `None` where there are none, or they are
-    /// constants.
+    /// The parameters, with the contact coefficients that depend on them; `None` if the problem has no parameters or if
+    /// they were folded into constants.
     pub parameters: Option<(Parameters, Vec<ContactCoefficient>)>,
     system: SymbolicMechanics,
 }
 
-/// A coefficient of a contact, by the number of this.
+/// A coefficient of a contact, with the index of the contact.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactCoefficient {
-    /// Of friction.
+    /// The coefficient of friction.
     Friction(usize),
-    /// Of restitution.
+    /// The coefficient of restitution.
     Restitution(usize),
 }
 
-/// The energies among the outputs, in their order.
+/// The names of the energy outputs, in order.
 pub const ENERGIES: [&str; 6] = [
     "kinetic_energy",
     "potential_energy",
@@ -46,7 +46,7 @@ pub const ENERGIES: [&str; 6] = [
 ];
 
 impl MechanicalModel {
-    /// Gives a system its names.
+    /// Builds the model and the names of its states and outputs.
     pub fn new(
         coordinates: &[String],
         contacts: &[String],
@@ -78,11 +78,12 @@ impl MechanicalModel {
         }
     }
 
-    /// The same system with other values of its parameters, in the order of [`Parameters::names`]: nothing is parsed,
-    /// differentiated or compiled, and the programs are shared.
+    /// Returns a copy with new parameter values, in the order of [`Parameters::names`]. Programs are shared: nothing is
+    /// parsed, differentiated or compiled.
     ///
     /// # Errors
-    /// Values that are none, and those that would change the structure, for which the problem is to be compiled anew.
+    /// For a wrong number of values, values that are not finite or out of range, and values that would change the
+    /// structure: the problem must then be compiled anew.
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         let mut bound = self.clone();
         let Some((parameters, coefficients)) = &mut bound.parameters else { return Err(Unbindable::Folded) };
@@ -106,7 +107,7 @@ impl MechanicalModel {
         Ok(bound)
     }
 
-    /// An evaluator with registers of its own.
+    /// A new evaluator with its own workspace.
     pub fn problem(&self) -> Box<dyn Mechanical> {
         Box::new(self.system.clone())
     }
@@ -116,7 +117,7 @@ impl MechanicalModel {
         self.system.structure()
     }
 
-    /// What the theory says of such systems.
+    /// Index, existence and uniqueness according to the theory of mechanical systems with contacts and joints.
     pub fn analyse(&self) -> Analysis {
         let structure = self.structure();
         let rows = structure.rows();
@@ -156,7 +157,7 @@ pub fn velocity_name(coordinate: &str) -> String {
     quantity_name(coordinate, "dot")
 }
 
-/// The name of a quantity of something, which stands before its index.
+/// Appends the name of a quantity to a name, before the index if there is one: `gap` of `c[2]` is `c_gap[2]`.
 fn quantity_name(of: &str, quantity: &str) -> String {
     match of.split_once('[') {
         Some((vector, index)) => format!("{vector}_{quantity}[{index}"),

@@ -3,17 +3,18 @@
 use super::elastic::EnergyForm;
 use expression::{Graph, Node, Tape};
 
-/// Further outputs by name; none unless they are given.
+/// Outputs besides states and variables; empty by default.
 #[derive(Clone, Debug, Default)]
 pub struct Outputs {
-    /// Their names.
+    /// The names of the outputs.
     pub names: Vec<String>,
     values: Tape,
     /// The length of `(x, z)`.
     unknowns: usize,
-    /// The energies, whose names are the last; none where the problem has none.
+    /// The energies, whose names come last; `None` if the problem defines no energies.
     energy: Option<EnergyForm>,
-    /// Whether they are kept in place of the unknowns where nothing is asked for: the unknowns are many.
+    /// Whether only these outputs are recorded, without the unknowns, unless the user selects columns. Set for problems
+    /// with many unknowns.
     pub stand_for_unknowns: bool,
 }
 
@@ -21,12 +22,12 @@ pub struct Outputs {
 const ENERGIES: [&str; 2] = ["kinetic_energy", "potential_energy"];
 
 impl Outputs {
-    /// Compiles nodes whose inputs are `t`, then `x`, then `z`, one for each name; `unknowns` is the length of `(x, z)`.
+    /// Compiles one node per name, with inputs `t`, `x`, `z`; `unknowns` is the length of `(x, z)`.
     pub fn new(graph: &Graph, names: Vec<String>, nodes: &[Node], unknowns: usize) -> Self {
         Self { names, values: Tape::compile(graph, nodes), unknowns, energy: None, stand_for_unknowns: false }
     }
 
-    /// The same with the energies behind them, in place of the unknowns where nothing is asked for.
+    /// Appends the energies, and lets the outputs replace the unknowns unless the user selects columns.
     pub fn with_energy(mut self, energy: EnergyForm) -> Self {
         self.names.extend(ENERGIES.map(String::from));
         self.energy = Some(energy);
@@ -34,17 +35,17 @@ impl Outputs {
         self
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         self.values.bind(parameters);
     }
 
-    /// The energies, where the problem has them.
+    /// The energies, if the problem defines them.
     pub fn energy(&self) -> Option<&EnergyForm> {
         self.energy.as_ref()
     }
 
-    /// Writes their values behind `(x, z)` in `y`.
+    /// Writes the output values behind `(x, z)` in `y`.
     pub fn append(&mut self, t: f64, y: &mut [f64]) {
         if self.names.is_empty() {
             return;

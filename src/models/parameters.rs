@@ -1,9 +1,9 @@
-//! The parameters of a problem. Programs keep them as inputs; what else depends on them - the
-//! states at the start, entries of the mass matrix, constant bounds, coefficients of contacts - is a short program of its own.
-//! Other values are bound without parsing, differentiation or compilation.
+//! Parameters of a problem. Compiled equations keep them as inputs. Constants that depend on parameters (initial
+//! states, entries of the mass matrix, constant bounds, contact coefficients) are evaluated by a short program of their
+//! own. New values are bound without parsing, differentiation or compilation.
 //!
-//! What parameters decide about structure is decided by the values that the model was compiled with. Values that would
-//! decide otherwise are refused: there the problem has to be compiled anew.
+//! The structure of the problem (sparsity, equal bounds, ..) is that of the values at compilation. Values that would
+//! change it are rejected: the problem must then be compiled anew.
 
 use super::DviModel;
 use super::circuit::{CircuitParameters, Refused};
@@ -14,52 +14,52 @@ use expression::{Assumption, Assumptions, Broken, ExpressionError, Graph, Node, 
 use problem::{ConvexSet, Mass, MovingBound, Side};
 use std::sync::Arc;
 
-/// What of a problem depends on its parameters, as nodes of the graph of its rows.
+/// The parts of a problem that may depend on its parameters, as nodes of the graph of its rows.
 #[derive(Clone, Debug, Default)]
 pub struct ParametricTerms {
     /// The parameters by name.
     pub names: Vec<String>,
-    /// The values given.
+    /// The values at compilation.
     pub values: Vec<f64>,
-    /// The states at the start.
+    /// The initial states.
     pub initial: Vec<Node>,
-    /// The entries of the mass matrix that are terms in parameters.
+    /// The entries of the mass matrix that depend on parameters, as `(row, column, node)`.
     pub mass: Vec<(usize, usize, Node)>,
-    /// The constant bounds that are such terms.
+    /// The constant bounds that depend on parameters.
     pub bounds: Vec<(MovingBound, Node)>,
     /// `F`, `G` and the moving bounds.
     pub rows: Vec<Node>,
-    /// The coefficients of contacts that are such terms.
+    /// The contact coefficients that depend on parameters.
     pub contacts: Vec<Node>,
-    /// The coefficients of a circuit, which are inputs behind the parameters.
+    /// The coefficients of a circuit, which are graph inputs numbered after the parameters.
     pub circuit: Option<CircuitParameters>,
-    /// What is to be added to rows: coefficients of unknowns that are terms in parameters, as `(row, column, node)`.
+    /// Coefficients of unknowns that depend on parameters and are not part of `rows`, as `(row, column, node)`.
     pub coefficients: Vec<(usize, usize, Node)>,
 }
 
-/// The parameters of a model, with what it takes to bind others.
+/// The parameters of a model, with the data needed to bind new values.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     values: Vec<f64>,
-    /// The states at the start, then the entries of the mass matrix, the bounds, the coefficients of contacts.
+    /// The program of initial states, entries of the mass matrix, bounds and contact coefficients, in this order.
     constants: Tape,
     assumptions: Assumptions,
     departures: Option<Departures>,
     source: Arc<Source>,
 }
 
-/// What all copies of a model share, with the terms that are differentiated when slopes are asked for.
+/// Data shared by all copies of a model; the terms are differentiated on demand, for [`DviModel::slopes`].
 #[derive(Debug)]
 pub(super) struct Source {
     pub(super) graph: Graph,
     pub(super) terms: ParametricTerms,
-    /// The places of the parametric entries in the list of the mass matrix.
+    /// The positions of the parametric entries in the entry list of the mass matrix.
     mass: Vec<usize>,
 }
 
 impl Parameters {
-    /// The parameters of rows that have been compiled: what was decided in that stands in `graph`. `mass` is the mass matrix
-    /// of the compiled rows, its entries sorted.
+    /// The parameters of compiled rows. `graph` contains the assumptions about parameters made during compilation;
+    /// `mass` is the mass matrix of the compiled rows, with sorted entries.
     pub fn new(graph: &Graph, terms: ParametricTerms, mass: &Mass) -> Self {
         let of_mass = terms.mass.iter().map(|&(.., node)| node);
         let of_bounds = terms.bounds.iter().map(|&(_, node)| node);
@@ -80,23 +80,23 @@ impl Parameters {
         }
     }
 
-    /// The same, where it was decided by these departures whether a border repels at the start.
+    /// Adds the departures that decided at compilation whether a boundary is repulsive at the initial states.
     #[must_use]
     pub fn with_departures(self, departures: Option<Departures>) -> Self {
         Self { departures, ..self }
     }
 
-    /// Their names.
+    /// The parameter names.
     pub fn names(&self) -> &[String] {
         &self.source.terms.names
     }
 
-    /// Their values.
+    /// The bound values.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// Programs for the derivatives by them, at their values.
+    /// Programs for derivatives with respect to the parameters, bound to the current values.
     pub(super) fn slopes(&self) -> Result<Slopes, ExpressionError> {
         let mut slopes = Slopes::new(&self.source)?;
         slopes.bind(&self.extended(&self.values).unwrap_or_else(|_| self.values.clone()));
@@ -106,7 +106,7 @@ impl Parameters {
         Ok(slopes)
     }
 
-    /// The values with what follows them.
+    /// The parameter values, followed by the circuit coefficients that depend on them.
     fn extended(&self, values: &[f64]) -> Result<Vec<f64>, Unbindable> {
         let terms = &self.source.terms;
         let Some(circuit) = &terms.circuit else { return Ok(values.to_vec()) };
@@ -127,18 +127,18 @@ impl Parameters {
         })
     }
 
-    /// All of them, with these values.
+    /// All parameters with the given values, as text for messages.
     pub(super) fn told(&self, values: &[f64]) -> String {
         let all: Vec<usize> = (0..values.len()).collect();
         listed(&all, self.names(), values)
     }
 
-    /// Remembers the values that are bound.
+    /// Stores the bound values.
     pub(super) fn keep(&mut self, values: &[f64]) {
         self.values.copy_from_slice(values);
     }
 
-    /// These values with what follows them, and the constants at them.
+    /// Checks new values. Returns the extended values (see `extended`) and the constants at them.
     pub(super) fn checked(&self, values: &[f64]) -> Result<(Vec<f64>, Vec<f64>), Unbindable> {
         let terms = &self.source.terms;
         if values.len() != terms.names.len() {
@@ -173,7 +173,7 @@ impl Parameters {
         terms.initial.len() + terms.mass.len() + terms.bounds.len() + terms.contacts.len()
     }
 
-    /// The node of a constant, of which there is one.
+    /// The node of constant `k`, in the order of `constants`, if there is one.
     fn node(&self, k: usize) -> Option<Node> {
         let terms = &self.source.terms;
         let mass = terms.mass.iter().map(|&(.., node)| node);
@@ -206,27 +206,27 @@ impl Source {
 }
 
 impl DviModel {
-    /// The same problem with other values of its parameters, in the order of [`Parameters::names`]: nothing is parsed,
-    /// differentiated or compiled, and the programs are shared.
+    /// Returns a copy with new parameter values, in the order of [`Parameters::names`]. Programs are shared: nothing is
+    /// parsed, differentiated or compiled.
     ///
     /// # Errors
-    /// A wrong number of values, values that are not finite or out of range, and those that would change the structure: for
-    /// these the problem has to be compiled anew.
+    /// For a wrong number of values, values that are not finite or out of range, and values that would change the
+    /// structure: the problem must then be compiled anew.
     pub fn with_parameters(&self, values: &[f64]) -> Result<Self, Unbindable> {
         let mut bound = self.clone();
         bound.bind(values)?;
         Ok(bound)
     }
 
-    /// The derivatives of the problem by its parameters; `None` where it has none.
+    /// The derivatives of the problem with respect to its parameters; `None` if it has no parameters.
     ///
     /// # Errors
-    /// A derivative that is too large.
+    /// If a derivative exceeds the size limits of the graph.
     pub fn slopes(&self) -> Result<Option<Slopes>, ExpressionError> {
         self.parameters.as_ref().map(Parameters::slopes).transpose()
     }
 
-    /// Binds other values; an error leaves those that were bound.
+    /// Binds new values; on error the old values stay bound.
     fn bind(&mut self, values: &[f64]) -> Result<(), Unbindable> {
         let Some(parameters) = &mut self.parameters else { return Err(Unbindable::Folded) };
         let (all, constants) = parameters.checked(values)?;
@@ -273,13 +273,14 @@ impl DviModel {
                 }
             }
         }
-        // It was written with the parameters that were given.
+        // The JSON text contains the old parameter values.
         self.kinks.as_set = None;
         Ok(())
     }
 }
 
-/// Whether a bound in a new set is one, and means what it did in the old one.
+/// Checks a bound in the new set: the set must be nonempty, and bounds must be equal exactly if they were in the old
+/// set.
 fn placed(
     bound: MovingBound,
     value: f64,
@@ -309,7 +310,7 @@ fn placed(
     Ok(())
 }
 
-/// What an assumption that does not hold was about.
+/// Describes a broken assumption.
 fn changed(broken: &Broken) -> String {
     let Broken { given, found, .. } = broken;
     match broken.assumption {
@@ -320,7 +321,7 @@ fn changed(broken: &Broken) -> String {
     }
 }
 
-/// Parameters with their values; all of them, where it is something that follows them.
+/// Lists parameters with their values; lists all parameters if an index is beyond them (a circuit coefficient).
 fn listed(parameters: &[usize], names: &[String], values: &[f64]) -> String {
     const SHOWN: usize = 4;
     let every: Vec<usize> = (0..names.len()).collect();

@@ -1,6 +1,6 @@
-//! What a certificate of uniqueness is worth where equations are not Lipschitz everywhere: a solution is unique until it
-//! gets there (Picard and Lindelof). At a jump it need not exist; at an infinite slope it does (Peano), and others may
-//! branch off.
+//! Restricts certificates of uniqueness for equations that are not Lipschitz everywhere. A solution is unique until it
+//! reaches a point where the equations are not Lipschitz (Picard and Lindelof). At a jump a solution need not exist; at
+//! an infinite slope a solution exists (Peano), but others may branch off.
 
 use super::{DviModel, Equations};
 use analysis::{Analysis, Uniqueness};
@@ -8,18 +8,18 @@ use expression::{Irregularities, Irregularity};
 use numerics::Interval;
 
 impl DviModel {
-    /// Where the equations are not locally Lipschitz; none if they are wherever they have a value.
+    /// The points where the equations are not locally Lipschitz; `None` if they are locally Lipschitz on their domain.
     pub fn irregularities(&self) -> Option<Irregularities> {
         match &self.equations {
             Equations::Symbolic(equations) => {
                 Some(equations.irregularities()).filter(|found| !found.is_empty()).cloned()
             }
-            // What is not linear in the states depends on time alone.
+            // The forcing depends on time alone.
             Equations::Linear(_) => None,
         }
     }
 
-    /// What is certified at a start from `x` at time `t`, if solutions are unique for equations that are Lipschitz.
+    /// Restricts an analysis that assumes Lipschitz equations to a start from `x` at time `t`.
     pub(super) fn restricted(&self, analysis: Analysis, t: f64, x: &[f64]) -> Analysis {
         if !analysis.uniqueness.is_certified() {
             return analysis;
@@ -48,7 +48,7 @@ impl DviModel {
         Analysis { because: format!("{}; its rates are locally Lipschitz in the states", analysis.because), ..analysis }
     }
 
-    /// The analysis without its certificate, where a solution meets what is not Lipschitz at time `t`.
+    /// The analysis without its certificate of uniqueness, for a solution that meets an irregularity at time `t`.
     pub fn uncertified(&self, analysis: Analysis, met: &Irregularity, t: f64) -> Analysis {
         let behaviour = self.behaviour(met);
         let (uniqueness, because) = if met.jumps {
@@ -67,7 +67,8 @@ impl DviModel {
         Analysis { uniqueness, because, ..analysis }
     }
 
-    /// What a function does in terms of which states and variables.
+    /// Describes an irregularity: the function, its behaviour (pole, jump, infinite slope), and its states and
+    /// variables.
     fn behaviour(&self, met: &Irregularity) -> String {
         const SHOWN: usize = 4;
         let names: Vec<&String> = self.state_names.iter().chain(&self.variable_names).collect();

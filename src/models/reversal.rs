@@ -1,10 +1,10 @@
-//! Asks about signs that look reversed, by the names of what they belong to.
+//! Questions about signs that look reversed, with the names of the variables and states concerned.
 
 use super::DviModel;
 use analysis::{Analysis, Reversal};
 
 impl DviModel {
-    /// The analysis with a question about what looks reversed.
+    /// Appends a question about the sign that looks reversed, if the analysis found one.
     pub(super) fn questioned(&self, analysis: Analysis) -> Analysis {
         let Some(reversed) = analysis.reversed else { return analysis };
         const SHOWN: usize = 3;
@@ -30,7 +30,7 @@ impl DviModel {
     }
 }
 
-/// The first names of a list.
+/// The first `shown` names of a list, followed by an ellipsis if there are more.
 fn list(places: &[usize], names: &[String], shown: usize) -> String {
     let mut list: Vec<String> = places.iter().take(shown).map(|&place| format!("`{}`", names[place])).collect();
     if places.len() > shown {

@@ -1,33 +1,33 @@
-//! The derivatives of a differential variational inequality by its parameters: of `F`, `G` and moving bounds at `(t, y)`,
-//! and of the constants - the states at the start, the mass matrix, constant bounds. They are exact, by the same sweep in
-//! reverse that gives those by the unknowns.
+//! Derivatives of a differential variational inequality with respect to its parameters: of `F`, `G` and moving bounds
+//! at `(t, y)`, and of the constants (initial states, mass matrix, constant bounds). They are exact (reverse-mode
+//! differentiation), as those with respect to the unknowns.
 
 use super::parameters::Source;
 use expression::{ExpressionError, Graph, Node, Tape};
 use problem::MovingBound;
 
-/// Programs for the derivatives by parameters, with registers of their own.
+/// Programs for the derivatives with respect to parameters, with their own workspace.
 #[derive(Clone, Debug)]
 pub struct Slopes {
-    /// The places of those of the rows, as `(row, parameter)`.
+    /// The structural nonzeros of the derivatives of the rows, as `(row, parameter)`.
     pattern: Vec<(usize, usize)>,
     rows: Tape,
-    /// Where coefficients follow parameters.
+    /// The chain rule for inputs that are functions of the parameters (circuit coefficients).
     chain: Option<Chain>,
     initial: Constants<usize>,
     mass: Constants<(usize, usize)>,
     bounds: Constants<MovingBound>,
 }
 
-/// The derivatives by inputs that follow parameters, to be passed on to these.
+/// Chain rule: maps derivatives with respect to the program's inputs to derivatives with respect to parameters.
 #[derive(Clone, Debug)]
 struct Chain {
-    /// For each derivative by an input, the places in the pattern that it is passed on to, with their factors.
+    /// For each derivative with respect to an input, the pattern entries it contributes to, with factors.
     shares: Vec<Vec<(usize, f64)>>,
     values: Vec<f64>,
 }
 
-/// The derivatives of constants, each with what it is a derivative of, and the parameter.
+/// The derivatives of constants, each with the position `P` of the constant and the parameter.
 #[derive(Clone, Debug)]
 struct Constants<P> {
     places: Vec<(P, usize)>,
@@ -59,7 +59,8 @@ impl Slopes {
         })
     }
 
-    /// Passes the derivatives by what follows the parameters on to these, whose derivatives of it are given.
+    /// Adds the chain rule for inputs that are functions of the parameters: `slopes[parameter][input]`, where inputs
+    /// are counted after the parameters.
     pub(super) fn follow(&mut self, slopes: &[Vec<f64>]) {
         let parameters = slopes.len();
         let shares_of = |input: usize| -> Vec<(usize, f64)> {
@@ -90,13 +91,13 @@ impl Slopes {
         self.bounds.bind(parameters);
     }
 
-    /// The places of the derivatives that may be nonzero, as `(row, parameter)` sorted by row; rows are `F` (n), `G` (m),
+    /// The structural nonzeros of the derivatives as `(row, parameter)`, sorted by row; rows are `F` (n), `G` (m),
     /// moving bounds.
     pub fn pattern(&self) -> &[(usize, usize)] {
         &self.pattern
     }
 
-    /// Writes the derivatives of the rows at `(t, y)`, one for each place of the pattern.
+    /// Writes the derivatives of the rows at `(t, y)`, one per entry of the pattern.
     pub fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         let Some(Chain { shares, values: raw }) = &mut self.chain else { return self.rows.evaluate(t, y, values) };
         self.rows.evaluate(t, y, raw);
@@ -106,17 +107,17 @@ impl Slopes {
         }
     }
 
-    /// Those of the states at the start, as `(state, parameter, value)`.
+    /// The derivatives of the initial states, as `(state, parameter, value)`.
     pub fn initial(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         self.initial.iter()
     }
 
-    /// Those of the mass matrix, as `((row, column), parameter, value)`.
+    /// The derivatives of the mass matrix, as `((row, column), parameter, value)`.
     pub fn mass(&self) -> impl Iterator<Item = ((usize, usize), usize, f64)> {
         self.mass.iter()
     }
 
-    /// Those of the constant bounds, as `(bound, parameter, value)`.
+    /// The derivatives of the constant bounds, as `(bound, parameter, value)`.
     pub fn bounds(&self) -> impl Iterator<Item = (MovingBound, usize, f64)> {
         self.bounds.iter()
     }
@@ -138,10 +139,10 @@ impl<P: Copy> Constants<P> {
     }
 }
 
-/// Derivatives by parameters: for each the term that is differentiated and the parameter; and the derivatives themselves.
+/// For each derivative the position of its term and the parameter; then the derivatives themselves.
 type Derivatives<P> = (Vec<(P, usize)>, Vec<Node>);
 
-/// The derivatives of terms by parameters, with the place of each term.
+/// Differentiates terms, given with their positions, with respect to all parameters.
 fn derivatives<P: Copy>(
     graph: &mut Graph,
     terms: impl Iterator<Item = (P, Node)>,

@@ -18,9 +18,9 @@ use problem::{ConvexSet, Dvi, Mass, MovingBound, PLAIN_DEGREE, Structure};
 pub struct Rows {
     /// `M`.
     pub mass: Mass,
-    /// `F`, one a state.
+    /// `F`, one node per state.
     pub rates: Vec<Node>,
-    /// `G`, one a variable.
+    /// `G`, one node per variable.
     pub inequality: Vec<Node>,
     /// `K` with its constant bounds.
     pub set: ConvexSet,
@@ -29,7 +29,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// The rows as terms in parameters.
+    /// The rows that may depend on parameters.
     pub fn terms(&self) -> ParametricTerms {
         let bounds = self.moving.iter().map(|(_, node)| node);
         let rows = self.rates.iter().chain(&self.inequality).chain(bounds).copied().collect();
@@ -37,10 +37,10 @@ impl Rows {
     }
 }
 
-/// Why rows are no differential variational inequality.
+/// Why rows cannot be lowered to a differential variational inequality.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum LoweringError {
-    /// The derivative of a rate by a variable depends on the variables.
+    /// A rate is not affine in the variables.
     #[error("rate {rate} is not affine in variable {variable}")]
     NotAffine {
         /// The row of `F`.
@@ -53,12 +53,12 @@ pub enum LoweringError {
     Derivative {
         /// The row, counted through `F`, `G` and the moving bounds.
         row: usize,
-        /// The bound that was passed.
+        /// The limit that was exceeded.
         error: ExpressionError,
     },
 }
 
-/// A problem in expressions, with registers of its own.
+/// A problem in expressions, with its own workspace.
 #[derive(Clone, Debug)]
 pub struct Symbolic {
     structure: Structure,
@@ -70,21 +70,22 @@ pub struct Symbolic {
     features: Vec<usize>,
     jumps: Jumps,
     kinks: Kinks,
-    /// Those of the three tapes over boxes.
+    /// Interval workspaces of `values`, `derivatives` and `time_derivatives`.
     boxes: [IntervalWorkspace; 3],
     irregularities: Irregularities,
 }
 
 /// The derivatives of rows.
 struct Gradients {
-    /// The rows, with the moving bounds behind them.
+    /// `F`, `G` and the moving bounds.
     outputs: Vec<Node>,
-    /// The places of the derivatives by `y` that are not zero, and these.
+    /// The structural nonzeros of the Jacobian with respect to `y`, as `(row, column)`.
     pattern: Vec<(usize, usize)>,
+    /// The derivatives at the entries of `pattern`.
     by_unknowns: Vec<Node>,
-    /// Those of `G` by `t`.
+    /// The time derivatives of `G`.
     by_time: Vec<Node>,
-    /// What is not differentiable in `y`.
+    /// Terms that are not differentiable in `y`.
     kinks: Kinks,
 }
 
@@ -93,7 +94,7 @@ impl Gradients {
         let (n, m) = (rows.rates.len(), rows.inequality.len());
         let bounds = rows.moving.iter().map(|&(_, node)| node);
         let outputs: Vec<Node> = rows.rates.iter().chain(&rows.inequality).copied().chain(bounds).collect();
-        let mut refusals = Vec::new();
+        let mut errors = Vec::new();
         let (mut pattern, mut by_unknowns) = (Vec::new(), Vec::new());
         let zero = graph.constant(0.0);
         let mut by_time = vec![zero; m];
@@ -101,7 +102,7 @@ impl Gradients {
             let gradient = match graph.gradient(output) {
                 Ok(gradient) => gradient,
                 Err(error) => {
-                    refusals.push(LoweringError::Derivative { row, error });
+                    errors.push(LoweringError::Derivative { row, error });
                     continue;
                 }
             };
@@ -113,7 +114,7 @@ impl Gradients {
                     continue;
                 };
                 if row < n && column >= n && graph.inputs(derivative).iter().any(|&input| input > n) {
-                    refusals.push(LoweringError::NotAffine { rate: row, variable: column - n });
+                    errors.push(LoweringError::NotAffine { rate: row, variable: column - n });
                 }
                 if !graph.vanishes(derivative) {
                     pattern.push((row, column));
@@ -121,20 +122,20 @@ impl Gradients {
                 }
             }
         }
-        if !refusals.is_empty() {
-            return Err(refusals);
+        if !errors.is_empty() {
+            return Err(errors);
         }
         let kinks = Kinks::new(graph, &outputs);
         Ok(Self { outputs, pattern, by_unknowns, by_time, kinks })
     }
 
-    /// The rows as matrices and a forcing; `None` where one is not affine in `y` with constant coefficients.
+    /// The rows as matrices and a forcing; `None` if a row is not affine in `y` with constant coefficients.
     fn affine(&self, graph: &mut Graph, rows: &Rows) -> Option<LinearRows> {
         let (n, count) = (rows.rates.len(), rows.rates.len() + rows.inequality.len());
         self.by_unknowns.iter().for_each(|&node| graph.assume(node, Assumption::Finite));
         let coefficients: Option<Vec<f64>> = self.by_unknowns.iter().map(|&node| graph.value(node)).collect();
         let coefficients = coefficients.filter(|coefficients| coefficients.iter().all(|value| value.is_finite()))?;
-        // Functions with a jump have derivatives that are constant as well.
+        // Functions with a jump, such as `sign`, have constant derivatives but are not affine.
         if !self.kinks.kinks().is_empty() {
             return None;
         }
@@ -165,10 +166,11 @@ impl Gradients {
 }
 
 impl Equations {
-    /// Differentiates and compiles rows; those that are affine with constant coefficients become matrices.
+    /// Differentiates and compiles rows, as [`Linear`] if all are affine in `y` with constant coefficients.
     ///
     /// # Errors
-    /// Every rate that is not affine in the variables, and every row whose derivative passes the bounds of `graph`.
+    /// Every rate that is not affine in the variables, and every row whose derivative exceeds the size limits of
+    /// `graph`.
     pub fn new(graph: &mut Graph, rows: Rows) -> Result<Self, Vec<LoweringError>> {
         let gradients = Gradients::new(graph, &rows)?;
         if let Some(affine) = gradients.affine(graph, &rows)
@@ -213,7 +215,7 @@ impl Symbolic {
         }
     }
 
-    /// Takes over other parameters.
+    /// Binds new parameter values.
     pub(super) fn bind(&mut self, parameters: &[f64]) {
         for (tape, range) in
             [&mut self.values, &mut self.derivatives, &mut self.time_derivatives].into_iter().zip(&mut self.boxes)
@@ -232,12 +234,12 @@ impl Symbolic {
         &mut self.structure
     }
 
-    /// What has a kink or a jump that depends on `y`, in the order of [`Dvi::kinks`].
+    /// Kinks and jumps that depend on `y`, in the order of [`Dvi::kinks`].
     pub fn kinks(&self) -> &[Kink] {
         self.kinks.kinks()
     }
 
-    /// Where the rows are not locally Lipschitz in states and variables.
+    /// The points where the rows are not locally Lipschitz in states and variables.
     pub fn irregularities(&self) -> &Irregularities {
         &self.irregularities
     }

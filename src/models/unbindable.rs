@@ -1,12 +1,12 @@
-//! Why other values of parameters cannot be bound to a problem.
+//! Errors of binding new parameter values to a compiled problem.
 
-/// Why values cannot be bound.
+/// Why parameter values cannot be bound.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Unbindable {
-    /// The problem has no parameters that stay inputs.
+    /// The parameters of the problem were folded into constants.
     #[error("this type of problem keeps its parameters as constants: it is to be compiled anew for others")]
     Folded,
-    /// Not as many values as parameters.
+    /// The number of values differs from the number of parameters.
     #[error("{found} values for {expected} parameters")]
     Count {
         /// The number of parameters.
@@ -14,38 +14,38 @@ pub enum Unbindable {
         /// The number of values.
         found: usize,
     },
-    /// Something that has to be finite is not.
+    /// A parameter, or a constant that depends on parameters, is not finite.
     #[error("with {parameters} {what} is {value}, which is not finite")]
     NotFinite {
-        /// The parameters that it depends on, with their values.
+        /// The parameters that the quantity depends on, with their values.
         parameters: String,
-        /// What it is.
+        /// The name of the quantity.
         what: String,
-        /// Its value.
+        /// The value of the quantity.
         value: f64,
     },
-    /// A value is not in its range.
+    /// A quantity is out of range.
     #[error("with {parameters} {what}")]
     OutOfRange {
-        /// The parameters that it depends on, with their values.
+        /// The parameters that the quantity depends on, with their values.
         parameters: String,
-        /// What it is.
+        /// The quantity and its value, as a clause.
         what: String,
     },
-    /// The set is empty.
+    /// The convex set is empty.
     #[error("with {parameters} the set is empty: {what}")]
     EmptySet {
-        /// The parameters that it depends on, with their values.
+        /// The parameters that the bounds depend on, with their values.
         parameters: String,
-        /// Where.
+        /// The contradictory bounds.
         what: String,
     },
     /// The structure would change.
     #[error("{parameters} changes the structure: {what}; the problem is to be compiled anew with this value")]
     Structure {
-        /// The parameters that decide it, with their values.
+        /// The parameters that decide the structure, with their values.
         parameters: String,
-        /// What would change.
+        /// The structural property that would change.
         what: String,
     },
 }

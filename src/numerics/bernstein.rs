@@ -1,18 +1,18 @@
-//! Polynomials on `[0, 1]` in the basis of Bernstein, given by their coefficients: the range of the coefficients holds that
-//! of the polynomial, and halving the interval by de Casteljau's algorithm brings the two together quadratically (Farouki
+//! Polynomials on `[0, 1]` in the Bernstein basis, given by their coefficients. The range of the coefficients encloses
+//! that of the polynomial, and bisection by de Casteljau's algorithm makes the two converge quadratically (Farouki
 //! 2012, *The Bernstein polynomial basis: a centennial retrospective*).
 
 use crate::Interval;
 
-/// The errors that rounding makes in a coefficient of a sum of some terms, in units of the largest of them.
+/// Bound on the rounding error of a coefficient, a sum of a few terms, relative to the largest of the terms.
 const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
-/// The range of a polynomial, widened by the rounding of its coefficients.
+/// Enclosure of the polynomial on `[0, 1]`, widened by the rounding errors of its coefficients.
 pub fn range(coefficients: &[f64]) -> Interval {
     of_ends(coefficients.iter().copied())
 }
 
-/// The range of its derivative.
+/// Enclosure of the derivative of the polynomial on `[0, 1]`.
 pub fn range_of_rate(coefficients: &[f64]) -> Interval {
     let degree = coefficients.len().saturating_sub(1) as f64;
     let size = coefficients.iter().fold(0.0_f64, |size, c| size.max(c.abs()));
@@ -21,14 +21,15 @@ pub fn range_of_rate(coefficients: &[f64]) -> Interval {
     Interval::new(rate.lo - noise, rate.hi + noise)
 }
 
-/// What rounding makes of the derivative of a polynomial with so many coefficients, which are sums of terms of this size.
+/// Bound on the rounding error of the derivative of a polynomial with `count` coefficients, each a sum of terms of
+/// magnitude `size`.
 pub fn rounding_of_rate(count: usize, size: f64) -> f64 {
     ROUNDING * count.saturating_sub(1) as f64 * size
 }
 
-/// Its value at `theta`.
+/// Value of the polynomial at `theta`.
 pub fn value(coefficients: &[f64], theta: f64) -> f64 {
-    // Horner's scheme for this basis: the binomials and powers are made on the way.
+    // Horner's scheme for the Bernstein basis, with binomials and powers accumulated in the loop.
     let degree = coefficients.len().saturating_sub(1);
     let rest = 1.0 - theta;
     let (mut sum, mut weight) = (0.0, 1.0);
@@ -39,7 +40,8 @@ pub fn value(coefficients: &[f64], theta: f64) -> f64 {
     sum
 }
 
-/// Its coefficients on the first half of the interval, in place, and on the second, into `second`.
+/// Subdivides the interval at 1/2: replaces the coefficients in `first` by those on the first half, and writes those on
+/// the second half to `second`.
 pub fn halve(first: &mut [f64], second: &mut [f64]) {
     let count = first.len();
     second.copy_from_slice(first);

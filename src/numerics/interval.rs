@@ -1,13 +1,13 @@
-//! Intervals of real numbers, with arithmetic that is rounded outwards (Moore, Kearfott, Cloud 2009, *Introduction to
-//! Interval Analysis*): the interval of a result holds the results at all points of the operands, the exact ones and
-//! those in doubles.
+//! Interval arithmetic with outward rounding (Moore, Kearfott, Cloud 2009, *Introduction to Interval Analysis*): the
+//! interval of a result contains the results at all points of the operands, both the exact ones and those computed in
+//! doubles.
 //!
-//! As the decorations of IEEE 1788 do, each interval says whether its term is defined at every point of the box it was
-//! computed on. Overflow is no matter of definition: the line has no ends.
+//! Like the decorations of IEEE 1788, each interval records whether its term is defined at every point of the box on
+//! which it was computed. Overflow does not make a term undefined: the interval becomes unbounded.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-/// The numbers from `lo` to `hi`; none where `lo > hi`.
+/// The numbers from `lo` to `hi`; empty if `lo > hi`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interval {
     /// The lower end, which may be minus infinity.
@@ -21,7 +21,7 @@ pub struct Interval {
 impl Interval {
     /// The whole line.
     pub const LINE: Self = Self { lo: f64::NEG_INFINITY, hi: f64::INFINITY, defined: true };
-    /// No number: the term is defined nowhere on the box.
+    /// The empty interval: the term is defined nowhere on the box.
     pub const EMPTY: Self = Self { lo: f64::INFINITY, hi: f64::NEG_INFINITY, defined: false };
 
     /// The numbers from `lo` to `hi`.
@@ -29,29 +29,29 @@ impl Interval {
         Self { lo, hi, defined: true }
     }
 
-    /// One number; none for NaN.
+    /// The interval of a single number; empty for NaN.
     pub const fn point(value: f64) -> Self {
         if value.is_nan() { Self::EMPTY } else { Self::new(value, value) }
     }
 
-    /// Whether there is no number in it.
+    /// Whether the interval is empty.
     pub fn is_empty(self) -> bool {
         self.lo > self.hi
     }
 
-    /// Whether the number is in it.
+    /// Whether `value` lies in the interval.
     #[inline]
     pub fn contains(self, value: f64) -> bool {
         self.lo <= value && value <= self.hi
     }
 
-    /// The smallest interval that holds both.
+    /// The smallest interval that contains both intervals.
     #[must_use]
     pub fn hull(self, other: Self) -> Self {
         Self { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi), defined: self.defined && other.defined }
     }
 
-    /// The same numbers, defined everywhere only if `condition` holds as well.
+    /// A copy of the interval that counts as defined everywhere only if `condition` holds as well.
     #[must_use]
     pub fn defined_if(self, condition: bool) -> Self {
         Self { defined: self.defined && condition, ..self }
@@ -68,7 +68,7 @@ impl Interval {
         Self { lo: product_down(near, near), hi: product_up(far, far), defined: self.defined }
     }
 
-    /// The square root of the part that has one.
+    /// The square root of the nonnegative part of the interval.
     #[must_use]
     pub fn sqrt(self) -> Self {
         if self.is_empty() || self.hi < 0.0 {
@@ -90,7 +90,8 @@ impl Interval {
         Self { lo, hi, ..self }
     }
 
-    /// Its middle and a radius about that which reaches to both ends; infinite where one is, or there is no number in it.
+    /// Midpoint and radius of a ball that contains the interval; the radius is infinite if an end is infinite or the
+    /// interval is empty.
     #[inline]
     pub fn ball(self) -> (f64, f64) {
         if self.lo == self.hi {
@@ -101,29 +102,29 @@ impl Interval {
         if radius >= 0.0 && middle.is_finite() { (middle, radius) } else { (0.0, f64::INFINITY) }
     }
 
-    /// How far its ends are apart.
+    /// The width `hi - lo`.
     pub fn width(self) -> f64 {
         self.hi - self.lo
     }
 
-    /// The least and the largest size of a number in it.
+    /// The least and the largest absolute value in the interval.
     pub fn magnitudes(self) -> (f64, f64) {
         let near = if self.contains(0.0) { 0.0 } else { self.lo.abs().min(self.hi.abs()) };
         (near, self.lo.abs().max(self.hi.abs()))
     }
 
-    /// The largest size of a value of the term; infinite where it is not defined all over the box.
+    /// Largest absolute value of the term; infinite if the term is not defined on the whole box.
     pub fn size(self) -> f64 {
         if self.defined { self.magnitudes().1 } else { f64::INFINITY }
     }
 
-    /// A lower bound of the term: its lower end, minus infinity where it is not defined all over the box.
+    /// Lower bound of the term: its lower end, or minus infinity if the term is not defined on the whole box.
     pub fn least(self) -> f64 {
         if self.defined { self.lo } else { f64::NEG_INFINITY }
     }
 }
 
-/// The interval of two ends that were computed: where one is not a number, all that is known is the line.
+/// The interval between two computed ends; the whole line, marked as not defined, if an end is NaN.
 #[inline]
 pub fn between(lo: f64, hi: f64, defined: bool) -> Interval {
     if lo.is_nan() || hi.is_nan() {
@@ -197,7 +198,8 @@ impl Div for Interval {
         if other.lo < 0.0 || other.hi == 0.0 {
             return Self { defined, ..Self::LINE };
         }
-        // From here on the divisor is not negative, and its zero has no sign: there the quotient grows beyond all bounds.
+        // The divisor is nonnegative from here on, and the sign of its zero is removed: the quotient is unbounded
+        // there.
         let other = Self { lo: other.lo.abs(), ..other };
         let (below, above) =
             (if self.lo >= 0.0 { other.hi } else { other.lo }, if self.hi >= 0.0 { other.lo } else { other.hi });
@@ -207,7 +209,7 @@ impl Div for Interval {
     }
 }
 
-/// A lower bound of `a + b`, the sum itself where it is exact: the error of a sum is a double (Knuth).
+/// Lower bound of `a + b`; the sum itself if it is exact. The rounding error of a sum is itself a double (Knuth).
 fn sum_down(a: f64, b: f64) -> f64 {
     let sum = a + b;
     let part = sum - a;
@@ -215,12 +217,12 @@ fn sum_down(a: f64, b: f64) -> f64 {
     if error >= 0.0 { sum } else { sum.next_down() }
 }
 
-/// A lower bound of `a b`, where zero times infinity is zero: the ends of the line are not in it.
+/// Lower bound of `a b`, with zero times infinity equal to zero: infinite ends do not belong to the interval.
 fn product_down(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { (a * b).next_down() }
 }
 
-/// An upper bound of `a b`.
+/// Upper bound of `a b`, with zero times infinity equal to zero.
 fn product_up(a: f64, b: f64) -> f64 {
     if a == 0.0 || b == 0.0 { 0.0 } else { (a * b).next_up() }
 }

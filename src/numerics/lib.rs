@@ -1,4 +1,4 @@
-//! The ground of the numerics, which knows of no problem: intervals, the ranges of polynomials, quadrature, and
+//! Numerical building blocks that are independent of any problem: intervals, ranges of polynomials, quadrature, and
 //! roots.
 
 pub mod bernstein;

@@ -1,7 +1,7 @@
-//! Quadrature by the pair of Gauss with 7 points and Kronrod with 15 (Piessens and others 1983, *QUADPACK*): exact for
-//! polynomials up to degree 22, with a second value from the same points that is exact up to degree 13.
+//! Gauss-Kronrod quadrature with 7 and 15 points (Piessens and others 1983, *QUADPACK*): exact for polynomials up to
+//! degree 22, with a second value from the same points, that of the Gauss rule, exact up to degree 13.
 
-/// A point of the pair on `[-1, 1]` with its weights.
+/// A point of the Kronrod rule on `[-1, 1]` with its weights in both rules.
 struct Point {
     at: f64,
     kronrod: f64,
@@ -12,7 +12,7 @@ const fn point(at: f64, kronrod: f64, gauss: f64) -> Point {
     Point { at, kronrod, gauss }
 }
 
-/// Those from the middle to the end; the others are their mirror images.
+/// The points from the middle to the right end of `[-1, 1]`; the others are their mirror images.
 const HALF: [Point; 8] = [
     point(0.0, 0.209_482_141_084_727_83, 0.417_959_183_673_469_4),
     point(0.207_784_955_007_898_47, 0.204_432_940_075_298_9, 0.0),
@@ -24,7 +24,8 @@ const HALF: [Point; 8] = [
     point(0.991_455_371_120_812_6, 0.022_935_322_010_529_224, 0.0),
 ];
 
-/// The points, increasing, on `[from, to]`, each with the weight of the rule of Kronrod and what this exceeds that of Gauss by.
+/// The points in `[from, to]`, in increasing order, each with its Kronrod weight and the difference between its Kronrod
+/// and its Gauss weight.
 pub fn kronrod(from: f64, to: f64) -> impl Iterator<Item = (f64, f64, f64)> {
     let (middle, half) = (0.5 * (from + to), 0.5 * (to - from));
     let before = HALF.iter().skip(1).rev().map(|point| (-point.at, point));

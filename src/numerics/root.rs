@@ -1,12 +1,13 @@
-//! Roots of a function of time by false position, with the modification of Illinois (Dowell and Jarratt 1971): an end that is
-//! kept twice counts half, so that both ends close in, with order 1.44.
+//! Roots of a function of time by the Illinois modification of false position (Dowell and Jarratt 1971): the value at
+//! an end that is kept twice is halved, so that both ends converge to the root, with order 1.44.
 
-/// Where a function is positive, a later point where it is not, and its values there, as far as they count for the next guess.
+/// A bracket of a root: a point where the function is positive, a later one where it is not, and the values there as
+/// weighted for the next guess.
 #[derive(Clone, Copy, Debug)]
 pub struct Bracket {
-    /// The point where it is positive.
+    /// Point where the function is positive, and its value there.
     pub before: (f64, f64),
-    /// The point behind it where it is not.
+    /// Later point where the function is not positive, and its value there.
     pub behind: (f64, f64),
     kept: Option<End>,
 }
@@ -18,23 +19,23 @@ enum End {
 }
 
 impl Bracket {
-    /// Between two points with their values.
+    /// The bracket between two points, each given with its function value.
     pub fn new(before: (f64, f64), behind: (f64, f64)) -> Self {
         Self { before, behind, kept: None }
     }
 
-    /// The next guess: the root of the line through both ends, which need be no number where their values are equal.
+    /// The next guess: the root of the chord through both ends, which may not be finite if the values are equal.
     pub fn guess(&self) -> f64 {
         let ((a, fa), (b, fb)) = (self.before, self.behind);
         a + (b - a) * (fa / (fa - fb))
     }
 
-    /// How far the ends are apart.
+    /// Distance between the ends.
     pub fn width(&self) -> f64 {
         self.behind.0 - self.before.0
     }
 
-    /// Takes a point between the ends into account.
+    /// Replaces an end by the point `t` between the ends, where the function has this value.
     pub fn narrow(&mut self, t: f64, value: f64) {
         if value <= 0.0 {
             self.behind = (t, value);
@@ -54,7 +55,7 @@ impl Bracket {
 mod tests {
     use super::*;
 
-    /// The guesses that find the root of `f` between 0 and `end` to `tolerance`.
+    /// Number of guesses that find the root of `f` between 0 and `end` to `tolerance`.
     fn guesses(f: impl Fn(f64) -> f64, end: f64, root: f64, tolerance: f64) -> usize {
         let mut bracket = Bracket::new((0.0, f(0.0)), (end, f(end)));
         (1..)
@@ -69,7 +70,7 @@ mod tests {
 
     #[test]
     fn roots_are_found_where_one_end_would_stay() {
-        // Plain false position keeps the end at 1 of both and takes hundreds of guesses.
+        // Plain false position keeps the end at 1 in both cases and takes hundreds of guesses.
         assert!(guesses(|t| 0.1 - t.powi(9), 1.0, 0.1_f64.powf(1.0 / 9.0), 1e-14) < 15);
         assert!(guesses(|t| (-20.0 * t).exp() - 1e-3, 1.0, 1000.0_f64.ln() / 20.0, 1e-14) < 40);
         assert_eq!(guesses(|t| 1.0 - 4.0 * t, 1.0, 0.25, 1e-16), 1);

@@ -1,28 +1,30 @@
-//! Whether few values of a function show what it does between them.
+//! Criteria for whether a few values of a function show its behaviour between them.
 
 use super::Interval;
 
-/// The factor by which an enclosure may be wider than the range of what is seen: it is for sums and products of terms that
-/// vary together.
+/// Largest admissible ratio of the width of an enclosure to the range of the sampled values: sums and products of terms
+/// that vary together widen an enclosure.
 const WIDER: f64 = 4.0;
 
-/// The part of this range by which what is in the middle may differ from the mean of the ends: a pulse that happens to be in
-/// the middle, or at an end, differs by all of it, or by half.
+/// Largest admissible deviation of the middle value from the mean of the end values, relative to the range of the
+/// three: a pulse that falls on the middle deviates by the whole range, and a pulse that falls on an end by half of it.
 const BENT: f64 = 0.3;
 
-/// Whether a function whose enclosure over an interval has this width shows what it does there: by the range of what is seen
-/// of it at both ends and in the middle, and by how much the middle differs from the mean of the ends.
+/// Whether three samples show the behaviour of a function over an interval, given the `width` of its enclosure, the
+/// `range` of its values at both ends and in the middle, and the deviation `bent` of the middle value from the mean of
+/// the end values.
 pub fn is_shown(width: f64, range: f64, bent: f64) -> bool {
     width <= WIDER * range && bent <= BENT * range
 }
 
-/// The same of values `seen` at the beginning, in the middle and at the end, where some more is allowed.
+/// Applies [`is_shown`] to the values `seen` at the beginning, in the middle and at the end of an interval, where the
+/// enclosure and the middle value may deviate by `allowed` in addition.
 pub fn is_seen(enclosure: Interval, seen: [f64; 3], allowed: f64) -> bool {
     let (range, bent) = variation(seen);
     enclosure.defined && is_shown(enclosure.width() - allowed, range, bent - allowed)
 }
 
-/// The range of three values one after the other, and by how much the one in the middle differs from the mean of the others.
+/// Range of three consecutive values, and the deviation of the middle one from the mean of the others.
 pub fn variation([first, middle, last]: [f64; 3]) -> (f64, f64) {
     let range = first.max(middle).max(last) - first.min(middle).min(last);
     (range, (middle - 0.5 * (first + last)).abs())

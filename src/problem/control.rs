@@ -1,4 +1,4 @@
-//! How the outside talks to a running solve: cancel, deadline, progress, and what happens on the way.
+//! Communication with a running solve: cancellation, deadline, progress and events.
 
 use super::Event;
 use std::collections::VecDeque;
@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-/// The events that are at hand while a solve runs: the latest. Its trajectory has them all.
+/// The number of latest events available while a solve runs. The trajectory contains all events.
 const MOST_EVENTS: usize = 256;
 
 /// Why a solve was asked to stop.
@@ -20,28 +20,29 @@ pub enum Stop {
     Deadline,
 }
 
-/// What long work that was asked to stop ends in.
+/// The error of long work that was interrupted through [`Control`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("stopped from outside")]
 pub struct Interrupted;
 
-/// Shared between a solve and whoever started it. The solve polls it every step; nothing blocks.
+/// Control of a solve, shared between the solve and its caller. The solve polls it every step; no call blocks.
 pub struct Control {
     cancelled: Arc<AtomicBool>,
     deadline: Option<Instant>,
-    /// Asked behind the deadline: whether it may go on all the same.
+    /// Called after the deadline: returns whether the solve may continue.
     reprieve: Option<Arc<Reprieve>>,
     fraction: AtomicU64,
     steps: AtomicU64,
-    /// Where the part of the work that runs begins, and how much of the whole it is.
+    /// The start of the current part of the work, as a fraction of the whole (bits of an `f64`).
     begin: AtomicU64,
+    /// The length of the current part of the work, as a fraction of the whole (bits of an `f64`).
     share: AtomicU64,
     happened: Mutex<Happened>,
 }
 
 type Reprieve = dyn Fn() -> bool + Send + Sync;
 
-/// The latest events, and how many there have been in all.
+/// The latest events, and the total number of events.
 #[derive(Debug, Default)]
 struct Happened {
     latest: VecDeque<Event>,
@@ -90,20 +91,21 @@ impl Control {
         Self { deadline: Some(deadline), ..Self::default() }
     }
 
-    /// The control of a part that runs beside others: it stops when this one does, and what it reports is heard by nobody.
+    /// The control of a part of the work that runs beside others: it stops when this one does, and its progress and events are
+    /// not recorded.
     #[must_use]
     pub fn beside(&self) -> Self {
         let (cancelled, reprieve) = (Arc::clone(&self.cancelled), self.reprieve.clone());
         Self { cancelled, deadline: self.deadline, reprieve, ..Self::default() }
     }
 
-    /// The same, but behind the deadline the solve goes on for as long as `reprieve` says so.
+    /// Sets a function that is called after the deadline; the solve continues as long as it returns true.
     #[must_use]
     pub fn with_reprieve(self, reprieve: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { reprieve: Some(Arc::new(reprieve)), ..self }
     }
 
-    /// When the solve is to stop, wherever it is then.
+    /// The time at which the solve stops.
     pub fn deadline(&self) -> Option<Instant> {
         self.deadline
     }
@@ -123,7 +125,7 @@ impl Control {
         is_over.then_some(Stop::Deadline)
     }
 
-    /// Goes on, or gives up long work that does not end with a step.
+    /// Polls for an interruption within long work that is not divided into steps.
     ///
     /// # Errors
     /// If the solve should stop.
@@ -131,7 +133,8 @@ impl Control {
         self.poll().map_or(Ok(()), |_| Err(Interrupted))
     }
 
-    /// Runs a part of all the work, such as `0.0..0.5`: what it reports is taken for this part. Parts may have parts.
+    /// Runs a part of the work, such as `0.0..0.5`: progress that it reports is relative to the part. Parts can be
+    /// nested.
     pub fn part<T>(&self, part: Range<f64>, run: impl FnOnce() -> T) -> T {
         let [begin, share] = [&self.begin, &self.share].map(|x| f64::from_bits(x.load(Relaxed)));
         self.begin.store((begin + share * part.start).to_bits(), Relaxed);
@@ -142,24 +145,25 @@ impl Control {
         done
     }
 
-    /// Records how far a solve is: the fraction of the time horizon done, in `[0, 1]`, and the accepted steps.
+    /// Records progress: the completed fraction of the time horizon, in `[0, 1]`, and the number of accepted steps.
     pub fn report(&self, fraction: f64, steps: u64) {
         let [begin, share] = [&self.begin, &self.share].map(|x| f64::from_bits(x.load(Relaxed)));
         self.fraction.store((begin + share * fraction).to_bits(), Relaxed);
         self.steps.store(steps, Relaxed);
     }
 
-    /// The fraction of the time horizon done, in `[0, 1]`.
+    /// The completed fraction of the work, in `[0, 1]`.
     pub fn fraction(&self) -> f64 {
         f64::from_bits(self.fraction.load(Relaxed))
     }
 
-    /// The accepted steps so far.
+    /// The number of accepted steps so far.
     pub fn steps(&self) -> u64 {
         self.steps.load(Relaxed)
     }
 
-    /// Records what happened in the last step. Runs for later parts of the work meet the same again, and are not heard.
+    /// Records the events of the last step. Only the first run's events are recorded; runs of later parts of the work
+    /// repeat them.
     pub fn tell(&self, events: &[Event]) {
         if events.is_empty() || f64::from_bits(self.begin.load(Relaxed)) > 0.0 {
             return;
@@ -171,22 +175,21 @@ impl Control {
         }
     }
 
-    /// Records events that [`Control::events_after`] gave on the control of the same solve in another process, under
-    /// their numbers there.
+    /// Records events returned by [`Control::events_after`] for the same solve in another process, with their numbers.
     pub fn relay(&self, events: Vec<(u64, Event)>) {
         let mut happened = self.happened();
         for (number, event) in events {
             if number > happened.count {
-                // Numbers are skipped where more events happened between two calls than are kept. The others fill
-                // the whole list, so that its numbers have no gap.
+                // Numbers are skipped if more events than MOST_EVENTS occurred between two calls. The new events then
+                // replace the whole list, so that its numbers are contiguous.
                 happened.count = number;
                 happened.push(event);
             }
         }
     }
 
-    /// The events after the first `seen`, as far as they are still at hand, each with its number, from one. Whoever has
-    /// seen more than there were has followed another solve, and gets all.
+    /// The available events after the first `seen`, each with its number, counted from one. A cursor `seen` beyond the
+    /// last event belongs to another solve: all events are returned.
     pub fn events_after(&self, seen: u64) -> Vec<(u64, Event)> {
         let happened = self.happened();
         let seen = if seen > happened.count { 0 } else { seen };

@@ -1,4 +1,4 @@
-//! What happens on the way of a solve: switches of the active face of `K`, impacts, contacts that open and close.
+//! Events of a solve: switches of the active face of `K`, impacts, contacts that open or close, stop conditions.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;

@@ -1,10 +1,12 @@
-//! What a stepper sees of a differential variational inequality:
+//! The interface between steppers and a differential variational inequality:
 //!
 //! ```text
 //! M x' = F(t,x,z) = f(t,x) + B(t,x) z,    z in K(t,x),    <G(t,x,z), z~ - z> >= 0  for all z~ in K(t,x)
 //! ```
 //!
-//! with `n` states `x` and `m` variables `z`. A problem is its [`Structure`], which is data, and two evaluations.
+//! with `n` states `x` and `m` variables `z`. A problem consists of its [`Structure`] and evaluations of values and
+//! derivatives ([`Dvi`]).
+//!
 //! Stage unknowns are stored as `y = (x, z)`, of length `n + m`.
 
 mod control;
@@ -26,19 +28,19 @@ pub use mechanical::{
 };
 pub use warning::Warning;
 
-/// What a moving bound is.
+/// The kind of a moving bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Side {
     /// The lower end of an interval, `l`.
     Lower,
     /// The upper end of an interval, `u`.
     Upper,
-    /// The radius of the ball that the variable is in.
+    /// The radius of the ball that contains the variable.
     Radius,
 }
 
 impl Side {
-    /// What is empty where this passes the other end, or zero, and why.
+    /// For messages: the kind of set that becomes empty, and the reason.
     pub fn emptiness(self) -> (&'static str, &'static str) {
         match self {
             Self::Lower | Self::Upper => ("interval", "its lower bound passes its upper bound"),
@@ -52,7 +54,7 @@ impl Side {
 pub struct MovingBound {
     /// The index of the bounded variable, below `m`.
     pub variable: usize,
-    /// What of its interval or ball moves.
+    /// The moving end of its interval, or the radius of its ball.
     pub side: Side,
 }
 
@@ -76,11 +78,11 @@ impl MovingBound {
 pub enum Mass {
     /// `M = I`.
     Identity,
-    /// A constant matrix as `(row, column, value)`, at most one entry a place; it may be singular.
+    /// A constant matrix as `(row, column, value)`, without duplicate entries; it may be singular.
     Constant(Vec<(usize, usize, f64)>),
 }
 
-/// The shape of a problem: sizes, set, sparsity.
+/// The structure of a problem: sizes, convex set and sparsity pattern.
 #[derive(Clone, Debug)]
 pub struct Structure {
     /// `n`, the number of states.
@@ -89,14 +91,14 @@ pub struct Structure {
     pub variables: usize,
     /// The mass matrix.
     pub mass: Mass,
-    /// `K` with its constant bounds; places of `moving` bounds hold any value.
+    /// `K` with its constant bounds; the values of `moving` bounds are arbitrary.
     pub set: ConvexSet,
     /// The bounds that vary, in the order in which [`Dvi::evaluate`] writes them.
     pub moving: Vec<MovingBound>,
-    /// The places of the Jacobian that may be nonzero, as `(row, column)` sorted by row, then column.
+    /// The structural nonzeros of the Jacobian, as `(row, column)` sorted by row, then column.
     /// Rows: `F` (n), `G` (m), moving bounds. Columns: `x` (n), `z` (m).
     pub pattern: Vec<(usize, usize)>,
-    /// Whether the Jacobian is the same at every `(t, y)`.
+    /// Whether the Jacobian is constant in `(t, y)`.
     pub constant_jacobian: bool,
 }
 
@@ -106,7 +108,7 @@ impl Structure {
         self.states + self.variables
     }
 
-    /// Whether variable `k` is in a bounded set, whatever its bounds are at a time.
+    /// Whether the set of variable `k` is bounded at all times, with moving bounds counted as finite.
     pub fn is_bounded(&self, k: usize) -> bool {
         let moves = |side| self.moving.contains(&MovingBound { variable: k, side });
         match self.set.block_of(k).map(|block| &self.set.blocks()[block].shape) {
@@ -119,22 +121,22 @@ impl Structure {
         }
     }
 
-    /// Whether a variable is in a set that is unbounded and not the whole line, so that it may have impulses.
+    /// Whether the set of any variable is unbounded and not the whole line, so that the variable may have impulses.
     pub fn has_impulses(&self) -> bool {
         (0..self.variables).any(|k| !self.set.is_free(k) && !self.is_bounded(k))
     }
 
-    /// The length of what [`Dvi::evaluate`] writes: `n + m +` moving bounds.
+    /// The number of values written by [`Dvi::evaluate`]: `n + m +` moving bounds.
     pub fn rows(&self) -> usize {
         self.unknowns() + self.moving.len()
     }
 }
 
-/// Sums of terms, one a row, as `(term, factor)`.
+/// Sums of terms, one sum per row, as lists of `(term, factor)`.
 pub type Sums = Vec<Vec<(usize, f64)>>;
 
-/// The slopes of rows in time, as sums of terms that are functions of time alone: in a combination of rows what they have in
-/// common falls out before it is enclosed.
+/// Time derivatives of rows as sums of shared terms, which are functions of time alone. Shared terms cancel in linear
+/// combinations of rows before interval enclosure.
 #[derive(Clone, Debug, Default)]
 pub struct ForcingSlopes {
     /// The number of terms.
@@ -147,20 +149,21 @@ pub struct ForcingSlopes {
     pub curvature: Sums,
 }
 
-/// The degree up to which polynomials in the states are no features: on a straight way three stages of Radau IIA integrate
-/// them exactly.
+/// The degree up to which polynomials in the states do not count as features: along a straight line, three-stage Radau
+/// IIA integrates them exactly.
 pub const PLAIN_DEGREE: u32 = 4;
 
 /// A differential variational inequality, ready to be evaluated without allocation.
 pub trait Dvi: Send {
-    /// Sizes, set and sparsity.
+    /// Sizes, convex set and sparsity pattern.
     fn structure(&self) -> &Structure;
 
     /// Writes `F` (n), `G` (m) and the moving bounds at `(t, y)` into `values`, of length [`Structure::rows`].
-    /// What is not defined there comes out as NaN or an infinity, for the caller to check.
+    /// Undefined values are NaN or infinite; the caller must check.
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
-    /// Writes the same at several points, one after the other as their `y` stand in `ys`, with the same bits.
+    /// Evaluates at several points at once; `ys` and `values` are concatenated by point. The results are bitwise equal
+    /// to those of [`Dvi::evaluate`].
     fn evaluate_points(&mut self, times: &[f64], ys: &[f64], values: &mut [f64]) {
         let (unknowns, rows) = (self.structure().unknowns(), self.structure().rows());
         for (i, &t) in times.iter().enumerate() {
@@ -168,19 +171,20 @@ pub trait Dvi: Send {
         }
     }
 
-    /// Writes the derivatives of the same rows by `y`, in the order of [`Structure::pattern`].
+    /// Writes the derivatives of all rows with respect to `y`, in the order of [`Structure::pattern`].
     fn jacobian(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
-    /// Writes the partial derivatives of `G` (m) by `t` at `(t, y)`.
+    /// Writes the partial derivatives of `G` (m) with respect to `t` at `(t, y)`.
     fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]);
 
-    /// Writes intervals that hold `F`, `G` and the moving bounds wherever `(t, y)` is in a box, in the order of
-    /// [`Dvi::evaluate`]; false where the problem cannot be enclosed.
+    /// Encloses `F`, `G` and the moving bounds over a box of `(t, y)`, in the order of [`Dvi::evaluate`]. Returns false
+    /// if the problem does not support enclosure.
     fn enclose(&mut self, _t: Interval, _y: &[Interval], _values: &mut [Interval]) -> bool {
         false
     }
 
-    /// The same of the derivatives by `y`, in the order of [`Structure::pattern`], and of those of `G` by `t`.
+    /// Encloses the derivatives with respect to `y`, in the order of [`Structure::pattern`], and those of `G` with
+    /// respect to `t`. Returns false if the problem does not support enclosure.
     fn enclose_derivatives(
         &mut self,
         _t: Interval,
@@ -191,9 +195,10 @@ pub trait Dvi: Send {
         false
     }
 
-    /// Writes how the derivatives by `y` vary between three points one after the other, at these times and in these `y`: their
-    /// range, and by how much the middle differs from the mean of the ends. Where [`Dvi::enclose_derivatives`] makes them of
-    /// others, these may vary in place of them.
+    /// Measures the variation of the derivatives with respect to `y` over three successive points `(t, y)`: for each,
+    /// its range and the difference of the middle value from the mean of the end values. If
+    /// [`Dvi::enclose_derivatives`] derives them from other quantities, an implementation may measure those quantities
+    /// instead.
     fn vary_derivatives(&mut self, times: [f64; 3], y: &[f64], variations: &mut [(f64, f64)]) {
         let mut of = times.map(|_| vec![0.0; variations.len()]);
         for ((t, y), values) in times.iter().zip(y.chunks_exact(y.len() / 3)).zip(&mut of) {
@@ -205,47 +210,51 @@ pub trait Dvi: Send {
         }
     }
 
-    /// How fast the rows vary with time whatever `y` is, in radians a unit of time: the stages of a step in which no phase
-    /// passes by half a turn show them. Zero where they do not depend on time, infinite where nothing is known of them.
+    /// The largest angular frequency of the explicit time dependence of the rows, in radians per unit of time: a step
+    /// in which no phase advances by half a turn resolves them by its stages. Zero without time dependence, infinite if
+    /// unknown.
     fn pace(&mut self) -> f64 {
         0.0
     }
 
-    /// The rows, of `F` and `G`, that are no polynomials of low degree in `y`, in order: within a step they may do what its stages
-    /// do not show.
+    /// The rows of `F` and `G`, in order, that are not polynomials of low degree in `y`: within a step they may have
+    /// features that its stages do not resolve.
     fn features(&self) -> &[usize] {
         &[]
     }
 
-    /// Whether a row may jump, by what depends on `y`, somewhere in a box.
+    /// Whether a row may have a jump that depends on `y` in a box.
     fn may_jump(&mut self, _t: Interval, _y: &[Interval]) -> bool {
         false
     }
 
-    /// How the slopes of the rows in time are sums of terms; `None` where these are not known, or depend on `y`.
+    /// The time derivatives of the rows as sums of terms; `None` if they are unknown or depend on `y`.
     fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
         None
     }
 
-    /// Writes intervals that hold the terms of [`Dvi::forcing_slopes`] wherever `t` is in an interval.
+    /// Encloses the terms of [`Dvi::forcing_slopes`] over an interval of `t`.
     fn enclose_forcing_slopes(&mut self, _t: Interval, _terms: &mut [Interval]) {}
 
-    /// The quantities, at `t`, at whose changes of sign a row has a kink or a jump whatever `y` is; as many at any time.
+    /// Event functions of time, evaluated at `t`: a row has a kink or a jump, independent of `y`, where one of them
+    /// changes sign. Their number is constant.
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
     }
 
-    /// Intervals that hold these quantities wherever `t` is in an interval; none where they cannot be enclosed.
+    /// Encloses the event functions of [`Dvi::breaks`] over an interval of `t`; empty if they cannot be enclosed.
     fn enclose_breaks(&mut self, _t: Interval) -> &[Interval] {
         &[]
     }
 
-    /// The quantities at `(t, y)` at whose changes of sign a row has a kink or a jump that depends on `y`; as many anywhere.
+    /// Event functions of `(t, y)`: a row has a kink or a jump that depends on `y` where one of them changes sign.
+    /// Their number is constant.
     fn kinks(&mut self, _t: f64, _y: &[f64]) -> &[f64] {
         &[]
     }
 
-    /// Writes the nonzero derivatives of one of them by `y` at `(t, y)`, as `(place in y, value)`.
+    /// Writes the nonzero derivatives of one event function of [`Dvi::kinks`] with respect to `y`, as
+    /// `(index in y, value)`.
     fn kink_gradient(&mut self, _kink: usize, _t: f64, _y: &[f64], gradient: &mut Vec<(usize, f64)>) {
         gradient.clear();
     }

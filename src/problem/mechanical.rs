@@ -1,33 +1,33 @@
-//! What a stepper sees of a mechanical system in generalised coordinates `q`, with velocities `v = q'`:
+//! The interface between steppers and a mechanical system in generalised coordinates `q`, with velocities `v = q'`:
 //!
 //! ```text
 //! M(t,q) v' = f(t,q,v) + J(t,q)^T lambda,    u = J(t,q) v + b(t,q)
 //! ```
 //!
-//! The rows of `J` are those of the joints, whose constraint `phi(t,q)` stays zero (`u = phi'`), then the normals of the
-//! contacts, whose `gap(t,q)` must not be negative (`u_n = gap'`), then the directions of slip. `f` holds all forces, those
-//! of the potential and of `M` itself (Coriolis, centrifugal).
+//! The rows of `J` are those of the joints, with constraints `phi(t,q) = 0` (`u = phi'`), then the contact normals,
+//! with gaps `gap(t,q) >= 0` (`u_n = gap'`), then the slip directions. `f` contains all forces, including those of the
+//! potential and of `M` (Coriolis and centrifugal forces).
 
 use nalgebra::{DMatrix, Vector2};
 use numerics::Interval;
 use std::ops::Range;
 
-/// How a contact resists slip and rebounds.
+/// The contact law of a contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactData {
     /// The coefficient of friction; zero without friction.
     pub mu: f64,
     /// The coefficient of restitution, from 0 to 1.
     pub restitution: f64,
-    /// The first of its directions of slip among those of all contacts.
+    /// The index of its first slip direction among those of all contacts.
     pub first_slip: usize,
-    /// Its directions of slip: none, one or two; none without friction.
+    /// The number of slip directions: zero, one or two; zero without friction.
     pub slips: usize,
-    /// The corners of the polygon that friction is taken from; none is the disk.
+    /// The number of corners of a polygonal friction set; `None` for the disk.
     pub facets: Option<usize>,
 }
 
-/// The shape of a mechanical system.
+/// The structure of a mechanical system.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MechanicalStructure {
     /// `n`, the number of coordinates.
@@ -36,20 +36,20 @@ pub struct MechanicalStructure {
     pub joints: usize,
     /// The contacts.
     pub contacts: Vec<ContactData>,
-    /// Whether `M` is the same everywhere.
+    /// Whether `M` is constant.
     pub constant_mass: bool,
     /// Whether `f` depends neither on `q` nor on `v`.
     pub constant_forces: bool,
     /// Whether forces, masses, joints, gaps or slips depend on time explicitly.
     pub depends_on_time: bool,
-    /// Whether forces, masses, joints, gaps or slips are more than polynomials of low degree in `q` and `v`.
+    /// Whether forces, masses, joints, gaps or slips are other than polynomials of low degree in `q` and `v`.
     pub has_features: bool,
-    /// Whether joints and gaps are affine functions of `q` alone: on a straight way they are least at its ends.
+    /// Whether joints and gaps are affine functions of `q` alone: along a straight line their minimum is at an end.
     pub affine_constraints: bool,
 }
 
 impl MechanicalStructure {
-    /// The number of directions of slip.
+    /// The number of slip directions of all contacts.
     pub fn slips(&self) -> usize {
         self.contacts.iter().map(|contact| contact.slips).sum()
     }
@@ -71,19 +71,19 @@ impl MechanicalStructure {
     }
 }
 
-/// Constraints at one place.
+/// The constraints at one `(t, q)`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Constraints {
     /// `phi` of the joints, then the gaps.
     pub values: Vec<f64>,
-    /// `b`, one a row.
+    /// `b`, one value per row of `J`.
     pub drift: Vec<f64>,
     /// `J^T`, a column for each row of `J`.
     pub transposed: DMatrix<f64>,
 }
 
 impl Constraints {
-    /// Room for the constraints of a system.
+    /// Allocates the constraints of a system.
     pub fn new(structure: &MechanicalStructure) -> Self {
         Self {
             values: vec![0.0; structure.joints + structure.contacts.len()],
@@ -97,17 +97,17 @@ impl Constraints {
         self.drift[row] + dot(self.row(row), v)
     }
 
-    /// The size of the terms that `u_i` is the sum of.
+    /// The sum of the absolute values of the terms of `u_i`, as scale for rounding.
     pub fn terms(&self, row: usize, v: &[f64]) -> f64 {
         self.drift[row].abs() + self.size(row, v)
     }
 
-    /// `sum_j |J_ij x_j|`: the size of the terms in which coordinates, or velocities, enter row `i`.
+    /// `sum_j |J_ij x_j|`: the scale of the terms of row `i` in coordinates or velocities.
     pub fn size(&self, row: usize, x: &[f64]) -> f64 {
         self.row(row).iter().zip(x).map(|(j, x)| (j * x).abs()).sum()
     }
 
-    /// `u_t` of the contact with these rows, at velocities `v`; zero in directions that it has not.
+    /// The slip velocity `u_t` of the contact with rows `tangents`, at velocities `v`; zero in missing directions.
     pub fn slip(&self, tangents: Range<usize>, v: &[f64]) -> Vector2<f64> {
         let mut slip = Vector2::zeros();
         slip.iter_mut().zip(tangents).for_each(|(slip, row)| *slip = self.velocity(row, v));
@@ -125,23 +125,23 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Intervals that hold what motion depends on, over a box of times, coordinates and velocities.
+/// Enclosures of all terms of the equations of motion over a box of times, coordinates and velocities.
 #[derive(Clone, Debug, Default)]
 pub struct DynamicsRange {
-    /// `M`, row by row.
+    /// The mass matrix `M` by rows.
     pub mass: Vec<Interval>,
-    /// `f`.
+    /// The forces `f`.
     pub forces: Vec<Interval>,
-    /// `gamma`, a number for each row of `J`.
+    /// The bias accelerations `gamma`, one per row of `J`.
     pub bias: Vec<Interval>,
-    /// `b`, likewise.
+    /// The drift velocities `b`, one per row of `J`.
     pub drift: Vec<Interval>,
-    /// `J`, row by row.
+    /// The constraint Jacobian `J` by rows.
     pub rows: Vec<Interval>,
 }
 
 impl DynamicsRange {
-    /// Room for those of a system.
+    /// Allocates the enclosures of a system.
     pub fn new(structure: &MechanicalStructure) -> Self {
         let (n, rows) = (structure.coordinates, structure.rows());
         let room = |count: usize| vec![Interval::LINE; count];
@@ -155,40 +155,40 @@ impl DynamicsRange {
     }
 }
 
-/// Intervals that hold what [`Sensitivity`] says of accelerations and balance, row by row of `2 n`.
+/// Enclosures of [`Sensitivity::balance`] and [`Sensitivity::acceleration`], by rows of length `2 n`.
 #[derive(Clone, Debug, Default)]
 pub struct SensitivityRange {
-    /// Of `M a - f - J^T lambda`, `n` rows.
+    /// The derivatives of the balance `M a - f - J^T lambda`, `n` rows.
     pub balance: Vec<Interval>,
-    /// Of `u'`, a row for each of `J`.
+    /// The derivatives of the constraint accelerations `u'`, one row per row of `J`.
     pub acceleration: Vec<Interval>,
 }
 
-/// Energies, and the powers that change them.
+/// Energies, and the powers in their balance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Energies {
-    /// `v^T M v / 2`.
+    /// The kinetic energy `v^T M v / 2`.
     pub kinetic: f64,
-    /// The potential.
+    /// The potential energy.
     pub potential: f64,
-    /// `Q^T v`.
+    /// The power `Q^T v` of the applied forces.
     pub power: f64,
-    /// `dV/dt - dT/dt` at fixed `q` and `v`: the power of whatever changes the potential and the masses with time.
+    /// `dV/dt - dT/dt` at fixed `q` and `v`: the power supplied by explicit time dependence of potential and masses.
     pub drive: f64,
 }
 
-/// The sensitivity of accelerations and multipliers: derivatives by `(q, v)`, `2 n` columns.
+/// Derivatives with respect to `(q, v)`, `2 n` columns, for the sensitivity of accelerations and multipliers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sensitivity {
-    /// Of `M a - f - J^T lambda` at fixed `a` and `lambda`, `n` rows.
+    /// The derivatives of `M a - f - J^T lambda` at fixed `a` and `lambda`, `n` rows.
     pub balance: DMatrix<f64>,
-    /// Of `u' = J a + gamma` at fixed `a`, a row for each of `J`.
+    /// The derivatives of `u' = J a + gamma` at fixed `a`, one row per row of `J`.
     pub acceleration: DMatrix<f64>,
-    /// Of `u = J v + b`.
+    /// The derivatives of `u = J v + b`, one row per row of `J`.
     pub velocity: DMatrix<f64>,
 }
 
-/// A mechanical system, ready to be evaluated. What is not defined comes out as NaN or an infinity.
+/// A mechanical system, ready to be evaluated. Undefined values are NaN or infinite.
 pub trait Mechanical: Send {
     /// Sizes and contacts.
     fn structure(&self) -> &MechanicalStructure;
@@ -199,28 +199,29 @@ pub trait Mechanical: Send {
     /// Writes `f`.
     fn forces(&mut self, t: f64, q: &[f64], v: &[f64], f: &mut [f64]);
 
-    /// Writes the derivatives of `f` by `q` and `v`.
+    /// Writes the derivatives of `f` with respect to `q` and `v`.
     fn stiffness(&mut self, t: f64, q: &[f64], v: &[f64], by_q: &mut DMatrix<f64>, by_v: &mut DMatrix<f64>);
 
-    /// Writes joints, gaps, slips and their directions.
+    /// Writes the values of joints and gaps, and `b` and `J^T` of all rows.
     fn constraints(&mut self, t: f64, q: &[f64], constraints: &mut Constraints);
 
-    /// Writes joints and gaps alone.
+    /// Writes the values of joints and gaps.
     fn positions(&mut self, t: f64, q: &[f64], values: &mut [f64]);
 
-    /// Writes intervals that hold joints and gaps wherever `t` and `q` are in theirs.
+    /// Encloses the values of joints and gaps over a box of `t` and `q`.
     fn enclose_positions(&mut self, t: Interval, q: &[Interval], values: &mut [Interval]);
 
-    /// Writes intervals that hold the velocities of joints and gaps wherever `t`, `q` and `v` are in theirs.
+    /// Encloses the velocities of joints and gaps over a box of `t`, `q` and `v`.
     fn enclose_velocities(&mut self, t: Interval, q: &[Interval], v: &[Interval], values: &mut [Interval]);
 
-    /// Writes intervals that hold `f`, then `b`, then `gamma`, at one place wherever `t` is in its own.
+    /// Encloses `f`, then `b`, then `gamma`, at fixed `q` and `v` over an interval of `t`.
     fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]);
 
-    /// Writes intervals that hold masses, forces, bias, drift and `J` wherever `t`, `q` and `v` are in theirs.
+    /// Encloses masses, forces, bias, drift and `J` over a box of `t`, `q` and `v`.
     fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange);
 
-    /// Writes intervals that hold derivatives at accelerations `a` and multipliers `lambda` of all rows likewise.
+    /// Encloses the derivatives of [`Sensitivity`] over a box of `t` and `x = (q, v)`, at accelerations `a` and
+    /// multipliers `lambda` of all rows.
     fn enclose_sensitivity(
         &mut self,
         t: Interval,
@@ -230,17 +231,19 @@ pub trait Mechanical: Send {
         range: &mut SensitivityRange,
     );
 
-    /// Whether one of these may jump, by what depends on `q` and `v`, somewhere in a box.
+    /// Whether a term of the equations of motion may have a jump that depends on `q` or `v` in a box of `x = (q, v)`.
     fn may_jump(&mut self, _t: Interval, _x: &[Interval]) -> bool {
         false
     }
 
-    /// What changes its sign where something has a kink or a jump at a time, whatever `q` and `v` are.
+    /// Event functions of time, evaluated at `t`: a term of the equations of motion has a kink or a jump, independent
+    /// of `q` and `v`, where one of them changes sign.
     fn breaks(&mut self, _t: f64) -> &[f64] {
         &[]
     }
 
-    /// Intervals that hold the same wherever `t` is in an interval; none where they cannot be enclosed.
+    /// Encloses the event functions of [`Mechanical::breaks`] over an interval of `t`; empty if they cannot be
+    /// enclosed.
     fn enclose_breaks(&mut self, _t: Interval) -> &[Interval] {
         &[]
     }
@@ -248,13 +251,13 @@ pub trait Mechanical: Send {
     /// Energies and power.
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies;
 
-    /// Writes `gamma`, what `u'` is where `v' = 0`, a number for each row of `J`.
+    /// Writes the bias acceleration `gamma`, the value of `u'` for `v' = 0`, one per row of `J`.
     fn bias(&mut self, t: f64, q: &[f64], v: &[f64], gamma: &mut [f64]);
 
-    /// Writes derivatives at accelerations `a` and multipliers `lambda` of all rows.
+    /// Writes the derivatives of [`Sensitivity`] at accelerations `a` and multipliers `lambda` of all rows.
     fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity);
 
-    /// How closely its own clock tells a time.
+    /// The rounding error of the time `t`.
     fn rounding_of_time(&self, t: f64) -> f64 {
         f64::EPSILON * t.abs()
     }

@@ -1,4 +1,4 @@
-//! What a user should know of a problem or of its solution though the solve goes on.
+//! Warnings about a problem or its solution that do not stop the solve.
 
 use serde::Serialize;
 use utoipa::ToSchema;

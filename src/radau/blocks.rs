@@ -6,7 +6,7 @@ use super::system::System;
 use problem::{Face, FaceEquations, Shape};
 
 impl System<'_> {
-    /// The equations of block `b` at `y`, where the system was evaluated last.
+    /// Evaluates the equations of block `b` at `y`, the point of the last evaluation of the system.
     pub fn equations_of(&mut self, b: usize, y: &[f64]) -> &FaceEquations {
         let block = &self.set.blocks()[b];
         let (z, g) = &mut self.members;
@@ -18,7 +18,8 @@ impl System<'_> {
         &self.equations[b]
     }
 
-    /// The equations of the faces of all blocks at `y`, where the system was evaluated last, each solved for `z`.
+    /// The equations of the faces of all blocks at `y`, the point of the last evaluation of the system, each solved for
+    /// `z`.
     pub fn equations_for_z(&mut self, y: &[f64]) -> Vec<FaceEquations> {
         let mut all = Vec::with_capacity(self.face.blocks.len());
         for b in 0..self.face.blocks.len() {
@@ -26,7 +27,7 @@ impl System<'_> {
             let (z, g) = &mut self.members;
             let shape = &self.set.blocks()[b].shape;
             if let (Shape::SecondOrderCone, Face::Boundary(_)) = (shape, &self.face.blocks[b]) {
-                // Exactly there: along its ray a cone has no curvature.
+                // Put `z` exactly onto the boundary: a cone has no curvature along its rays.
                 z[0] = z[1..].iter().map(|v| v * v).sum::<f64>().sqrt();
             }
             let mut equations = FaceEquations::default();
@@ -36,8 +37,8 @@ impl System<'_> {
         all
     }
 
-    /// Has the equations of each cone on its boundary solved for `G` instead of `z`, or the other way round; whether there
-    /// is one.
+    /// Swaps the form of the equations of each cone on its boundary, between those solved for `z` and those solved for
+    /// `G`; returns whether there is one.
     pub fn swap_primal_dual_form(&mut self) -> bool {
         let mut turned = false;
         for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
@@ -49,8 +50,8 @@ impl System<'_> {
         turned
     }
 
-    /// Linearises the equations of the blocks at `y`, where the system was evaluated last; what of `G` is noise to
-    /// `control` counts as zero.
+    /// Linearises the equations of the blocks at `y`, the point of the last evaluation of the system. A block whose `G`
+    /// is below the noise level of `control` is linearised with `G = 0`.
     pub fn linearise_blocks(&mut self, y: &[f64], control: Option<&NewtonControl>) {
         for b in 0..self.face.blocks.len() {
             self.equations_of(b, y);
@@ -67,7 +68,8 @@ impl System<'_> {
         }
     }
 
-    /// Has each sphere solved for a member that is far from zero at `y`; whether that changed anything.
+    /// Solves the equation of each sphere for another member if its pivot is small at `y`; returns whether a pivot
+    /// changed.
     pub fn repivot_spheres(&mut self, y: &[f64]) -> bool {
         let mut turned = false;
         for (block, face) in self.set.blocks().iter().zip(&mut self.face.blocks) {
@@ -83,13 +85,13 @@ impl System<'_> {
         turned
     }
 
-    /// Linearises the equations of blocks whose faces are all flat, which is the same everywhere.
+    /// Linearises the equations of blocks whose faces are all flat: their linearisation is the same at every point.
     pub fn linearise_flat_blocks(&mut self) {
         let anywhere = vec![0.0; self.unknowns];
         self.linearise_blocks(&anywhere, None);
     }
 
-    /// Whether the face has an equation for variable `k` that is more than the bound it rests on, or what is given.
+    /// Whether the face has an equation for variable `k` other than the bound it rests on or a prescribed value.
     pub fn has_equation(&self, k: usize) -> bool {
         match self.face.places[k] {
             Activity::Inactive => true,
@@ -98,13 +100,13 @@ impl System<'_> {
         }
     }
 
-    /// Whether the equation of variable `k` is one of `z` alone, by the last linearisation of its block.
+    /// Whether the equation of variable `k` involves `z` alone, by the last linearisation of its block.
     pub fn is_constraint(&self, k: usize) -> bool {
         self.place_in_block(k).is_some_and(|(b, at)| self.linearised[b].is_of_z[at])
     }
 
-    /// The rows of `G` in the equation of variable `k`, with their factors by the last linearisation of its block, as pairs of a
-    /// variable and its factor; none where it is one of `z` alone.
+    /// The rows of `G` in the equation of variable `k`, as pairs of a variable and its factor by the last linearisation
+    /// of its block; none if the equation involves `z` alone.
     pub fn rows_of_equation(&self, k: usize) -> impl Iterator<Item = (usize, f64)> {
         let own = self.place_in_block(k).is_none().then_some((k, 1.0));
         let of_block = self.place_in_block(k).into_iter().flat_map(|(b, at)| {
@@ -114,15 +116,15 @@ impl System<'_> {
         own.into_iter().chain(of_block)
     }
 
-    /// The block of a variable, and its place there.
+    /// The block of a variable, and the index of the variable among its members.
     fn place_in_block(&self, k: usize) -> Option<(usize, usize)> {
         let b = self.set.block_of(k)?;
         let at = self.set.blocks()[b].members.iter().position(|member| *member == k)?;
         Some((b, at))
     }
 
-    /// The partial derivatives of the rows of `Phi` by `t` from those of `G`, in place; those of constraints are not known
-    /// and zero.
+    /// Replaces the partial derivatives of `G` with respect to `t` by those of the rows of `Phi`, in place; those of
+    /// equations in `z` alone are not known and set to zero.
     pub fn combine_drift(&mut self, drift: &mut [f64]) {
         let (_, g) = &mut self.members;
         for (block, equations) in self.set.blocks().iter().zip(&self.linearised) {
@@ -135,7 +137,7 @@ impl System<'_> {
     }
 }
 
-/// The same face with its equations solved for `z`.
+/// The face with its equations solved for `z`.
 fn for_z(shape: &Shape, face: &Face) -> Face {
     match (shape, face) {
         (Shape::SecondOrderCone, Face::Boundary(_)) => Face::Boundary(0),

@@ -1,66 +1,67 @@
-//! Chattering: where a rate jumps as the sign of a state changes, as `-sign(x)` does, and drives the states back to the jump
-//! from either side, the solution in the sense of Filippov slides along it. Steps cannot: they cross it to and fro, each as
-//! short as the error test wants, and a run of any length would end in millions of them.
+//! Chattering: if a rate jumps with the sign of a state, as `-sign(x)` does, and drives the states back to the jump
+//! from either side, the solution in the sense of Filippov slides along the jump. Steps cannot follow it: they cross
+//! the jump back and forth, each as short as the error test requires, and a run of any length would take millions of
+//! them.
 //!
-//! A kink is one of the quantities of [`Dvi::kinks`](problem::Dvi::kinks). Steps chatter across it if it has changed its
+//! A kink is one of the quantities of [`Dvi::kinks`](problem::Dvi::kinks). Steps chatter across it if it has changed
 //! sign [`CROSSINGS`] times with few steps in between, if the rates on either side drive it towards zero, which is the
-//! condition for sliding (Filippov 1988, section 4), and if the jump is large enough for the error test to feel it.
+//! condition for sliding (Filippov 1988, section 4), and if the jump is large enough to affect the error test.
 
 use super::settings::StepError;
 use super::stepper::Radau;
 
-/// Changes of sign that are taken for chattering; a solution that passes a jump makes one.
+/// Number of sign changes that count as chattering; a solution that passes a jump makes one.
 const CROSSINGS: u32 = 64;
 
-/// The most steps between two of them: behind a jump steps grow eightfold at a time until they are across it again, and some are
-/// rejected on the way.
+/// Maximum number of steps between two of these sign changes: behind a jump, steps grow eightfold at a time until they
+/// cross it again, and some are rejected on the way.
 const IDLE: u32 = 64;
 
-/// How far from a kink steps may have collapsed, in tolerances of the states.
+/// Largest distance from a kink at which steps may have collapsed, in tolerances of the states.
 const NEAR: f64 = 100.0;
 
-/// The least change of the states over a step, in tolerances, that a jump must make: it is one where the error test limits
-/// the steps, but for the constant of the method.
+/// Least change of the states over a step that a jump must cause, in tolerances: where the error test limits the steps,
+/// the change is one, up to the constant of the method.
 const FELT: f64 = 1e-2;
 
-/// The least jump of a rate, of its size on either side, that steps can collapse at.
+/// Least jump of a rate at which steps can collapse, relative to the rate on either side.
 const SHARP: f64 = 1e-2;
 
-/// How near to a kink the rates on either side are compared, of the distance of the states.
+/// Distance from a kink at which the rates on either side are compared, relative to the distance of the states.
 const NARROW: f64 = 1e-3;
 
-/// The recent changes of sign of the kinks.
+/// The recent sign changes of the kinks.
 #[derive(Debug, Default)]
 pub(super) struct Chattering {
     streaks: Vec<Streak>,
     gradient: Vec<(usize, f64)>,
 }
 
-/// Changes of sign that follow each other closely.
+/// Sign changes of one kink that follow each other closely.
 #[derive(Clone, Copy, Debug, Default)]
 struct Streak {
     is_positive: bool,
     crossings: u32,
-    /// Steps since the last.
+    /// Number of steps since the last sign change.
     idle: u32,
-    /// The longest step since the first.
+    /// Size of the longest step since the first sign change.
     longest: f64,
 }
 
-/// What crossing a kink changes.
+/// Change of the rates across a kink.
 struct Jump {
-    /// The size of the kink that errors of one tolerance in all states make.
+    /// Change of the kink's quantity for errors of one tolerance in all states.
     noise: f64,
-    /// The largest change of a rate, in tolerances of the state.
+    /// Largest change of a rate, in tolerances of its state.
     size: f64,
     /// Whether the rates on either side drive the kink towards zero.
     attracts: bool,
-    /// The largest change of a rate, of its size.
+    /// Largest change of a rate, relative to the rate.
     relative: f64,
 }
 
 impl Radau<'_> {
-    /// Takes the end of a step into account.
+    /// Records the end of a step, and fails if the steps chatter.
     ///
     /// # Errors
     /// [`StepError::Chattering`].
@@ -88,7 +89,7 @@ impl Radau<'_> {
         }
     }
 
-    /// The kink at which steps have become too small to go on, if it is one.
+    /// The kink at which steps have become too small to continue, if a kink is the cause.
     pub(super) fn collapsed_at(&mut self) -> Option<usize> {
         let values = self.system.problem().kinks(self.clock.t, &self.y).to_vec();
         let found = (0..values.len()).find(|&kink| {
@@ -98,8 +99,9 @@ impl Radau<'_> {
         found
     }
 
-    /// What crossing a kink here would change: the second difference of the rates over three points, one of them beyond
-    /// it, close together beside where the states are. What is smooth leaves nothing in it, and a mere kink hardly more.
+    /// Change of the rates across a kink near the present states: the second difference of the rates over three points
+    /// that are close together, one of them beyond the kink. Smooth rates leave nothing in it, and a kink without a
+    /// jump hardly more.
     fn jump_across(&mut self, kink: usize) -> Option<Jump> {
         let n = self.system.states;
         let value = *self.system.problem().kinks(self.clock.t, &self.y).get(kink)?;

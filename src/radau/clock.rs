@@ -1,52 +1,52 @@
-//! Time along a run. The rounding errors of many short steps would else add up, so what rounding takes from one is added to the
-//! next (Kahan 1965, *Further remarks on reducing truncation errors*).
+//! Time along a run, by compensated summation: the rounding error of a step is added to the next step, since the errors
+//! of many short steps would add up (Kahan 1965, *Further remarks on reducing truncation errors*).
 
-/// The time reached and the end.
+/// The time reached and the end time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Clock {
     pub t: f64,
-    /// What rounding took from `t`.
-    lag: f64,
+    /// Kahan compensation: the part of the steps that rounding removed from `t`.
+    t_compensation: f64,
     end: f64,
 }
 
 impl Clock {
     pub fn new(t: f64, end: f64) -> Self {
-        Self { t, lag: 0.0, end }
+        Self { t, t_compensation: 0.0, end }
     }
 
     /// The time left.
     pub fn remaining(&self) -> f64 {
-        (self.end - self.t) - self.lag
+        (self.end - self.t) - self.t_compensation
     }
 
     pub fn is_done(&self) -> bool {
         self.t >= self.end
     }
 
-    /// Whether a step of size `h` ends at a later number.
+    /// Whether a step of size `h` ends at a later floating-point number.
     pub fn resolves(&self, h: f64) -> bool {
-        self.t + (h + self.lag) != self.t
+        self.t + (h + self.t_compensation) != self.t
     }
 
-    /// Goes on by `h`, not beyond the end.
+    /// Advances by `h`, but not beyond the end.
     pub fn advance(&mut self, h: f64) {
         if h >= self.remaining() {
-            (self.t, self.lag) = (self.end, 0.0);
+            (self.t, self.t_compensation) = (self.end, 0.0);
             return;
         }
-        let (t, step) = (self.t, h + self.lag);
+        let (t, step) = (self.t, h + self.t_compensation);
         self.t = t + step;
         let taken = self.t - t;
-        self.lag = (t - (self.t - taken)) + (step - taken);
+        self.t_compensation = (t - (self.t - taken)) + (step - taken);
     }
 
-    /// Goes on from `t`.
+    /// Continues from time `t`.
     pub fn set(&mut self, t: f64) {
-        (self.t, self.lag) = (t, 0.0);
+        (self.t, self.t_compensation) = (t, 0.0);
     }
 
-    /// What rounding makes of the end of a step of this size.
+    /// Bound on the rounding error of the end of a step of size `h`.
     pub fn rounding(&self, h: f64) -> f64 {
         8.0 * f64::EPSILON * (self.t.abs() + h)
     }

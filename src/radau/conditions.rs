@@ -17,7 +17,8 @@ use super::tableau::Tableau;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-/// What is found of a method. A number is told with the bound on its rounding error, beside which it is judged.
+/// The conditions found for a method. Each number is reported with the bound on its rounding error, against which it is
+/// judged.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Conditions {
     /// `b > 0` and `Q >= 0`.
@@ -26,11 +27,11 @@ pub struct Conditions {
     pub quadrature_order: Order,
     /// The largest `q` of `C(q)`.
     pub stage_order: Order,
-    /// `D A + A^T D > 0`; none where no `D` is known that is positive and finite.
+    /// `D A + A^T D > 0`; `None` if no positive and finite `D` is known.
     pub positive_diagonal: Option<PositiveDiagonal>,
     /// The last row of `A` is `b`.
     pub stiff_accuracy: Vanishing,
-    /// `|R(infinity)|`; none where `A` is singular.
+    /// `|R(infinity)|`; `None` if `A` is singular.
     pub damping: Option<Vanishing>,
 }
 
@@ -43,7 +44,7 @@ pub struct AlgebraicStability {
     pub least_weight: f64,
     /// The least eigenvalue of `Q`.
     pub least_eigenvalue: f64,
-    /// The bound on its rounding error.
+    /// Bound on the rounding error of the least eigenvalue.
     pub rounding: f64,
     /// The rows of `Q`.
     pub matrix: Vec<Vec<f64>>,
@@ -52,9 +53,9 @@ pub struct AlgebraicStability {
 /// How far a sequence of order conditions holds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Order {
-    /// The last condition that holds, after all before it.
+    /// Order of the last condition that holds, with all conditions before it.
     pub order: usize,
-    /// The largest residual up to there.
+    /// The largest residual up to that order.
     pub residual: f64,
     /// The residual of the next condition.
     pub next_residual: f64,
@@ -62,7 +63,7 @@ pub struct Order {
     pub rounding: f64,
 }
 
-/// A diagonal `D > 0` and what it makes of `A`.
+/// A diagonal `D > 0` and the definiteness of `D A + A^T D`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PositiveDiagonal {
     /// Whether `D A + A^T D` is positive definite beyond rounding.
@@ -71,20 +72,20 @@ pub struct PositiveDiagonal {
     pub diagonal: Vec<f64>,
     /// The least eigenvalue of `D A + A^T D`.
     pub least_eigenvalue: f64,
-    /// The bound on its rounding error.
+    /// Bound on the rounding error of the least eigenvalue.
     pub rounding: f64,
-    /// The largest `alpha` with `u^T D A^-1 u >= alpha u^T D u` for all `u`; none where `A` is singular.
+    /// The largest `alpha` with `u^T D A^-1 u >= alpha u^T D u` for all `u`; `None` if `A` is singular.
     pub coercivity: Option<f64>,
 }
 
 /// A number that should be zero.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Vanishing {
-    /// Whether it is, up to rounding.
+    /// Whether the number is zero up to rounding.
     pub holds: bool,
-    /// Its absolute value.
+    /// Absolute value of the number.
     pub value: f64,
-    /// The bound on its rounding error.
+    /// Bound on the rounding error of the number.
     pub rounding: f64,
 }
 
@@ -95,15 +96,17 @@ impl Vanishing {
 }
 
 impl Conditions {
-    /// Checks a tableau on offer.
+    /// Checks one of the tableaux of Radau IIA.
     pub fn of(tableau: &Tableau) -> Self {
         Self::check(&tableau.a, &tableau.b, &tableau.c, &tableau.d)
     }
 
-    /// Checks the method with these coefficients, `A` of `s x s` and the others of length `s >= 1`, with the diagonal `d`.
+    /// Checks the method with these coefficients, `A` of `s x s` and the others of length `s >= 1`, with the diagonal
+    /// `d`.
     fn check(a: &DMatrix<f64>, b: &[f64], c: &[f64], d: &[f64]) -> Self {
         let s = b.len();
-        // Coefficients are good to a few of the last digits of the largest; sums of s of them lose as many.
+        // Coefficients are accurate to a few units of rounding of the largest; a sum of s of them loses s times as
+        // much.
         let unit = 4.0 * s as f64 * f64::EPSILON;
         let rounding = unit * a.amax().max(1.0);
         let inverse = a.clone().try_inverse();
@@ -136,7 +139,7 @@ impl Order {
         let (mut order, mut largest) = (0, 0.0_f64);
         loop {
             let next = residual(order + 1);
-            // Conditions of any order hold for no method, of so many for none in doubles.
+            // No method satisfies the conditions of every order, and in doubles none satisfies those of order 64.
             if next > rounding || next.is_nan() || order == 64 {
                 return Self { order, residual: largest, next_residual: next, rounding };
             }
@@ -220,7 +223,8 @@ mod tests {
 
     #[test]
     fn the_matrix_of_algebraic_stability_has_rank_one() {
-        // By the W-transformation (IV.5) it is B p p^T B / (2s - 1), p the orthonormal Legendre polynomial of degree s - 1.
+        // By the W-transformation (IV.5) it is B p p^T B / (2s - 1), where p is the orthonormal Legendre polynomial of
+        // degree s - 1.
         let two = Conditions::of(Tableau::of(2)).algebraic_stability.matrix;
         for (row, exact) in two.iter().zip([[0.0625, -0.0625], [-0.0625, 0.0625]]) {
             assert!(row.iter().zip(exact).all(|(q, exact)| (q - exact).abs() < 1e-15), "{two:?}");

@@ -1,15 +1,16 @@
-//! The variables that belong to given states on a face.
+//! The variables that are consistent with given states on a face.
 //!
-//! The stage values of `z` have order `s` only. Given `x`, of order `2s - 1`, the variables inside their interval follow
-//! to the same order from `G = 0` where `D = G_z` is regular, and from the hidden constraint `dG/dt = G_t + G_x M^-1 F = 0`
-//! where `D` vanishes. Where `D` is neither, with `U` a basis of its left null space and `V` of the complement,
+//! The stage values of `z` have order `s` only. Given `x`, of order `2s - 1`, the free variables follow to the same
+//! order from `G = 0` if `D = G_z` is regular, and from the hidden constraint `dG/dt = G_t + G_x M^-1 F = 0` if `D`
+//! vanishes. If `D` is singular but not zero, they follow from
 //!
 //! ```text
-//! V^T G = 0,    U^T (G_t + G_x M^-1 F) = 0
+//! V^T G = 0,    U^T (G_t + G_x M^-1 F) = 0,
 //! ```
 //!
-//! (in the second `D z'` drops out). The equations of a block on its face take the place of its `G`; those of a curved
-//! face depend on `z` even where `G` does not. Hairer and Wanner 1996, VII.1; Ascher and Petzold 1998, 9.2.
+//! where `U` is a basis of the left null space of `D` and `V` one of the complement (`D z'` drops out of the second
+//! equation). The equations of a block on its face replace its `G`; those of a curved face depend on `z` even if `G`
+//! does not. Hairer and Wanner 1996, VII.1; Ascher and Petzold 1998, 9.2.
 
 mod dense;
 pub mod inequality;
@@ -25,15 +26,15 @@ use nalgebra::DMatrix;
 use problem::Face;
 use sparse::Sparse;
 
-/// Newton's method on the equations above, with its workspace.
+/// Newton's method for the consistent variables, with its workspace.
 pub struct ConsistentVariables {
     equations: Equations,
     inside: Vec<usize>,
     /// `Phi` on the face.
     phi: Vec<f64>,
-    /// Its rows of variables by `t`.
+    /// Partial derivatives with respect to `t` of the rows of `Phi` that belong to variables.
     drift: Vec<f64>,
-    /// By how much each variable inside is to change.
+    /// Newton step of each free variable.
     step: Vec<f64>,
     start: Vec<f64>,
 }
@@ -51,13 +52,13 @@ pub enum InverseMass<'a> {
     Entries(&'a DMatrix<f64>),
 }
 
-/// The most iterations; problems affine in `z` need one.
+/// Maximum number of iterations; problems affine in `z` need one.
 const ITERATIONS: usize = 6;
-/// A step this small, relative to the variables, leaves their rounding alone.
+/// Tolerance on the Newton step, relative to the variables: the level of their rounding errors.
 const ENOUGH: f64 = 1e-14;
 
 impl ConsistentVariables {
-    /// `None` where there are no variables, or where `M` is singular: then `z` is not determined by `x` alone.
+    /// `None` without variables, or if `M` is singular: then `x` alone does not determine `z`.
     pub fn new(system: &System<'_>) -> Option<Self> {
         let variables = system.unknowns - system.states;
         if variables == 0 {
@@ -73,14 +74,14 @@ impl ConsistentVariables {
         Some(Self { equations, inside, phi, drift: vector(), step: vector(), start: vector() })
     }
 
-    /// Whether it takes no factorisation of a sparse matrix: it can then be done between the stages of every step.
+    /// Whether a solve needs no sparse factorisation, so that it is affordable between the stages of every step.
     pub fn is_cheap(&self) -> bool {
         matches!(self.equations, Equations::Dense(_))
     }
 
-    /// Writes to `out`, one a variable, how far the variables inside may be from those that belong to the states, where `G` is
-    /// as large as `sizes` says and `dG/dt` as `hidden`; infinite where the equations are singular, or a block is on its
-    /// boundary, and nothing where the system is sparse.
+    /// Writes to `out`, for each free variable, its possible distance from the variable that is consistent with the
+    /// states, if `G` has the magnitudes `sizes` and `dG/dt` the magnitudes `hidden`: infinite if the equations are
+    /// singular, or a block is on its boundary. Writes nothing if the system is sparse.
     pub fn find_errors(&mut self, system: &System<'_>, sizes: &[f64], hidden: &[f64], out: &mut [f64]) {
         self.inside.clear();
         self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Activity::Inactive));
@@ -92,8 +93,8 @@ impl ConsistentVariables {
         }
     }
 
-    /// How variables answer to the equations of the face; `None` where these are singular, a block is on a curved face, or the
-    /// system is sparse.
+    /// Linear response of the variables to the equations of the face; `None` if the equations are singular, a block is
+    /// on a curved face, or the system is sparse.
     pub fn response(&mut self, system: &mut System<'_>) -> Option<&Response> {
         let Equations::Dense(equations) = &mut self.equations else { return None };
         if !are_flat(system) {
@@ -107,7 +108,7 @@ impl ConsistentVariables {
         equations.response(system, &self.inside)
     }
 
-    /// `M^-1`; `None` where the system is sparse.
+    /// `M^-1`; `None` if the system is sparse.
     pub fn inverse_mass(&self) -> Option<InverseMass<'_>> {
         match &self.equations {
             Equations::Dense(equations) => Some(match &equations.inverse_mass {
@@ -118,8 +119,9 @@ impl ConsistentVariables {
         }
     }
 
-    /// Replaces the variables inside their interval and those of blocks in `y = (x, z)` at `t`, and puts those on a bound
-    /// onto it. Leaves `y` as it is and returns false if the equations are singular or the iteration fails.
+    /// Replaces the free variables and those of blocks in `y = (x, z)` at `t` by consistent ones, and sets variables on
+    /// a bound to that bound. Leaves `y` unchanged and returns false if the equations are singular or the iteration
+    /// fails.
     pub fn solve(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         let n = system.states;
         if !system.evaluate(t, y) {
@@ -133,7 +135,7 @@ impl ConsistentVariables {
         }
         self.start.copy_from_slice(&y[n..]);
         let mut last = f64::INFINITY;
-        // The largest that the variables were on the way: one that passes through zero has no size of its own there.
+        // Largest magnitude of the variables so far: a variable that passes through zero has no scale of its own there.
         let mut scale = self.inside.iter().fold(0.0_f64, |scale, &k| scale.max(y[n + k].abs()));
         for _ in 0..ITERATIONS {
             if !self.newton_step(system, control, t, y) {
@@ -148,7 +150,7 @@ impl ConsistentVariables {
             }
             last = size;
             scale = self.inside.iter().fold(scale.max(size), |scale, &k| scale.max(y[n + k].abs()));
-            // Of affine equations the next step would be the rounding of this one.
+            // For affine equations the next step would be the rounding error of this one.
             let enough = if system.constant_jacobian() { f64::EPSILON.sqrt() } else { ENOUGH };
             if size <= enough * scale {
                 return true;
@@ -161,12 +163,12 @@ impl ConsistentVariables {
         false
     }
 
-    /// One Newton step for the variables inside. False if there is none, or it is not finite.
+    /// Computes one Newton step for the free variables; returns false if there is none, or it is not finite.
     fn newton_step(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &[f64]) -> bool {
         if !system.phi(t, y, &mut self.phi) || !system.differentiate(t, y) {
             return false;
         }
-        // Where a multiplier vanishes so does the curvature of the face, exactly.
+        // Where a multiplier vanishes, the curvature of the face vanishes exactly.
         system.linearise_blocks(y, Some(control));
         system.time_derivative(t, y, &mut self.drift);
         system.combine_drift(&mut self.drift);
@@ -179,7 +181,7 @@ impl ConsistentVariables {
     }
 }
 
-/// Whether the equations of all variables inside are rows of `G`.
+/// Whether the equations of all free variables are rows of `G`.
 fn are_plain(system: &System<'_>) -> bool {
     let mut blocks = system.set.blocks().iter().zip(&system.face.blocks);
     blocks.all(|(block, face)| matches!(face, Face::Interior | Face::Vertex) || system.face.holds(&block.members))

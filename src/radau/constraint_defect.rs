@@ -1,15 +1,15 @@
-//! The error between the steps of the states that constraints determine.
+//! Error between the ends of steps in states that constraints determine.
 //!
-//! Where `G_k = 0` is asked of a variable inside its interval, and no variable is in it, or where an equation has no
-//! rate, the stages satisfy it exactly, whatever the step: the error estimate is zero, and the steps grow until the
-//! collocation polynomial says nothing of what is between the stages. Its defect in the middles of the gaps,
+//! If `G_k = 0` holds for a variable inside its interval, but no variable occurs in `G_k`, or if a row is not a rate,
+//! the stages satisfy that equation exactly, whatever the step size: the error estimate is zero, and steps grow until
+//! the collocation polynomial is meaningless between the stages. The defect at the midpoints between the nodes,
 //!
 //! ```text
 //! |G_k(t, y(t))| / sum_j |dG_k/dy_j| sc_j,
 //! ```
 //!
-//! with the tolerances `sc` of the states, counts as an error of the step where output is asked for between the steps of a
-//! large sparse system. The states of others are brought onto their [constraints](super::constraints).
+//! with the tolerances `sc` of the states, counts as an error of the step if output between the steps of a large sparse
+//! system is requested. In other systems the states are brought onto their [constraints](super::constraints).
 
 use super::face::Activity;
 use super::layout::Storage;

@@ -1,20 +1,20 @@
-//! The algebraic equations of a face, and the corrections by which unknowns between the ends of a step satisfy them.
+//! The algebraic equations of a face, and the corrections that bring unknowns between the ends of a step onto them.
 //!
-//! With `A` the rows that are no rates, `z` and the massless states `w` free, and the rows of `N` a basis of the left null
-//! space of `A_(z,w)`,
+//! Let `A` be the rows that are not rates, let `z` and the massless states `w` be free, and let the rows of `N` be a
+//! basis of the left null space of `A_(z,w)`. Then
 //!
 //! ```text
 //! N A(t, x) = 0,    dx = -D (N A_x D)^+ N A,    D = M^-1 F_(z,w)
 //! ```
 //!
-//! is what binds the other states, and the correction of states that miss it: along the directions in which `z` and `w`
-//! drive them, so that invariants stay (Ascher and Petzold 1998, 10.2). Where these do not reach the constraints, it is the
-//! least in the weights of the tolerances, `D = W`.
-//! Where `M` is singular, massless states and variables follow with `A_(z,w)^+`; where it is not, variables have hidden
-//! constraints as well (see [`consistent`](super::consistent)).
+//! are the constraints on the other states, and the correction of states that violate them: along the directions in
+//! which `z` and `w` drive the states, so that invariants are preserved (Ascher and Petzold 1998, 10.2). If these
+//! directions do not reach the constraints, the correction is the smallest one in the weights of the tolerances,
+//! `D = W`. If `M` is singular, massless states and variables follow with `A_(z,w)^+`; if it is regular, variables
+//! satisfy hidden constraints as well (see [`consistent_variables`](super::consistent_variables)).
 //!
-//! The ends of steps satisfy it. Between them the collocation polynomial does not, and no error estimate sees that: a state
-//! that constraints determine has no error at the stages, whatever the step.
+//! The ends of steps satisfy the constraints. The collocation polynomial between them does not, and no error estimate
+//! detects it: a state that constraints determine has no error at the stages, whatever the step size.
 
 use super::face::{ActiveFace, Activity};
 use super::layout::Storage;
@@ -24,10 +24,10 @@ use factorisation::{Singular, equilibrated, scale_of};
 use nalgebra::{DMatrix, FullPivLU};
 use problem::Mass;
 
-/// Pivots and singular values below this part of the largest are rounding, in matrices whose rows and columns are scaled to
-/// entries of at most one.
+/// Relative rank threshold: pivots and singular values below this fraction of the largest are rounding, in matrices
+/// whose rows and columns are scaled to entries of at most one.
 const RANK: f64 = 1e-10;
-/// The most corrections of one point; constraints that are linear need one.
+/// Maximum number of corrections of one point; linear constraints need one.
 const ITERATIONS: usize = 5;
 
 /// The constraints of one face with one Jacobian.
@@ -35,16 +35,17 @@ const ITERATIONS: usize = 5;
 pub(super) struct Constraints {
     jacobians: u64,
     face: Option<ActiveFace>,
-    /// The rows that are no rates.
+    /// Rows that are not rates.
     rows: Vec<usize>,
-    /// What to add to each unknown for each row of `A`; empty where there is nothing to correct.
+    /// Change of each unknown per unit of each row of `A`; empty if there is nothing to correct.
     correction: DMatrix<f64>,
     phi: Vec<f64>,
     changes: Vec<f64>,
 }
 
 impl Constraints {
-    /// Brings `y` onto the constraints of the face; false where nothing is bound, or the iteration does not converge.
+    /// Brings `y` onto the constraints of the face; returns false if there is nothing to correct, or if the iteration
+    /// does not converge.
     pub fn correct(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         self.follow(system, control, y);
         if self.correction.is_empty() {
@@ -81,7 +82,8 @@ impl Constraints {
         true
     }
 
-    /// How far each unknown may be from the constraints where the rows of `Phi` are as large as `sizes`, added to `out`.
+    /// Adds to `out` the possible distance of each unknown from the constraints, for rows of `Phi` of magnitude
+    /// `sizes`.
     pub fn add_errors(
         &mut self,
         system: &mut System<'_>,
@@ -101,8 +103,8 @@ impl Constraints {
         }
     }
 
-    /// What a linear function of the states with this gradient changes by where they are brought onto the constraints, as factors
-    /// of the rows of `Phi`, into `out`.
+    /// Change of a linear function of the states, given by its gradient, when the states are brought onto the
+    /// constraints: the rows of `Phi` with their factors, into `out`.
     pub fn change_of(
         &mut self,
         system: &mut System<'_>,
@@ -120,8 +122,8 @@ impl Constraints {
         out.retain(|(_, factor)| *factor != 0.0);
     }
 
-    /// Takes out of a difference of states what would leave the constraints, which is what rounding and Newton's method leave
-    /// there; false where nothing is known to be bound.
+    /// Removes from a difference of states the component that violates the constraints, a residue of rounding and of
+    /// Newton's method; returns false if no constraint is known.
     pub fn project(
         &mut self,
         system: &mut System<'_>,
@@ -145,7 +147,7 @@ impl Constraints {
         true
     }
 
-    /// Takes the constraints of the face of `system`, with its last Jacobian.
+    /// Updates the constraints to the face of `system` and its last Jacobian.
     fn follow(&mut self, system: &mut System<'_>, control: &NewtonControl, y: &[f64]) {
         let is_same = self.jacobians == system.work.jacobians && self.face.as_ref() == Some(&system.face);
         if is_same && !system.is_curved() {
@@ -160,7 +162,7 @@ impl Constraints {
     }
 }
 
-/// The matrix that corrects states; none where nothing binds them, or the system is sparse.
+/// The matrix that corrects the states; `None` if no constraint binds them, or the system is sparse.
 fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize>) -> Option<DMatrix<f64>> {
     let (n, unknowns, layout) = (system.states, system.unknowns, &system.layout);
     rows.clear();
@@ -182,7 +184,7 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     system.visit_derivatives(&system.face, |i, j, _, value| {
         match (place[i], free[j]) {
             (usize::MAX, usize::MAX) => {}
-            // What rests on a bound drives nothing.
+            // A variable on a bound drives nothing.
             (usize::MAX, column) => rates[(i, column)] += if rests(j) { 0.0 } else { value },
             (row, usize::MAX) => of_states[(row, j)] += value,
             (row, column) => of_free[(row, column)] += value,
@@ -216,7 +218,7 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     Some(correction).filter(|correction| is_needed && correction.iter().all(|entry| entry.is_finite()))
 }
 
-/// `M^-1 F_(z,w)`, its columns scaled to entries of at most one; `None` where `M` without its massless rows is singular.
+/// `M^-1 F_(z,w)`, with columns scaled to entries of at most one; `None` if `M` without its massless rows is singular.
 fn directions(system: &System<'_>, mut rates: DMatrix<f64>) -> Option<DMatrix<f64>> {
     if let Mass::Constant(entries) = system.mass() {
         let mut mass = DMatrix::<f64>::zeros(system.states, system.states);
@@ -236,13 +238,13 @@ fn directions(system: &System<'_>, mut rates: DMatrix<f64>) -> Option<DMatrix<f6
     Some(rates).filter(|rates| rates.iter().all(|entry| entry.is_finite()))
 }
 
-/// Whether the rows of a matrix are independent.
+/// Whether the rows of a matrix are linearly independent.
 fn reaches(bound: &DMatrix<f64>) -> bool {
     let (scaled, _, _) = equilibrated(bound.clone());
     Singular::of(&scaled).is_some_and(|singular| singular.rank(RANK) == bound.nrows())
 }
 
-/// The pseudoinverse of Moore and Penrose; zero of a matrix that is zero, `None` if an entry is not finite.
+/// The Moore-Penrose pseudoinverse; zero for a zero matrix, `None` if an entry is not finite.
 fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     let singular = Singular::of(matrix)?;
     let mut inverse = DMatrix::<f64>::zeros(matrix.ncols(), matrix.nrows());
@@ -252,7 +254,7 @@ fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(inverse)
 }
 
-/// A basis of the left null space of a matrix; `None` where its rows are independent.
+/// A basis of the left null space of a matrix; `None` if its rows are linearly independent.
 fn left_null_space(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let rows = matrix.nrows();
     let lu = FullPivLU::new(matrix);

@@ -1,61 +1,64 @@
-//! A step whose stages were solved with the variational inequality coupled over them, across a switch that was not
-//! located: by how much the states would differ had the switch been anywhere else in the step.
+//! Steps across a switch that was not located, with the variational inequality coupled over the stages: bound on the
+//! change of the states if the switch were anywhere else in the step.
 
 use super::stepper::Radau;
 
-/// The tolerances by which a switch that is not located may change a state.
+/// Admissible change of a state by a switch that is not located, in tolerances.
 const ALLOWED: f64 = 1.0;
-/// A step that was made four times shorter must bring its switch nearer by this at least: else the states jump.
+/// A step four times shorter must reduce that change to this fraction or less; otherwise the states jump.
 const GAIN: f64 = 0.5;
 
-/// A face that cannot be followed over a step four times shorter, as often as this, is no face to go on with.
+/// Maximum number of attempts, each four times shorter, for which Newton's method cannot follow the face, before the
+/// face is abandoned.
 const MOST_UNFOLLOWED: u32 = 4;
 
-/// The attempts at one step that a switch within it made shorter.
+/// Attempts at one step that were shortened because of a switch within it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shortened {
     last: Option<f64>,
-    /// The attempts for which Newton's method could not follow the face.
+    /// Number of attempts for which Newton's method could not follow the face.
     unfollowed: u32,
 }
 
 impl Shortened {
-    /// Whether a step within which a switch may change a state by this many tolerances is to be made shorter.
+    /// Whether to shorten a step within which a switch may change a state by `unlocated` tolerances.
     pub fn is_too_long(&mut self, unlocated: Option<f64>) -> bool {
         let Some(distance) = unlocated.filter(|distance| *distance > ALLOWED) else { return false };
-        // Where the face was followed past its end, and its end was not found, switches accumulate: there are more in any step.
+        // If the face was followed past its end, and the end was not found, switches accumulate: every step contains
+        // more.
         if !(1..=MOST_UNFOLLOWED).contains(&self.unfollowed) {
             return false;
         }
         distance < self.last.replace(distance).map_or(f64::INFINITY, |last| GAIN * last)
     }
 
-    /// Takes an accepted step into account.
+    /// Records an accepted step.
     pub fn accepted(&mut self) {
         *self = Self::default();
     }
 
-    /// Takes an attempt into account for which Newton's method could not follow the face.
+    /// Records an attempt for which Newton's method could not follow the face.
     pub fn unfollowed(&mut self) {
         self.unfollowed += 1;
     }
 }
 
 impl Radau<'_> {
-    /// The largest `h max_ij |B (z_i - z_j)| / M` of a state over the stages `i, j` of a step of size `h` whose stages are
-    /// solved with the VI, in units of its tolerance; `None` where switches are not to be located, or the step has none.
+    /// The largest `h max_ij |B (z_i - z_j)| / M` of a state over the stages `i, j` of a step of size `h` whose stages
+    /// are solved with the VI, in units of the state's tolerance; `None` if switches are not to be located, or the step
+    /// has none.
     pub(super) fn unlocated(&mut self, h: f64) -> Option<f64> {
         if !self.switching.is_to_locate() || self.switching.before.is_same(&self.system.face) {
             return None;
         }
         let (n, unknowns) = (self.system.states, self.system.unknowns);
-        // The variables at the beginning that belong to the states on the face that was left.
+        // The variables at the beginning of the step that are consistent with the states on the face before the switch.
         let mut begin = self.y.clone();
         std::mem::swap(&mut self.system.face, &mut self.switching.before);
         if let Some(consistent) = &mut self.consistent {
             consistent.solve(&mut self.system, &self.control, self.clock.t, &mut begin);
         }
-        // On a face that has ended they may have left `K`, which the solution does not.
+        // On a face that has ended they may lie outside `K`; the solution does not.
         self.system.project(&mut begin);
         std::mem::swap(&mut self.system.face, &mut self.switching.before);
         let mut worst = 0.0_f64;
@@ -75,8 +78,8 @@ impl Radau<'_> {
         Some(worst)
     }
 
-    /// By how many tolerances a state would differ, had the switch within the last step been anywhere else in it; `None`
-    /// where there was none, or it was located.
+    /// Largest change of a state, in tolerances, if the switch within the last step were anywhere else in it; `None` if
+    /// there was no switch, or it was located.
     pub fn unlocated_switch(&self) -> Option<f64> {
         self.last.unlocated
     }

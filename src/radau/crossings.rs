@@ -1,4 +1,4 @@
-//! Where a monitor changes sign on the collocation polynomial of a step: about where a switch is.
+//! Sign changes of monitors on the collocation polynomial of a step: first guesses of the switches.
 
 use super::face::{Monitor, monitors};
 use super::stepper::Radau;
@@ -9,21 +9,21 @@ use numerics::Bracket;
 /// A monitor that changes sign within a step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Crossing {
-    /// Which of the monitors of the face.
+    /// Index of the monitor among those of the face.
     pub index: usize,
-    /// Where, as a fraction of the step.
+    /// Position, as a fraction of the step.
     pub theta: f64,
     /// The rate of change of the monitor there.
     pub slope: f64,
-    /// Where it was positive before, and where it was seen to be negative, if it may have other zeros over the step.
+    /// Points where the monitor was positive and, later, seen to be negative, if it may have other zeros over the step.
     pub bracket: Option<(f64, f64)>,
 }
 
-/// So many times an interval is halved in the search for a monitor that rises.
+/// Maximum number of halvings of an interval in the search for a monitor that rises.
 const RISES: i32 = 16;
 
 impl Radau<'_> {
-    /// The values of all monitors on the collocation polynomial of the present step.
+    /// Evaluates all monitors on the collocation polynomial of the present step, into `out`.
     pub(super) fn monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
         self.polynomial_at(theta);
         let t = self.clock.t + theta * h;
@@ -40,7 +40,7 @@ impl Radau<'_> {
         monitors(&mut self.system, &self.control, scratch, out);
     }
 
-    /// The collocation polynomial of the present step, into the scratch of the switches.
+    /// Evaluates the collocation polynomial of the present step into `switching.scratch`.
     pub(super) fn polynomial_at(&mut self, theta: f64) {
         let tableau = self.tableau();
         let mut basis = [0.0; MOST_STAGES];
@@ -54,14 +54,15 @@ impl Radau<'_> {
         }
     }
 
-    /// The earliest sign change of a violated monitor on the collocation polynomial of the present step.
-    pub(super) fn earliest(&mut self, h: f64, dip: Option<f64>) -> Option<Crossing> {
-        // The stages, the middles between them, and where a dip was seen.
+    /// The earliest sign change of a violated monitor on the collocation polynomial of the present step; a violation
+    /// between the stages has been seen at `hidden_crossing`.
+    pub(super) fn earliest(&mut self, h: f64, hidden_crossing: Option<f64>) -> Option<Crossing> {
+        // The stages, the midpoints between them, and the point of a hidden crossing.
         let mut left = 0.0;
         let nodes = self.tableau().c.iter();
         let mut ends: Vec<f64> =
             nodes.flat_map(|&node| [0.5 * (std::mem::replace(&mut left, node) + node), node]).collect();
-        ends.extend(dip.filter(|theta| *theta < 1.0));
+        ends.extend(hidden_crossing.filter(|theta| *theta < 1.0));
         ends.sort_by(f64::total_cmp);
         let (mut at_left, mut at_right) = (Vec::new(), Vec::new());
         self.monitors_at(0.0, h, &mut at_left);
@@ -76,7 +77,7 @@ impl Radau<'_> {
                 let theta = self.root(index, (left, *start), (right, end.value), h);
                 if first.is_none_or(|first| theta < first.theta) {
                     let slope = (end.value - start.value) / ((right - left) * h);
-                    let bracket = dip.map(|_| (left, right));
+                    let bracket = hidden_crossing.map(|_| (left, right));
                     first = Some(Crossing { index, theta, slope, bracket });
                 }
             }
@@ -89,7 +90,7 @@ impl Radau<'_> {
         None
     }
 
-    /// Where a monitor rises from its noise, nearer and nearer to `left`, and its value there.
+    /// The point, ever nearer to `left`, at which a monitor exceeds its noise, and the value of the monitor there.
     fn rise(&mut self, index: usize, (left, start): (f64, Monitor), right: f64, h: f64) -> Option<(f64, f64)> {
         let mut values = Vec::new();
         (1..=RISES).find_map(|k| {
@@ -99,10 +100,12 @@ impl Radau<'_> {
         })
     }
 
-    /// The zero of a monitor between two points where it has opposite signs, by the Illinois method; the left point if
-    /// it is not positive there. A face begins where a monitor of it is zero to within noise, and may rise before it falls.
+    /// The zero of a monitor between two points of opposite sign, by the Illinois method; the left point if the monitor
+    /// is not positive there and does not rise from it. On a new face a monitor may be zero to within noise, and rise
+    /// before it falls.
     fn root(&mut self, index: usize, left: (f64, Monitor), right: (f64, f64), h: f64) -> f64 {
-        // What crossed with the monitor that ended the last step is off by what is noise there, not here.
+        // A monitor that crossed together with the one that ended the last step errs by the noise there, not by the
+        // noise here.
         let start = if left.1.value > 0.0 { Some((left.0, left.1.value)) } else { self.rise(index, left, right.0, h) };
         let Some(start) = start else { return left.0 };
         let mut bracket = Bracket::new(start, right);

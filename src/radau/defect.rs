@@ -4,15 +4,16 @@
 //! M (x(t + h) - x(t)) = h sum_q w_q F(t_q, y(t_q)),    t_q, w_q of the rule of Gauss with five points,
 //! ```
 //!
-//! with `F` enclosed over all `y` within the tolerances of the dense output. Where rates are smooth the error estimate
-//! bounds it. Where they have kinks or an infinite slope, Newton's method can take the derivatives of the wrong side, its
-//! increments vanish though the stages are not solved, and the error estimate is made of the same wrong numbers.
+//! where `F` is enclosed over all `y` within the tolerances of the dense output. If the rates are smooth, the error
+//! estimate bounds the defect. If they have kinks or an infinite slope, Newton's method may use derivatives from the
+//! wrong side: its increments vanish though the stages are not solved, and the error estimate uses the same wrong
+//! numbers.
 
 use super::screening::ALLOWED;
 use super::stepper::Radau;
 use numerics::Interval;
 
-/// The points of the rule of Gauss on `[0, 1]` and its weights.
+/// Points and weights of the Gauss rule on `[0, 1]`.
 const GAUSS: [(f64, f64); 5] = [
     (0.046_910_077_030_668_0, 0.118_463_442_528_094_54),
     (0.230_765_344_947_158_45, 0.239_314_335_249_683_23),
@@ -22,7 +23,7 @@ const GAUSS: [(f64, f64); 5] = [
 ];
 
 impl Radau<'_> {
-    /// The largest defect of a state over the last step, in units of its tolerance, with the state; `None` where the
+    /// The state with the largest defect over the last step, and that defect in units of its tolerance; `None` if the
     /// problem cannot be enclosed.
     pub fn defect(&mut self) -> Option<(usize, f64)> {
         let (n, h) = (self.system.states, self.last.h);
@@ -58,7 +59,7 @@ impl Radau<'_> {
         excess.max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
-    /// How far each unknown may be off.
+    /// Admissible error of each unknown.
     fn allowed_errors(&self) -> Vec<f64> {
         (0..self.system.unknowns).map(|j| ALLOWED * self.uncertainty(j)).collect()
     }
@@ -69,9 +70,9 @@ impl Radau<'_> {
         self.system.problem().enclose(Interval::point(t), &ranges, values)
     }
 
-    /// Whether the stages that were solved for a step of size `h` satisfy their equations for rates somewhere within the
-    /// tolerances of the states. Small increments do not tell where derivatives are those of the wrong side of a kink, or of an infinite
-    /// slope: they are small whatever is left. Only asked where the rows have kinks.
+    /// Whether the solved stages of a step of size `h` satisfy their equations for rates somewhere within the
+    /// tolerances of the states. If derivatives belong to the wrong side of a kink, or to an infinite slope, small
+    /// increments prove nothing: they are small whatever the residual. True without a check if the rows have no kinks.
     pub(super) fn are_stages_solved(&mut self, h: f64) -> bool {
         if !self.system.has_kinks {
             return true;

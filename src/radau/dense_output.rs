@@ -1,9 +1,10 @@
-//! The collocation polynomial of one step, `y(t_n + theta h) = y_n + sum_i l_i(theta) Z_i`, of degree `s`, whose slope is
-//! that of the rates at the stages; for the states one degree more, so that the slope is right at the beginning too.
+//! The collocation polynomial of one step, `y(t_n + theta h) = y_n + sum_i l_i(theta) Z_i`, of degree `s`, whose slope
+//! is that of the rates at the stages. For the states one more degree corrects the slope at the beginning of the step.
 //!
-//! What the slope of the polynomial lacks there is `h E^-1` times what the embedded error estimate is made of, filtered
-//! by the same factors; times a polynomial that changes neither the ends nor the slopes at the stages it raises the order
-//! between the steps from `s + 1` to `s + 2`, at no cost.
+//! The slope that the polynomial lacks there, times `h`, is `h E^-1` applied to the terms of the embedded error
+//! estimate, so that it is filtered by the same factors. Multiplied by the bubble, a polynomial that changes neither
+//! the ends nor the slopes at the stages, it raises the order between the ends of steps from `s + 1` to `s + 2` at no
+//! cost.
 
 use super::face::ActiveFace;
 use super::screening::Between;
@@ -12,34 +13,34 @@ use super::tableau::Tableau;
 /// The last accepted step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Step {
-    /// Where it began.
+    /// Time at its beginning.
     pub t: f64,
     /// Its size.
     pub h: f64,
     /// `y` at its beginning.
     pub y: Vec<f64>,
-    /// The stage increments, `s` blocks.
+    /// The stage increments, in `s` blocks.
     pub z: Vec<f64>,
-    /// What the slope of the states lacks at the beginning, times `h`; empty where it is not known.
+    /// Correction of the slope of the states at the beginning, times `h`; empty if it is not known.
     pub slope: Vec<f64>,
-    /// The slope of the states with which the next step is to begin: that at its end, or that of the rates where a run or a face
-    /// begins; empty where neither is known.
+    /// The slope of the states with which the next step should begin: that at the end of this step, or that of the
+    /// rates at the beginning of a run or a face; empty if neither is known.
     pub end_slope: Vec<f64>,
-    /// The face that it kept.
+    /// The face of the step.
     pub face: ActiveFace,
-    /// Whether it kept one face.
+    /// Whether the step kept one face.
     pub is_smooth: bool,
-    /// What screening found between its stages; none where there was nothing to screen.
+    /// Result of screening between its stages; `None` if there was nothing to screen.
     pub screened: Option<Between>,
-    /// By how many tolerances a switch within it that was not located may change a state.
+    /// Largest change of a state, in tolerances, by a switch within the step that was not located.
     pub unlocated: Option<f64>,
-    /// Whether it was made again, with derivatives of where it begins.
+    /// Whether the step was repeated, with derivatives at its beginning.
     pub is_remade: bool,
     basis: Vec<f64>,
 }
 
 impl Step {
-    /// Takes over a step; no allocation once it has held one of the same size.
+    /// Stores a step; allocates nothing once it has stored one of the same size.
     pub fn set(&mut self, t: f64, h: f64, y: &[f64], z: &[f64], face: &ActiveFace) {
         (self.t, self.h, self.is_remade) = (t, h, false);
         self.y.clear();
@@ -49,7 +50,7 @@ impl Step {
         self.face.clone_from(face);
     }
 
-    /// Sets the slope at the end of a step with this tableau, for so many states.
+    /// Sets the slope at the end of a step with this tableau, for this number of states.
     pub fn set_end_slope(&mut self, tableau: &Tableau, states: usize) {
         let s = tableau.stages();
         self.end_slope.clear();
@@ -62,8 +63,9 @@ impl Step {
         }
     }
 
-    /// By how much the slope of the states jumps between this step and the next, of size `h`, which begins with the
-    /// opposite of `slope`; times `h`, into `out`. Nothing where the next step need not begin with the slope of this one.
+    /// The jump of the slope of the states between this step and the next, of size `h`, times `h`, into `out`; `slope`
+    /// is minus the slope at the beginning of the next step. Empty if the next step need not begin with the slope of
+    /// this one.
     pub fn jump(&self, h: f64, slope: &[f64], out: &mut Vec<f64>) {
         out.clear();
         out.extend(self.end_slope.iter().zip(slope).map(|(end, slope)| h * (end + slope)));
@@ -81,7 +83,7 @@ impl Step {
         }
     }
 
-    /// `y` at time `t`, into `out`.
+    /// Evaluates `y` at time `t` into `out`.
     pub fn at(&mut self, tableau: &Tableau, t: f64, out: &mut [f64]) {
         let theta = (t - self.t) / self.h;
         self.increment_at(tableau, theta, out);

@@ -1,14 +1,14 @@
-//! The active face of `K`: which bound, if any, each variable rests on, and which face of each block.
+//! The active face of `K`: the bound, if any, on which each variable rests, and the face of each block.
 //!
-//! On a face the variational inequality is the square system `G_k = 0` for variables inside their interval,
-//! `z_k = l_k` or `z_k = u_k` for those on a bound, and [`FaceEquations`](problem::FaceEquations) for a block. The
-//! face is the right one while its [`monitors`] are not negative.
+//! On a face the variational inequality is a square system: `G_k = 0` for variables inside their interval, `z_k = l_k`
+//! or `z_k = u_k` for variables on a bound, and [`FaceEquations`](problem::FaceEquations) for a block. The face is the
+//! right one while its [`monitors`] are nonnegative.
 
 use super::newton_control::NewtonControl;
 use super::system::System;
 use problem::{self, ConvexSet, Face, Shape};
 
-/// Where one variable stands in its interval.
+/// Position of one variable in its interval or its block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// `z = l`, and `G >= 0`.
@@ -17,16 +17,16 @@ pub enum Activity {
     AtUpper,
     /// `l <= z <= u`, and `G = 0`.
     Inactive,
-    /// `z` is given from outside the stage equations.
+    /// `z` is prescribed from outside the stage equations.
     Fixed,
-    /// On the boundary of a block, where it may still move: on so many rows of a polyhedron; positive, in a simplex.
+    /// On the boundary of a block, but free to move: on this number of rows of a polyhedron, or positive in a simplex.
     Boundary(usize),
     /// At a vertex of a block, or zero in a simplex.
     Vertex,
 }
 
 impl Activity {
-    /// How many equations hold the variable; one that is given has the most.
+    /// The number of equations that restrict the variable; the maximum if its value is given.
     pub fn equations(self) -> usize {
         match self {
             Self::AtLower | Self::AtUpper | Self::Fixed | Self::Vertex => usize::MAX,
@@ -39,14 +39,14 @@ impl Activity {
 /// The face of every factor of `K`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ActiveFace {
-    /// A place a variable.
+    /// The activity of each variable.
     pub places: Vec<Activity>,
-    /// A face a block.
+    /// The face of each block.
     pub blocks: Vec<Face>,
 }
 
 impl ActiveFace {
-    /// Puts block `b` of `set` on a face.
+    /// Sets the face of block `b` of `set`.
     pub fn set_block(&mut self, set: &ConvexSet, b: usize, face: Face) {
         let block = &set.blocks()[b];
         for (i, &k) in block.members.iter().enumerate() {
@@ -67,7 +67,7 @@ impl ActiveFace {
         self.blocks[b] = face;
     }
 
-    /// Whether `other` has `variable` on as many rows of a polyhedron, but on others.
+    /// Whether `variable` is on a row of its polyhedron in `other` that is not active in `self`.
     pub fn exchanges(&self, other: &Self, set: &ConvexSet, variable: usize) -> bool {
         let Some(b) = set.block_of(variable) else { return false };
         let block = &set.blocks()[b];
@@ -80,7 +80,7 @@ impl ActiveFace {
         }
     }
 
-    /// Whether this is the same as `other`, however their equations are solved.
+    /// Whether both faces are the same, regardless of the form in which their equations are solved.
     pub fn is_same(&self, other: &Self) -> bool {
         let same = |pair: (&Face, &Face)| match pair {
             (Face::Boundary(_), Face::Boundary(_)) => true,
@@ -89,13 +89,13 @@ impl ActiveFace {
         self.places == other.places && self.blocks.iter().zip(&other.blocks).all(same)
     }
 
-    /// Whether the members of a block are given from outside.
+    /// Whether the members of a block are prescribed from outside.
     pub fn holds(&self, members: &[usize]) -> bool {
         members.first().is_some_and(|&k| self.places[k] == Activity::Fixed)
     }
 }
 
-/// The place of a variable of which `z` solves `VI([l, u], G)` with value `g`.
+/// The activity of a variable whose `z` solves `VI([l, u], G)`, where `G` has the value `g`.
 pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Activity {
     if z - g <= set.lower[k] {
         Activity::AtLower
@@ -106,25 +106,26 @@ pub fn place(set: &ConvexSet, k: usize, z: f64, g: f64) -> Activity {
     }
 }
 
-/// What must not become negative for a variable or a block to stay in its place.
+/// A quantity that must stay nonnegative while a variable or a block keeps its face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
-    /// `G` on the lower bound, `-G` on the upper, the distance to a bound inside, the width of an interval; of a block
-    /// what its face says.
+    /// `G` on the lower bound, `-G` on the upper bound, the distance to a bound inside an interval, or the width of an
+    /// interval; for a block, a monitor of its face.
     pub value: f64,
-    /// The size below which `value` is noise: the tolerance of the VI, or what an error of `y` that Newton's method
-    /// lets pass makes of it.
+    /// Magnitude below which `value` is noise: the tolerance of the VI, or the effect of an error of `y` that Newton's
+    /// method accepts.
     pub noise: f64,
 }
 
 impl Monitor {
-    /// Whether the variable has left its place.
+    /// Whether the variable has left its face.
     pub fn is_violated(&self) -> bool {
         self.value < -self.noise
     }
 }
 
-/// Whether each variable, or its block, is at its switch at `y`, to within noise; `system` was evaluated there last.
+/// Whether each variable, or its block, is at a switch at `y` to within noise; `system` must have been evaluated at `y`
+/// last.
 pub fn undecided(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) -> Vec<bool> {
     let mut undecided = vec![false; system.unknowns - system.states];
     for &k in &system.intervals {
@@ -150,7 +151,7 @@ fn monitors_of_block(system: &mut System<'_>, control: &NewtonControl, b: usize,
     }));
 }
 
-/// The monitors of variable `k` of an interval at `y`, but for the width of the interval.
+/// The monitors of variable `k` of an interval at `y`, except that of the width of the interval.
 fn of_place(system: &System<'_>, control: &NewtonControl, k: usize, y: &[f64]) -> impl Iterator<Item = Monitor> {
     let (z, g) = (y[system.states + k], system.values[system.states + k]);
     let finite = |distance: f64| Some(distance).filter(|distance| distance.is_finite());

@@ -4,9 +4,9 @@
 //! (gamma/h) diag(M, 0) - Phi_y    and    ((alpha + i beta)/h) diag(M, 0) - Phi_y,
 //! ```
 //!
-//! one real where `s` is odd and one complex for each pair of eigenvalues of `A^-1` (Hairer and Wanner 1996, IV.8). The
-//! rows of the rates are multiplied by the power of two next to `h`: complex pivots are squared when they are divided
-//! by, which `1/h` would not survive in units of time far from one.
+//! one real matrix if `s` is odd, and one complex matrix for each pair of eigenvalues of `A^-1` (Hairer and Wanner
+//! 1996, IV.8). The rows of the rates are multiplied by the power of two next to `h`: a complex division squares its
+//! divisor, and the square of `1/h` could overflow in units of time far from one.
 
 use super::face::ActiveFace;
 use super::layout::{Layout, Storage};
@@ -17,18 +17,18 @@ use nalgebra::Complex;
 use problem::Control;
 use std::sync::Arc;
 
-/// LU factors for one step size, and the memory for those of the next.
+/// LU factors for one step size; their memory is reused for the next.
 pub struct Factors {
     layout: Arc<Layout>,
     negative_jacobian: Vec<f64>,
-    /// What the rows are multiplied by.
+    /// Factor of each row.
     scale: Vec<f64>,
     real: Option<Lu<f64>>,
     complex: Vec<Lu<Complex<f64>>>,
 }
 
 impl Factors {
-    /// Room for the matrices of `system`; memory for factors is taken when they are first computed.
+    /// Allocates for the matrices of `system`; the memory of factors is allocated when they are first computed.
     pub fn new(system: &System<'_>) -> Self {
         let layout = Arc::clone(&system.layout);
         Self {
@@ -40,7 +40,7 @@ impl Factors {
         }
     }
 
-    /// Factorises for step size `h` on a face, from the derivatives of `system` as they are.
+    /// Factorises for step size `h` on a face, from the current derivatives of `system`.
     pub fn compute(&mut self, system: &System<'_>, face: &ActiveFace, tableau: &Tableau, h: f64) {
         let Self { layout, negative_jacobian, scale, real, complex } = self;
         system.negative_jacobian(face, negative_jacobian);
@@ -82,7 +82,7 @@ impl Factors {
     }
 }
 
-/// The largest power of two up to a positive `x`: multiplying by it rounds nothing.
+/// The largest power of two up to a positive `x`; multiplication by it is exact.
 fn power_of_two(x: f64) -> f64 {
     f64::from_bits(x.to_bits() & f64::INFINITY.to_bits()).max(f64::MIN_POSITIVE)
 }
@@ -95,7 +95,7 @@ enum Lu<T: Number> {
         matrix: SparseMatrix<T>,
         factors: SparseLu<T>,
     },
-    /// The memory did not suffice.
+    /// Memory was insufficient.
     None,
 }
 

@@ -1,31 +1,34 @@
-//! The memory of a run, as far as it is known before it: its matrices. The fill of sparse factors turns out on the way.
+//! The memory of a run as far as it is known beforehand: its matrices. The fill-in of sparse factors becomes known only
+//! during the run.
 
 use super::layout::is_sparse;
 use super::settings::StepError;
 use problem::Structure;
 
-/// The most memory, in bytes, that one dense part of a run may take.
+/// Maximum memory of one dense part of a run, in bytes.
 pub const MOST_BYTES: usize = 2 << 30;
 
-/// The most matrices of a part: the Jacobian, a real and a complex one of the Newton method; or, of the inequalities of all
-/// stages, theirs and up to three of its size in a solver.
+/// Maximum number of matrices of a dense part: the Jacobian and a real and a complex matrix of Newton's method; or the
+/// matrix of the inequalities of all stages and up to three more of its size in a solver.
 const MATRICES: usize = 4;
 
-/// The numbers that a run has of each entry of the pattern, measured: its row and column several times over, and where the
-/// matrix is sparse its values in the factors, without fill.
+/// Storage per pattern entry, in units of `f64`, measured: its row and column several times over, and in a sparse
+/// matrix its values in the factors, without fill-in.
 const OF_DENSE_ENTRY: usize = 12;
 const OF_SPARSE_ENTRY: usize = 28;
 
-/// The numbers that a run has of each unknown, measured: stages, predictions, interpolants and scales.
+/// Storage per unknown, in units of `f64`, measured: stages, predictions, interpolants and scales.
 const OF_UNKNOWN: usize = 160;
 
-/// The dense matrices of the Newton method: the Jacobian, and one real and some complex factors for the stage numbers met.
+/// Number of dense matrices of Newton's method: the Jacobian, and one real and several complex factors for the numbers
+/// of stages in use.
 const OF_NEWTON: usize = 6;
 
-/// The matrices of the inequalities of all stages, measured: theirs, and none to three of its size by the solver that they need.
+/// Number of matrices for the inequalities of all stages, measured: their own, and none to three of its size in the
+/// solver.
 const OF_STAGES: usize = 2;
 
-/// Refuses the dense matrices of a part, of `unknowns` rows, that would take more memory than it may.
+/// Rejects a part of a run with dense matrices of `unknowns` rows if they exceed the memory limit.
 ///
 /// # Errors
 /// [`StepError::TooLarge`].
@@ -34,7 +37,8 @@ pub fn check_memory(what: &'static str, unknowns: usize) -> Result<(), StepError
     if fits { Ok(()) } else { Err(StepError::TooLarge { what, unknowns }) }
 }
 
-/// The numbers of a run with so many stages: its matrices, and what grows with unknowns and with entries of the pattern.
+/// Storage of a run with this number of stages, in units of `f64`: its matrices, and the parts proportional to unknowns
+/// and to pattern entries.
 pub fn run_numbers(structure: &Structure, stages: usize) -> usize {
     let (unknowns, entries) = (structure.unknowns(), structure.pattern.len());
     let matrix = if is_sparse(unknowns, entries) {

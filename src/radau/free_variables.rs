@@ -1,5 +1,5 @@
-//! The variables inside their intervals between the stages, where the polynomial through their values need not be what
-//! the states make of them. To first order they are off by
+//! The free variables, those inside their intervals, at times between the stages: the polynomial through their stage
+//! values need not satisfy their equations `G_I = 0`. To first order the correction is
 //!
 //! ```text
 //! dz_I    with    (dG_I / dz_I) dz_I = -G_I.
@@ -8,21 +8,21 @@
 use super::system::System;
 use factorisation::DenseLu;
 
-/// Up to so many variables that enter each other's equations are solved for; of more the polynomial is taken. It is done
-/// several times a step, and up to here costs no more than evaluations of as many equations do.
+/// Maximum number of coupled variables that are solved for; with more, the values of the polynomial are used. The solve
+/// is repeated several times per step, and up to this size costs no more than evaluations of as many equations.
 const MOST: usize = 64;
 
-/// A matrix with a larger condition is singular but for rounding.
+/// A matrix with a larger condition number counts as singular.
 const MOST_CONDITION: f64 = 1e10;
 
-/// Their equations on one face, with one Jacobian.
+/// The equations of the free variables on one face, with one Jacobian.
 pub(super) struct FreeVariables {
     jacobians: u64,
     inside: Vec<usize>,
-    /// Those of them whose equations have variables inside, and none on the boundary of a block.
+    /// The free variables whose equations contain free variables, and no variable on the boundary of a block.
     variables: Vec<usize>,
     equations: Equations,
-    /// The inverse of their matrix, column by column, where they enter each other's equations.
+    /// Inverse of their matrix, column by column, if the equations are coupled.
     inverse: Vec<f64>,
     change: Vec<f64>,
     /// The change of every variable.
@@ -30,9 +30,9 @@ pub(super) struct FreeVariables {
 }
 
 enum Equations {
-    /// They do not tell the variables, or are too many.
+    /// The equations do not determine the variables, or are too many.
     None,
-    /// Each has one variable, and this factor of it.
+    /// Decoupled: each equation has one variable, with this factor.
     Apart(Vec<f64>),
     Together(DenseLu<f64>),
 }
@@ -50,8 +50,8 @@ impl FreeVariables {
         }
     }
 
-    /// Corrects the variables inside in `y`, where `system` was evaluated last, and all of `G` with them; whether that
-    /// tells all of them. It does not where only the derivative of `G` has variables.
+    /// Corrects the free variables in `y`, the point of the last evaluation of `system`, and all of `G` with them.
+    /// Returns false if `G` does not determine every free variable (index 2: `G_z = 0`).
     pub(super) fn correct(&mut self, system: &mut System<'_>, y: &mut [f64]) -> bool {
         self.follow(system);
         let n = system.states;
@@ -80,15 +80,15 @@ impl FreeVariables {
         self.variables.len() == self.inside.len() && !system.is_on_edge()
     }
 
-    /// Whether the equations tell all variables inside, and those of blocks.
+    /// Whether the equations determine all free variables, including those of blocks.
     pub(super) fn tells_all(&mut self, system: &System<'_>) -> bool {
         self.follow(system);
         let are_told = !matches!(self.equations, Equations::None) && self.variables.len() == self.inside.len();
         (self.inside.is_empty() || are_told) && !system.is_on_edge()
     }
 
-    /// How far each variable may be from the root of its equations where these are as large as `residuals`:
-    /// `|dG_I/dz_I|^-1 |G_I|`, and zero of those that the equations do not tell.
+    /// Bound on the distance of each variable from the root of its equations, for residuals of magnitude `residuals`:
+    /// `|dG_I/dz_I|^-1 |G_I|`, and zero for variables that the equations do not determine.
     pub(super) fn errors(&mut self, system: &System<'_>, residuals: &[f64], out: &mut Vec<f64>) {
         self.follow(system);
         out.clear();
@@ -109,9 +109,9 @@ impl FreeVariables {
         }
     }
 
-    /// The combination of the equations that answers to a change of the variables as `gradient` does, as pairs of an equation
-    /// and its weight: `w dG_I/dz_I = gradient`. What is left of a function with this gradient without it does not depend on
-    /// the variables that the equations tell.
+    /// The combination of the equations whose gradient with respect to the variables is `gradient`, as pairs of an
+    /// equation and its weight: `w dG_I/dz_I = gradient`. A function with this gradient, minus the combination, does
+    /// not depend on the variables that the equations determine.
     pub(super) fn weights(
         &mut self,
         system: &System<'_>,
@@ -137,7 +137,7 @@ impl FreeVariables {
         out.retain(|(_, weight)| *weight != 0.0);
     }
 
-    /// Takes the equations of the face of `system`, with its last Jacobian.
+    /// Updates the equations to the face of `system` and its last Jacobian.
     fn follow(&mut self, system: &System<'_>) {
         let inside = (0..self.changes.len()).filter(|&k| system.is_inside(k));
         if self.jacobians != system.work.jacobians || !inside.clone().eq(self.inside.iter().copied()) {
@@ -187,8 +187,9 @@ impl FreeVariables {
     }
 }
 
-/// Writes the inverse of a matrix with these factors to `inverse`, both column by column; false where the matrix is singular
-/// but for rounding. The diagonal of `|A^-1| |A|` tells, whose size no unit of a row or a column changes.
+/// Writes the inverse of a matrix with these factors to `inverse`, both column by column; returns false if the matrix
+/// is singular up to rounding. The criterion is the diagonal of `|A^-1| |A|`, which does not depend on the units of
+/// rows and columns.
 fn invert(factors: &mut DenseLu<f64>, matrix: &[f64], inverse: &mut Vec<f64>) -> bool {
     let count = matrix.len().isqrt();
     inverse.clear();

@@ -1,29 +1,29 @@
-//! How far `(x, z)` at one time is from the variational inequality that was posed, in units of the tolerances.
+//! Residual of the variational inequality at one point `(t, x, z)`, in units of the tolerances.
 //!
-//! The natural map `z - P_K(z - G)` mixes the units of `z` and `G`. With the sizes `a_z` and `a_g` up to which a variable
-//! and its `G` are uncertain when every state is known to its tolerance,
+//! The natural map `z - P_K(z - G)` mixes the units of `z` and `G`. Let `a_z` and `a_g` be the uncertainties of a
+//! variable and of its `G` if every state is known to its tolerance. Then the excess
 //!
 //! ```text
 //! zeta = z / a_z,    gamma = G / a_g,    excess = |zeta - P(zeta - gamma)|
 //! ```
 //!
-//! has none, and is the same in any units: below one, the law holds for values within the tolerances.
+//! does not depend on the units: below one, the law holds for values within the tolerances.
 
 use super::screening::ALLOWED;
 use super::stepper::{Extent, Radau};
 
-/// The variable that is furthest from its law.
+/// The variable with the largest residual of its law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Excess {
-    /// The variable, counted from 0; of a block its first member.
+    /// Index of the variable, counted from 0; for a block, that of its first member.
     pub variable: usize,
-    /// The natural map in units of what the tolerances leave uncertain.
+    /// Residual of the natural map, in units of the uncertainty that the tolerances allow.
     pub excess: f64,
 }
 
 impl Radau<'_> {
-    /// The largest excess over the variables at `(t, y)`; `None` where there are no variables. The excess of what is not
-    /// finite is infinite.
+    /// The largest excess over the variables at `(t, y)`; `None` without variables. The excess is infinite if a value
+    /// is not finite.
     pub fn law_excess(&mut self, t: f64, y: &[f64]) -> Option<Excess> {
         if self.system.unknowns == self.system.states {
             return None;
@@ -31,7 +31,7 @@ impl Radau<'_> {
         let mut worst = Excess { variable: 0, excess: 0.0 };
         let evaluations = self.system.work.rates;
         let is_finite = self.system.evaluate(t, y);
-        // Evidence is no part of the method: its work is not counted as that of the run.
+        // Evidence is not part of the method: its evaluations are not counted as work of the run.
         self.system.work.rates = evaluations;
         if !is_finite {
             return Some(Excess { excess: f64::INFINITY, ..worst });
@@ -56,7 +56,7 @@ impl Radau<'_> {
                 keep(k, excess);
                 continue;
             }
-            // A source that no state enters is known at a time that was rounded.
+            // A source that no state enters is known only up to the rounding of time.
             let by_time = by_time.get_or_insert_with(|| {
                 let mut slopes = vec![0.0; self.system.unknowns - n];
                 self.system.time_derivative(t, y, &mut slopes);
@@ -76,16 +76,16 @@ impl Radau<'_> {
         Some(worst)
     }
 
-    /// What the tolerances leave uncertain of unknown `j`; of a variable, which has no absolute tolerance, relative to its
-    /// largest value.
+    /// Uncertainty of unknown `j` under the tolerances; for a variable, which has no absolute tolerance, relative to
+    /// its largest value.
     pub(super) fn uncertainty(&self, j: usize) -> f64 {
         let atol = if j < self.system.states { self.settings.atol[j] } else { 0.0 };
         atol + self.settings.rtol * self.extent.largest[j]
     }
 
-    /// What the tolerances leave uncertain of variable `k` and of its `G`: errors of the states, the tolerance of the VI, and
-    /// of a variable also what changes no state over the longest step so far, where the weights are those of a step of size
-    /// `h`, or of a shorter one that finds a face behind it.
+    /// Uncertainties of variable `k` and of its `G` under the tolerances: errors of the states, the tolerance of the
+    /// VI, and for the variable also a change that affects no state over the longest step so far. The weights must be
+    /// those of a step of size `h`, or of a shorter step that finds a face behind it.
     pub(super) fn uncertainties(&self, k: usize, h: f64) -> [f64; 2] {
         let Self { system, settings, extent: Extent { largest, .. }, .. } = self;
         let n = system.states;
@@ -94,7 +94,7 @@ impl Radau<'_> {
         let of_g = (settings.vi_tolerance * terms).max(by_errors);
         let effect = self.control.weight[n + k] * self.orders.last().tolerance.factor;
         let without_effect = if effect > 0.0 { h / (effect * self.extent.longest.max(h)) } else { 0.0 };
-        // An error of the states moves the root of `G` as well.
+        // An error of the states shifts the root of `G` as well.
         let own = system.entries_of_variable(k).find(|&(j, _)| j == n + k).map_or(0.0, |(_, value)| value.abs());
         let of_root = if own > 0.0 { by_errors / own } else { 0.0 };
         let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect).max(of_root);
@@ -102,7 +102,7 @@ impl Radau<'_> {
     }
 }
 
-/// The size of the natural map of an interval, where the distances to its ends and `G` are these.
+/// Absolute value of the natural map of an interval, given the distances to its ends and `G`.
 fn natural_map(below: f64, above: f64, g: f64) -> f64 {
     let excess = if below <= g {
         below

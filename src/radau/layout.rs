@@ -1,5 +1,5 @@
-//! Where the entries of `diag(M, 0)` and `-Phi_y` stand in memory: column after column where the system is small or
-//! full, else by the union of both patterns, which holds for every face and is analysed once.
+//! Storage of the entries of `diag(M, 0)` and `-Phi_y`: dense, column by column, if the system is small or full;
+//! otherwise sparse on the union of both patterns, which is valid for every face and analysed once.
 
 use super::footprint::check_memory;
 use super::settings::StepError;
@@ -10,56 +10,57 @@ use problem::{Control, Mass, Structure};
 /// Up to this many unknowns, a dense factorisation is faster than the bookkeeping of a sparse one.
 const DENSE_AT_MOST: usize = 40;
 
-/// A larger system is sparse if at most one place in so many may be nonzero: with more, the factors fill, and a dense
-/// factorisation is up to three times as fast, measured on chains, grids and random patterns.
+/// A larger system is stored sparse if at most one entry in this many may be nonzero: with more, the factors fill in,
+/// and a dense factorisation is up to three times as fast, measured on chains, grids and random patterns.
 const SPARSITY: usize = 16;
 
-/// Whether a matrix with so many entries that may be nonzero is stored without the others.
+/// Whether to use sparse storage for this size and number of structural nonzeros.
 pub fn is_sparse(unknowns: usize, entries: usize) -> bool {
     unknowns > DENSE_AT_MOST && entries <= unknowns.saturating_mul(unknowns) / SPARSITY
 }
 
-/// The places of the entries, numbered.
+/// The storage index (place) of each entry.
 #[derive(Debug)]
 pub struct Layout {
     /// `n + m`
     pub unknowns: usize,
-    /// How the numbers are places.
+    /// Dense or sparse storage.
     pub storage: Storage,
-    /// How many there are.
+    /// Number of places.
     pub places: usize,
-    /// The entries of `M`.
+    /// The entries of `M`, each with its place and value.
     pub mass: Vec<(usize, f64)>,
     /// Whether a row is one of the rates: `M` has an entry there.
     pub is_rate: Vec<bool>,
     /// Whether a state has a mass: `M` has an entry in its column.
     pub has_mass: Vec<bool>,
-    /// The place of each entry of the problem's pattern; of a moving bound, in the row of its variable.
+    /// The place of each entry of the problem's pattern; an entry of a moving bound is in the row of its variable.
     pub jacobian: Vec<usize>,
-    /// The place of the diagonal of each bounded variable.
+    /// The place of the diagonal entry of each bounded variable.
     pub diagonal: Vec<usize>,
-    /// For each entry of the pattern in the row of a block, its places in the rows of all members; else none.
+    /// For each entry of the pattern in the row of a block, its places in the rows of all members; empty for other
+    /// rows.
     pub spread: Vec<Vec<usize>>,
     /// The places of the rows and columns of the members of each block, row by row.
     pub own: Vec<Vec<usize>>,
 }
 
-/// How places are stored.
+/// Storage of the entries of a matrix.
 #[derive(Debug)]
 pub enum Storage {
-    /// Column after column.
+    /// Column by column.
     Dense,
-    /// In compressed columns.
+    /// Compressed columns.
     Sparse {
-        /// The pattern.
+        /// Sparsity pattern.
         pattern: SymbolicSparseColMat<usize>,
-        /// Its analysis.
+        /// Symbolic analysis of the pattern.
         analysis: Analysis,
     },
 }
 
 impl Layout {
-    /// For a problem with those bounded variables, needed at `t`.
+    /// Layout for a problem with these bounded variables; an interruption is reported at time `t`.
     ///
     /// # Errors
     /// If the matrices would not fit into memory, or `outside` asks to stop while a large one is analysed.
@@ -72,7 +73,7 @@ impl Layout {
         let row = |i: usize| if i < unknowns { i } else { n + structure.moving[i - unknowns].variable };
         let jacobian = structure.pattern.iter().map(|&(i, j)| (row(i), j));
         let diagonal = bounded.iter().map(|&k| (n + k, n + k));
-        // An equation of a face may combine the rows of all members.
+        // An equation of a face may combine the rows of all members of its block.
         let set = &structure.set;
         let members = |i: usize| match i.checked_sub(n).and_then(|_| set.block_of(row(i) - n)) {
             Some(block) => set.blocks()[block].members.as_slice(),
@@ -127,7 +128,7 @@ impl Layout {
         Ok(Self { unknowns, storage, places, mass, is_rate, has_mass, jacobian, diagonal, spread, own })
     }
 
-    /// Multiplies each row of the matrix in these places by its factor.
+    /// Multiplies each row of the matrix stored in `places` by its factor.
     pub fn multiply_rows(&self, factors: &[f64], places: &mut [f64]) {
         match &self.storage {
             Storage::Dense => {

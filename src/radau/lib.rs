@@ -9,7 +9,7 @@
 //! the active face of `K` and its switches, and nothing else.
 
 mod blocks;
-mod breaks;
+mod breakpoints;
 mod chattering;
 mod clock;
 mod conditions;

@@ -1,7 +1,8 @@
-//! Where a monitor of the face becomes negative within a step.
+//! Location of the point within a step at which a monitor of the face becomes negative.
 //!
-//! Its zero on the collocation polynomial says about where, and the step is solved again with its size as the unknown, so
-//! that the end of the step, which has the full order, is the switch. (Interpolation alone would leave order `s + 1`.)
+//! The zero of the monitor on the collocation polynomial is a first guess. The step is then solved again with its size
+//! as the unknown, so that the end of the step, which has the full order, is the switch. (Interpolation alone would
+//! give order `s + 1`.)
 
 use super::crossings::Crossing;
 use super::face::{Monitor, monitors};
@@ -11,44 +12,47 @@ use super::stages::Newton;
 use super::stepper::Radau;
 use super::switches::{Switching, turned};
 
-/// Where a violated monitor changes sign.
+/// Position of the sign change of a violated monitor.
 pub(super) enum EventTime {
-    /// At the end of a step of size `h`, whose stages are solved, with what screening found before it.
+    /// At the end of a step of size `h`, whose stages are solved; `between` is the result of its screening.
     At { h: f64, between: Between },
-    /// At the beginning of the step: the face there is changed, and the step should be tried again.
+    /// At the beginning of the step: the face has been changed there, and the step should be attempted again.
     Now,
-    /// Behind this part of the step, up to which none is proven to be; there may be another before it.
+    /// Behind this fraction of the step, up to which screening proves that no monitor changes sign; a switch earlier
+    /// than the located one may follow.
     Behind(f64),
-    /// Not to be found, or not to be looked for.
+    /// Not found, or not searched for.
     Nowhere,
 }
 
-/// By how much of its bracket on the polynomial a switch may be beside it, when the stages are solved again.
+/// Distance from its bracket on the polynomial at which a switch may lie once the stages are solved again, relative to
+/// the bracket.
 const SLACK: f64 = 0.25;
-/// The most switches that are found in one step, each before the last.
+/// Maximum number of switches located in one step, each earlier than the last.
 const ROUNDS: usize = 8;
-/// The most solves for one of them.
+/// Maximum number of solves of the stages for one switch.
 const SOLVES: usize = 12;
-/// Two values of a monitor tell its slope where they differ by this many times its noise, within a quarter, or belong to steps
-/// that are apart by this part of their size, over which noise makes little of it; others need not tell even its sign. A
-/// monitor within as much noise that comes no nearer to zero is as near as it can be told.
+/// Two values of a monitor determine its slope, to within a quarter, if they differ by `TOLD` times its noise, or if
+/// their step sizes differ by the fraction `APART`, over which noise hardly affects the slope. Other pairs may not even
+/// determine its sign. A monitor within `TOLD` times its noise that approaches zero no further counts as zero.
 const TOLD: f64 = 8.0;
 const APART: f64 = 1e-7;
 
 impl Radau<'_> {
-    /// Finds where the first violated monitor of the present step, of size `h`, changes sign; `dip` is a fraction of the
-    /// step at which one is violated though at no stage.
-    pub(super) fn locate(&mut self, h: f64, mut dip: Option<f64>) -> Result<EventTime, StepError> {
+    /// Locates the first sign change of a violated monitor of the present step, of size `h`. At `hidden_crossing`, a
+    /// fraction of the step, a monitor is violated that need not be violated at any stage.
+    pub(super) fn locate(&mut self, h: f64, mut hidden_crossing: Option<f64>) -> Result<EventTime, StepError> {
         if !self.switching.locates() {
             return Ok(EventTime::Nowhere);
         }
         let mut size = h;
         let (mut solves, mut rounds) = (0, 0);
-        // Each round takes the earliest sign change of the polynomial at hand; a later round is needed when the step
-        // that ends there shows an earlier one of another variable.
-        while let Some(crossing) = self.earliest(size, dip.map(|theta| theta * h / size)) {
+        // Each round takes the earliest sign change on the current polynomial; a later round is needed if the step that
+        // ends there shows an earlier sign change of another variable.
+        while let Some(crossing) = self.earliest(size, hidden_crossing.map(|theta| theta * h / size)) {
             let least = 1e3 * f64::EPSILON * self.clock.t.abs().max(size);
-            // What crosses at the end that was found, to within rounding of the time, crosses with what it was found for.
+            // A monitor that crosses zero at the located end, to within the rounding of time, crosses together with the
+            // located one.
             let is_end = solves > 0 && (1.0 - crossing.theta) * size <= self.clock.rounding(size);
             let end = if is_end {
                 size
@@ -73,17 +77,18 @@ impl Radau<'_> {
             if rounds == ROUNDS {
                 return Ok(EventTime::Nowhere);
             }
-            if dip.is_some() {
+            if hidden_crossing.is_some() {
                 solves = solves.min(1);
             }
             if !is_end && self.is_violated_within(size, Some(&crossing)) {
                 continue;
             }
             let between = self.screen(size);
-            // The first step on a face may have to bring the states onto it, which is no reason to leave it at once.
+            // The first step on a face may have to bring the states onto it, which is no reason to leave the face at
+            // once.
             match between {
                 Between::Violated { theta, .. } if self.continues || self.rises_before(theta, size) => {
-                    dip = Some(theta * size / h);
+                    hidden_crossing = Some(theta * size / h);
                 }
                 Between::ProvenUpTo(theta) if self.settings.step.is_none() => {
                     return Ok(EventTime::Behind(theta * size / h));
@@ -98,8 +103,8 @@ impl Radau<'_> {
         Ok(EventTime::Nowhere)
     }
 
-    /// Solves the step again with its size as the unknown, so that one monitor is zero at its end; the size, or `None`
-    /// if the stages cannot be solved or the iteration on the size fails.
+    /// Solves the step again with its size as the unknown, so that one monitor is zero at its end. Returns the size, or
+    /// `None` if the stages cannot be solved or the iteration on the size fails.
     fn solve_for_end(
         &mut self,
         crossing: &Crossing,
@@ -107,7 +112,7 @@ impl Radau<'_> {
         solves: &mut usize,
     ) -> Result<Option<f64>, StepError> {
         let longest = 1.5 * size;
-        // Of a monitor with several zeros over the step the others are not meant.
+        // If a monitor has several zeros over the step, only the one in the bracket is sought.
         let slack = |(begin, end): (f64, f64)| SLACK * (end - begin);
         let mut bracket = crossing.bracket.map(|part| ((part.0 - slack(part)) * size, (part.1 + slack(part)) * size));
         let mut trial = crossing.theta * size;
@@ -121,7 +126,7 @@ impl Radau<'_> {
             match self.stages_on_face(size) {
                 Some(true) => {}
                 Some(false) => {
-                    // Past the end of the face: back towards where it was still followed.
+                    // Past the end of the face: go back towards the size with which it was still followed.
                     let reached = last.map_or(0.0, |(h, _)| h);
                     trial = reached + 0.5 * (size - reached);
                     continue;
@@ -162,12 +167,13 @@ impl Radau<'_> {
         Ok(None)
     }
 
-    /// Takes the present step, of size `h`, along its collocation polynomial to where the monitor of `crossing` is zero, from
-    /// which it is off by a `value` within noise and thus by about `correction`; its size then. Other variables that switch at
-    /// the same instant are then off by what rounding leaves, and no longer by what the search was content with.
+    /// Extends or shortens the present step, of size `h`, along its collocation polynomial to the zero of the monitor
+    /// of `crossing`, whose `value` is within noise, so that the zero is at a distance of about `correction`; returns
+    /// the new size. Other variables that switch at the same instant then err by rounding only, and not by the
+    /// tolerance of the search.
     fn extend(&mut self, crossing: &Crossing, h: f64, value: f64, correction: f64) -> f64 {
         let theta = 1.0 - correction / h;
-        // Further from the step than that its polynomial says nothing.
+        // Further from the step its polynomial is meaningless.
         if !(0.5..=1.5).contains(&theta) {
             return h;
         }
@@ -175,9 +181,9 @@ impl Radau<'_> {
         self.monitors_at(theta, h, &mut monitors);
         let left = monitors.get(crossing.index).map_or(value, |monitor| monitor.value);
         self.switching.monitors = monitors;
-        // The secant through both: the error of the polynomial behind its last stage is of second order.
+        // Secant through both values: the error of the polynomial behind its last stage is of second order.
         let end = h - correction * value / (value - left);
-        // A secant through values as close as those of noise leads anywhere.
+        // A secant through values that differ by noise only may lead anywhere.
         if left.is_nan() || left.abs() > 0.5 * value.abs() || !end.is_finite() {
             return h;
         }
@@ -185,9 +191,9 @@ impl Radau<'_> {
         end
     }
 
-    /// Solves the stages of a step of size `h` on the present face by Newton's method; where it fails on a curved face,
-    /// with the VI at every stage, which asks for no more than that the step is not longer than the face: whether that
-    /// is so, or `None` if neither solves them.
+    /// Solves the stages of a step of size `h` on the present face by Newton's method or, if that fails on a curved
+    /// face, with the VI at every stage, which requires only that the step does not pass the end of the face. Returns
+    /// whether it does not, or `None` if neither method solves the stages.
     fn stages_on_face(&mut self, h: f64) -> Option<bool> {
         if matches!(self.newton(h), Newton::Converged { .. }) {
             return Some(true);
@@ -210,9 +216,9 @@ impl Radau<'_> {
         Some(is_same && turned(&self.system, &self.system.face, &self.y[states..], &end[states..]).is_empty())
     }
 
-    /// Whether a monitor, other than the one that ends it, is violated at a stage of the present step, of size `h`. Variables
-    /// that hidden constraints tell are those that belong to the states: at the stages themselves they are right to order `s`
-    /// only, and may leave their bounds while the others do not.
+    /// Whether a monitor, other than the one that ends the step, is violated at a stage of the present step, of size
+    /// `h`. Variables that hidden constraints determine are replaced by consistent ones: their stage values are
+    /// accurate to order `s` only, and may leave their bounds while the consistent values do not.
     pub(super) fn is_violated_within(&mut self, h: f64, end: Option<&Crossing>) -> bool {
         let tableau = self.tableau();
         (0..tableau.stages()).any(|i| {
@@ -234,8 +240,8 @@ impl Radau<'_> {
         })
     }
 
-    /// One monitor at the end of the present step, with the variables that belong to the states there: their stage values
-    /// would give the time of the switch to order `s` only.
+    /// One monitor at the end of the present step, with consistent variables: their stage values would give the time of
+    /// the switch to order `s` only.
     fn monitor_at(&mut self, crossing: &Crossing, h: f64) -> Option<Monitor> {
         let y = self.stages.stage(&self.y, self.tableau().stages() - 1);
         self.switching.scratch.copy_from_slice(y);

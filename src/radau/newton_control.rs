@@ -1,53 +1,53 @@
-//! What decides that Newton's method has converged, and what an error that it lets pass makes of the quantities that
-//! judge a face: below that they are noise.
+//! Convergence criteria of Newton's method, and the noise levels of the quantities that decide about a face: the effect
+//! of errors that Newton's method accepts.
 
 use super::system::System;
 
-/// What decides that Newton's method has converged.
+/// Convergence criteria of Newton's method, and scales for noise levels.
 #[derive(Clone, Debug)]
 pub struct NewtonControl {
     /// `1/sc` for each component of `y`, in the norm `sqrt(sum (weight dW)^2 / (s (n+m)))`.
     pub weight: Vec<f64>,
-    /// The bound on that norm.
+    /// The tolerance on the weighted norm.
     pub kappa: f64,
-    /// The most iterations.
+    /// Maximum number of iterations.
     pub most: usize,
-    /// What rounding may have left in each component of `y` in the last step: at a switch, that in its time as well.
+    /// Rounding error of each component of `y` in the last step; at a switch, including the rounding of its time.
     pub rounding: Vec<f64>,
-    /// The size of each component of `y` at the beginning of the step, beside which rounding errors are measured.
+    /// Magnitude of each component of `y` at the beginning of the step, relative to which rounding errors are measured.
     pub size: Vec<f64>,
-    /// How far each `G_i` is off at the beginning of the step since time is rounded there: sources that no state enters are known
-    /// no better.
+    /// Error of each `G_i` at the beginning of the step from the rounding of time: the accuracy of sources that no
+    /// state enters.
     pub by_time: Vec<f64>,
-    /// The bound on `|G_i|` of bounded variables inside their interval, relative to the size of its terms.
+    /// The tolerance on `|G_i|` of bounded variables inside their interval, relative to the magnitude of its terms.
     pub vi_tolerance: f64,
 }
 
-/// Down a chain of states at rest the terms of a short step shrink until they are subnormal, and have lost their
-/// relative accuracy.
+/// Noise floor: along a chain of states at rest, the terms of a short step shrink until they are subnormal and lose
+/// their relative accuracy.
 pub const UNDERFLOW: f64 = f64::MIN_POSITIVE;
 
 impl NewtonControl {
-    /// The size below which `G_k` at `y` is noise: the tolerance of the VI, or what the rounding of time or an error of the
-    /// states that Newton's method lets pass makes of it.
+    /// Noise level of `G_k` at `y`: the tolerance of the VI, the rounding of time, or the effect of an error of the
+    /// states that Newton's method accepts, whichever is largest.
     pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let [terms, passed] = system.terms(k, |j| [self.size[j].max(y[j].abs()), self.passed(system, j)]);
         (self.vi_tolerance * terms).max(passed).max(self.by_time[k]).max(UNDERFLOW)
     }
 
-    /// An error of state `j` that Newton's method or rounding lets pass; none of variables.
+    /// Error of unknown `j` that Newton's method or rounding leaves undetected; zero for variables.
     fn passed(&self, system: &System<'_>, j: usize) -> f64 {
         if j < system.states { (self.kappa / self.weight[j]).max(self.rounding[j]) } else { 0.0 }
     }
 
-    /// The size below which a distance of variable `k` at `y` from a bound is noise, likewise.
+    /// Noise level of the distance of variable `k` at `y` from a bound.
     pub fn noise_of_z(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let at = system.states + k;
         let passed = if self.weight[at] > 0.0 { self.kappa / self.weight[at] } else { 0.0 };
         (self.vi_tolerance * self.size[at].max(y[at].abs())).max(passed)
     }
 
-    /// The same of block `b`: of the distances on it, and of its multipliers.
+    /// Noise levels of block `b` at `y`: of the distances on it, and of its multipliers.
     pub fn noise_of_block(&self, system: &System<'_>, b: usize, y: &[f64]) -> BlockNoise {
         let mut noise = BlockNoise { z: 0.0, g: 0.0 };
         for &k in &system.set.blocks()[b].members {
@@ -57,7 +57,7 @@ impl NewtonControl {
         noise
     }
 
-    /// The size below which the distance of the bounds of variable `k` at `y` is noise, likewise.
+    /// Noise level of the distance between the bounds of variable `k` at `y`.
     pub fn noise_of_width(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
         let at = system.states + k;
         let passed = system.terms_of_bounds(k, |j| self.passed(system, j));
@@ -65,8 +65,8 @@ impl NewtonControl {
     }
 }
 
-/// `sqrt(sum x^2 / count)` of `terms`, of which the `sum` of squares is known; where that overflows, what the largest of
-/// them alone gives.
+/// `sqrt(sum x^2 / count)` of `terms`, given the `sum` of their squares; if that overflows, the contribution of the
+/// largest term alone.
 pub fn mean_square_root<I: Iterator<Item = f64>>(sum: f64, count: usize, terms: impl FnOnce() -> I) -> f64 {
     if sum < f64::INFINITY {
         return (sum / count as f64).sqrt();
@@ -75,7 +75,7 @@ pub fn mean_square_root<I: Iterator<Item = f64>>(sum: f64, count: usize, terms: 
     terms().fold(0.0, larger) / (count as f64).sqrt()
 }
 
-/// The sizes below which what is measured on a block is noise.
+/// Noise levels of the quantities of a block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockNoise {
     /// In the unit of `z`.

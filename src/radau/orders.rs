@@ -1,17 +1,17 @@
-//! The numbers of stages that a run may have, and that of the present step.
+//! The numbers of stages available to a run, and the one of the present step.
 
 use super::error_control::Rescaled;
 use super::settings::{Settings, StageChoice};
 use super::tableau::Tableau;
 
-/// A method with its tolerances.
+/// A method, given by its number of stages, with its tolerances.
 #[derive(Clone, Copy)]
 pub(super) struct Method {
     pub tableau: &'static Tableau,
     pub tolerance: Rescaled,
 }
 
-/// The methods of a run, and which of them makes the present step.
+/// The methods available to a run, with the indices of the present one and of that of the last step.
 pub(super) struct Orders {
     methods: Vec<Method>,
     current: usize,
@@ -30,7 +30,7 @@ impl Orders {
         Self { methods: counts.into_iter().map(method).collect(), current: 0, last: 0 }
     }
 
-    /// The most stages of a step.
+    /// Largest number of stages of a step.
     pub fn most_stages(&self) -> usize {
         self.methods.iter().map(|method| method.tableau.stages()).max().unwrap_or(1)
     }
@@ -45,27 +45,27 @@ impl Orders {
         &self.methods[self.last]
     }
 
-    /// Whether both have as many stages.
+    /// Whether the present step has as many stages as the last one.
     pub fn is_kept(&self) -> bool {
         self.last == self.current
     }
 
-    /// Whether there is a choice.
+    /// Whether the number of stages may vary.
     pub fn are_several(&self) -> bool {
         self.methods.len() > 1
     }
 
-    /// Takes note of an accepted step.
+    /// Records an accepted step.
     pub fn accept(&mut self) {
         self.last = self.current;
     }
 
-    /// Takes more stages (1), fewer (-1) or as many (0) from now on; whether that makes a difference.
+    /// Sets more stages (1), fewer (-1) or as many (0) from now on; returns whether the number changes.
     pub fn change(&mut self, wish: isize) -> bool {
         self.set(self.current.saturating_add_signed(wish).min(self.methods.len() - 1))
     }
 
-    /// Takes the fewest stages from now on; whether that makes a difference.
+    /// Sets the fewest stages from now on; returns whether the number changes.
     pub fn take_fewest(&mut self) -> bool {
         self.set(0)
     }

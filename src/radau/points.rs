@@ -1,16 +1,16 @@
-//! The rows of a problem at all stages, evaluated side by side and taken one after the other: what is taken is as if it were
-//! evaluated then, and counts as one evaluation.
+//! The rows of a problem at all stages, evaluated together and used one after the other. The use of a point has the
+//! effect of its evaluation, and counts as one evaluation.
 
 use super::system::System;
 
-/// Points `(t_i, y_i)` and the rows there.
+/// Points `(t_i, y_i)` with the rows evaluated there.
 #[derive(Clone, Debug, Default)]
 pub struct Points {
     times: Vec<f64>,
-    /// `y` of one point after the other.
+    /// `y`, point by point.
     y: Vec<f64>,
     values: Vec<f64>,
-    /// Whether all were evaluated before.
+    /// Whether the rows at all points were stored from earlier evaluations.
     are_known: bool,
 }
 
@@ -40,7 +40,7 @@ impl Points {
 }
 
 impl System<'_> {
-    /// What [`System::evaluate`] does at point `i`.
+    /// Has the effect of [`System::evaluate`] at point `i`.
     pub fn take(&mut self, points: &Points, i: usize) -> bool {
         let (t, y) = (points.times[i], points.y(i, self.unknowns));
         if let Some(finite) = self.is_last(t, y) {
@@ -54,7 +54,7 @@ impl System<'_> {
         self.set_last(t, y)
     }
 
-    /// What [`System::phi`] does at point `i`.
+    /// Has the effect of [`System::phi`] at point `i`.
     pub fn take_phi(&mut self, points: &Points, i: usize, phi: &mut [f64]) -> bool {
         let finite = self.take(points, i);
         self.on_face(finite, points.y(i, self.unknowns), phi)

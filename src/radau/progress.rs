@@ -1,17 +1,17 @@
-//! Steps that come nowhere: each is found shorter than it was tried, or after rejections, and over it the states change by less
-//! than what Newton's method lets pass. Then nothing that a step might do wrong is seen by any test of it, and where a solution
-//! ends, as one whose force grows beyond all bounds does, a run could go on over the end with steps as short as that.
+//! Steps without progress: each is cut, or follows rejections, and changes the states by less than Newton's method
+//! resolves. No test of a step detects its errors then, and where a solution ends, for instance because a force grows
+//! without bound, a run could continue past the end with steps of that size.
 
 use super::settings::{RejectionCause, StepError};
 use super::stepper::Radau;
 
-/// A step that is shorter than this part of what was tried was cut.
+/// A step shorter than this fraction of the attempted size counts as cut.
 pub(super) const SHORT: f64 = 0.75;
 
-/// Such steps in a row before a run fails. Behind a switch or a break a few are made.
+/// Number of successive steps without progress before a run fails; a few are normal behind a switch or a breakpoint.
 const MOST: u32 = 256;
 
-/// The steps in a row that came nowhere, and what the last rejection was for.
+/// Number of successive steps without progress, and the cause of the last rejection.
 #[derive(Debug, Default)]
 pub(super) struct Progress {
     count: u32,
@@ -20,7 +20,7 @@ pub(super) struct Progress {
 }
 
 impl Progress {
-    /// Takes a rejection into account.
+    /// Records a rejection.
     pub(super) fn rejected(&mut self, cause: RejectionCause) {
         self.cause = Some(cause);
         self.was_rejected = true;
@@ -28,10 +28,10 @@ impl Progress {
 }
 
 impl Radau<'_> {
-    /// Takes an accepted step of size `h` into account; `is_short` says that longer ones were tried.
+    /// Records an accepted step of size `h`; `is_short` if longer ones were attempted.
     ///
     /// # Errors
-    /// That the steps are too small to come anywhere, and why.
+    /// If the steps are too small for progress, with the cause.
     pub(super) fn watch_progress(&mut self, h: f64, is_short: bool) -> Result<(), StepError> {
         let is_hindered = std::mem::take(&mut self.progress.was_rejected) || is_short;
         if !is_hindered || self.change(h) > self.control.kappa {
@@ -48,8 +48,8 @@ impl Radau<'_> {
         Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause })
     }
 
-    /// The largest change of a state over a step of size `h` that a term of its rate makes, in tolerances: at rest, terms may
-    /// cancel.
+    /// Largest change of a state over a step of size `h`, in tolerances, by a single term of its rate: at rest, terms
+    /// may cancel.
     fn change(&mut self, h: f64) -> f64 {
         let n = self.system.states;
         if !self.system.evaluate(self.clock.t, &self.y) {

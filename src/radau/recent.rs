@@ -1,16 +1,16 @@
-//! The places where the rows were evaluated last. The search for events comes back to the ends of steps, to their stages and to
-//! its own points, where nothing is evaluated again.
+//! The rows at the points evaluated last. The search for events returns to the ends of steps, to their stages and to
+//! its own points, which are not evaluated again.
 
-/// The places that are remembered: a search is as long, and the stages of a step twice over. Twice as many would save one
-/// evaluation in a hundred more.
+/// Number of stored points: enough for one search, and for the stages of a step twice over. Twice as many would save
+/// one more evaluation in a hundred.
 const MOST: usize = 16;
 
-/// Places `(t, y)` with the rows there; the oldest gives way to the next.
+/// Points `(t, y)` with the rows there; the oldest is overwritten first.
 #[derive(Debug)]
 pub(super) struct Recent {
-    /// Sums of the bits of each: few places have the same.
+    /// Sum of the bits of each point, as a hash: few points share one.
     keys: [u32; MOST],
-    /// Not a number where there is room.
+    /// NaN for an empty slot.
     times: [f64; MOST],
     y: Vec<f64>,
     values: Vec<f64>,
@@ -18,16 +18,16 @@ pub(super) struct Recent {
 }
 
 impl Recent {
-    /// Room for places of so many unknowns, with so many rows.
+    /// Allocates for points of this many unknowns, with this many rows.
     pub(super) fn new(unknowns: usize, rows: usize) -> Self {
         let (y, values) = (vec![0.0; MOST * unknowns], vec![0.0; MOST * rows]);
         Self { keys: [0; MOST], times: [f64::NAN; MOST], y, values, next: 0 }
     }
 
-    /// The rows at a place, if they are remembered; `rows` of them.
+    /// The rows at a point, if they are stored; `rows` is their number.
     pub(super) fn find(&self, t: f64, y: &[f64], rows: usize) -> Option<&[f64]> {
         let key = key(t, y);
-        // Without an end at the first that is found: the loop is vectorised.
+        // Without an exit at the first match, so that the loop is vectorised.
         if !self.keys.iter().fold(false, |found, other| found | (*other == key)) {
             return None;
         }
@@ -39,7 +39,7 @@ impl Recent {
         Some(&self.values[rows * at..][..rows])
     }
 
-    /// Remembers the rows at a place.
+    /// Stores the rows at a point.
     pub(super) fn keep(&mut self, t: f64, y: &[f64], values: &[f64]) {
         let at = self.next;
         (self.keys[at], self.times[at]) = (key(t, y), t);

@@ -1,46 +1,50 @@
-//! Switches within noise. Where an accumulation of switches has passed, or a surface is left and met again at once, what
-//! decides where a variable belongs may be smaller than what Newton's method and rounding leave of it. Switches are then
-//! located that are none, and each costs a new face: a run would end in hundreds of thousands of them.
+//! Switches within noise. After an accumulation of switches, or where a surface is left and met again at once, the
+//! quantity that decides the activity of a variable may be smaller than its errors from Newton's method and rounding.
+//! Spurious switches are then located, each at the cost of a new face: a run would end in hundreds of thousands of
+//! them.
 //!
-//! A switch is within noise if the variable has not been clearly off its last one, or if nothing has changed behind it. After
-//! [`MOST`] of those, steps go across with the variational inequality at every stage, under the same error test, until some
-//! have kept their face; twice as many each time. Where that does not end them either, and at their pace the end would take
-//! millions of steps, the run fails: what follows is not determined to the tolerance.
+//! A switch is within noise if the variable has not been clearly off its last switch, or if nothing has changed behind
+//! it. After [`MOST`] of these, steps go across switches with the variational inequality at every stage, under the same
+//! error test, until a number of steps have kept their face; the number doubles each time. If the switches go on
+//! nevertheless, and at their pace the run would take millions of steps, the run fails: the tolerances do not determine
+//! the solution.
 
 use super::face::Activity;
 use super::settings::StepError;
 use super::stepper::Radau;
 
-/// Switches within noise before location is left off.
+/// Number of switches within noise before location is suspended.
 const MOST: u32 = 16;
 
-/// Clear switches in a row after which all is forgotten.
+/// Number of successive clear switches after which the record is reset.
 const CLEAR: u32 = 64;
 
-/// The multiple of its noise from which a variable is clearly off its switch: the noise bounds one step, and an error within
-/// it is carried on until the next switch.
+/// Multiple of its noise from which a variable is clearly off its switch: the noise bounds one step, and an error
+/// within it is carried on until the next switch.
 const NEAR: f64 = 10.0;
 
-/// The most steps on one face that location is left off for.
+/// Maximum number of steps on one face for which location is suspended.
 const LONGEST: u32 = 1 << 16;
 
-/// Switches within noise from which their pace is known, and the steps to the end, at that pace, from which a run fails.
+/// Number of switches within noise from which their pace is known, and number of steps to the end, at that pace, from
+/// which a run fails.
 const SAMPLE: u32 = 1 << 11;
 const ENDLESS: f64 = (1_u32 << 21) as f64;
 
-/// The recent switches.
+/// Record of the recent switches.
 #[derive(Debug)]
 pub(super) struct Recurrence {
-    /// Whether each variable has been clearly off its last switch since.
+    /// Whether each variable has been clearly off its last switch since that switch.
     is_clear: Vec<bool>,
-    /// Clear switches in a row.
+    /// Number of successive clear switches.
     clear: u32,
-    /// Switches within noise, and the variable of the last.
+    /// Number of switches within noise, and the variable of the last one.
     within: u32,
     variable: usize,
-    /// The time and the steps made when those began.
+    /// Time and number of accepted steps when these switches began.
     since: (f64, u64),
-    /// The steps on one face that bring location back, next time and now, if it is left off.
+    /// Number of steps on one face until location resumes: at the next suspension, and in the present one (zero if
+    /// none).
     pause: u32,
     left: u32,
 }
@@ -50,13 +54,14 @@ impl Recurrence {
         Self { is_clear: vec![true; variables], clear: 0, within: 0, variable: 0, since: (0.0, 0), pause: 1, left: 0 }
     }
 
-    /// Whether switches are not to be located.
+    /// Whether location is suspended.
     pub(super) fn is_pausing(&self) -> bool {
         self.left > 0
     }
 
-    /// Takes the switches of one instant into account; whether location is left off from here on. Those that are within noise
-    /// beside one that is clear come with it: diodes without voltage or current may change their places at every switch.
+    /// Records the switches of one instant; returns whether location is suspended from here on. Switches within noise
+    /// that coincide with a clear one belong to it: diodes without voltage or current may change their activity at
+    /// every switch.
     pub(super) fn switched(&mut self, variables: impl Iterator<Item = usize>) -> bool {
         let (mut last, mut is_clear) = (None, false);
         for variable in variables {
@@ -75,7 +80,8 @@ impl Recurrence {
         false
     }
 
-    /// Takes a switch into account behind which nothing has changed, or which is within noise.
+    /// Records a switch within noise, or one behind which nothing has changed; returns whether location is suspended
+    /// from here on.
     pub(super) fn within_noise(&mut self) -> bool {
         self.clear = 0;
         self.within += 1;
@@ -87,19 +93,20 @@ impl Recurrence {
         begins
     }
 
-    /// Forgets what has led to where the states rest.
+    /// Resets the record where the states have come to rest.
     pub(super) fn passed(&mut self) {
         (self.clear, self.within, self.pause, self.left) = (0, 0, 1, 0);
     }
 
-    /// Takes a step that kept its face into account.
+    /// Records a step that kept its face.
     pub(super) fn kept_face(&mut self) {
         self.left = self.left.saturating_sub(1);
     }
 }
 
 impl Radau<'_> {
-    /// Finds the variables that were clearly off their last switch in the middle of the last step: it may begin and end at one.
+    /// Marks the variables that were clearly off their last switch in the middle of the last step, whose ends may be
+    /// switches.
     pub(super) fn clear_switches(&mut self) {
         if self.switching.recurrence.is_clear.iter().all(|is_clear| *is_clear) {
             return;
@@ -123,7 +130,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Fails where switches within noise do not end.
+    /// Fails if switches within noise do not end.
     ///
     /// # Errors
     /// [`StepError::Unresolved`].

@@ -1,21 +1,24 @@
-//! A face whose equations determine the variables, among those that belong to one solution of an affine VI.
+//! Selection of a face whose equations determine the variables, among the faces that belong to one solution of an
+//! affine VI.
 //!
-//! Where several inequalities are ties, or variables are not unique, the values of a solution do not tell its face: diodes
-//! that block together share a voltage in any proportion. With `v` and `u` the null vectors of `S_II` on the variables
-//! inside, `z_I + tau v` solves the same VI until a variable meets its bound or another `G` becomes zero; there a variable
-//! leaves `I` or enters it, and the matrix is regular if neither `u` nor `v` vanishes on what changed: the step from a
-//! solution to a basic one, as that from an interior point of a linear program to a vertex (Megiddo 1991).
+//! If several inequalities are degenerate (a variable on its bound with `G = 0`), or variables are not unique, the
+//! values of a solution do not determine its face: diodes that block together share a voltage in any proportion. Let
+//! `u` and `v` be the left and the right null vector of `S_II`, where `I` are the free variables. Then `z_I + tau v`
+//! solves the same VI until a variable reaches its bound or another `G` becomes zero. There a variable leaves `I` or
+//! enters it, and the matrix becomes regular if neither `u` nor `v` vanishes on the change: the step from a solution to
+//! a basic one, like that from an interior point of a linear program to a vertex (Megiddo 1991).
 
 use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
-/// Singular values below this part of the largest are rounding, in a matrix with rows and columns scaled to one.
+/// Relative rank threshold: singular values below this fraction of the largest are rounding, in a matrix with rows and
+/// columns scaled to one.
 const RANK: f64 = 1e-10;
 
 /// A variable of an affine VI over an interval.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Member {
-    /// Its place in the matrix.
+    /// Index of the variable in the matrix.
     pub at: usize,
     pub z: f64,
     pub g: f64,
@@ -24,29 +27,29 @@ pub(super) struct Member {
     pub rests: Rests,
 }
 
-/// Where a member is.
+/// Position of a member: free, or on a bound.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rests {
-    FreeVariables,
+    Inactive,
     Lower,
     Upper,
 }
 
-/// What ends the way along a null vector.
+/// End of the path along a null vector, where one member changes its position.
 struct End {
-    /// The distance.
+    /// Distance along the null vector.
     tau: f64,
     member: usize,
     rests: Rests,
-    /// How regular the matrix is behind it.
+    /// Pivot of the matrix behind the end: the larger, the more regular.
     pivot: f64,
 }
 
-/// Moves members along null vectors of the matrix until that of those inside is regular; whether anything changed.
+/// Moves members along null vectors until the matrix of the free members is regular; returns whether anything changed.
 pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool {
     let mut changed = false;
     for _ in 0..members.len() {
-        let inside: Vec<usize> = (0..members.len()).filter(|&i| members[i].rests == Rests::FreeVariables).collect();
+        let inside: Vec<usize> = (0..members.len()).filter(|&i| members[i].rests == Rests::Inactive).collect();
         let Some((u, v)) = null_vectors(matrix, members, &inside) else { return changed };
         let slope = |row: usize| -> f64 { inside.iter().zip(&v).map(|(&j, v)| matrix[(row, members[j].at)] * v).sum() };
         let mut ends: Vec<End> = Vec::new();
@@ -56,15 +59,10 @@ pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool 
             ends.push(End { tau: (lower - z) / v, member: i, rests: Rests::Lower, pivot });
             ends.push(End { tau: (upper - z) / v, member: i, rests: Rests::Upper, pivot });
         }
-        for (i, member) in members.iter().enumerate().filter(|(_, member)| member.rests != Rests::FreeVariables) {
+        for (i, member) in members.iter().enumerate().filter(|(_, member)| member.rests != Rests::Inactive) {
             let slope = slope(member.at);
             let column: f64 = inside.iter().zip(&u).map(|(&j, u)| u * matrix[(members[j].at, member.at)]).sum();
-            ends.push(End {
-                tau: -member.g / slope,
-                member: i,
-                rests: Rests::FreeVariables,
-                pivot: (slope * column).abs(),
-            });
+            ends.push(End { tau: -member.g / slope, member: i, rests: Rests::Inactive, pivot: (slope * column).abs() });
         }
         let most = ends.iter().map(|end| end.pivot).fold(0.0, f64::max);
         let usable = ends.into_iter().filter(|end| end.tau.is_finite() && end.pivot > RANK * most);
@@ -74,8 +72,7 @@ pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool 
             return changed;
         };
         let slopes: Vec<f64> = members.iter().map(|member| slope(member.at)).collect();
-        for (member, slope) in members.iter_mut().zip(slopes).filter(|(member, _)| member.rests != Rests::FreeVariables)
-        {
+        for (member, slope) in members.iter_mut().zip(slopes).filter(|(member, _)| member.rests != Rests::Inactive) {
             member.g += tau * slope;
         }
         inside.iter().zip(&v).for_each(|(&i, v)| members[i].z += tau * v);
@@ -84,14 +81,14 @@ pub(super) fn regularise(matrix: &DMatrix<f64>, members: &mut [Member]) -> bool 
         match rests {
             Rests::Lower => moved.z = moved.lower,
             Rests::Upper => moved.z = moved.upper,
-            Rests::FreeVariables => moved.g = 0.0,
+            Rests::Inactive => moved.g = 0.0,
         }
         changed = true;
     }
     changed
 }
 
-/// The left and the right null vector of the matrix of the members inside; `None` where it is regular.
+/// The left and the right null vector of the matrix of the free members; `None` if it is regular.
 fn null_vectors(matrix: &DMatrix<f64>, members: &[Member], inside: &[usize]) -> Option<(Vec<f64>, Vec<f64>)> {
     let count = inside.len();
     let own = DMatrix::from_fn(count, count, |i, j| matrix[(members[inside[i]].at, members[inside[j]].at)]);
@@ -118,16 +115,13 @@ mod tests {
     fn a_shared_voltage_ends_where_one_diode_has_none() {
         // z = (the current of the first, the voltage of the second), G = (3 - z_2 - .., z_1).
         let matrix = DMatrix::from_row_slice(2, 2, &[0.0, -1.0, 1.0, 0.0]);
-        let mut members = [member(0, 0.0, 2.0, Rests::Lower), member(1, 1.0, 0.0, Rests::FreeVariables)];
+        let mut members = [member(0, 0.0, 2.0, Rests::Lower), member(1, 1.0, 0.0, Rests::Inactive)];
         assert!(regularise(&matrix, &mut members));
-        // The second has no voltage left: it rests on its bound, and nothing is inside.
+        // The second diode has no voltage left: its variable rests on its bound, and none is free.
         assert_eq!((members[1].rests, members[1].z, members[0].g), (Rests::Lower, 0.0, 3.0));
-        let mut members = [member(0, 0.0, 0.5, Rests::Lower), member(1, 2.5, 0.0, Rests::FreeVariables)];
+        let mut members = [member(0, 0.0, 0.5, Rests::Lower), member(1, 2.5, 0.0, Rests::Inactive)];
         assert!(regularise(&matrix, &mut members));
-        // The first has none: its current may flow, and both equations are regular together.
-        assert_eq!(
-            (members[0].rests, members[1].rests, members[1].z),
-            (Rests::FreeVariables, Rests::FreeVariables, 3.0)
-        );
+        // The first diode has no voltage left: its current may flow, and the two equations together are regular.
+        assert_eq!((members[0].rests, members[1].rests, members[1].z), (Rests::Inactive, Rests::Inactive, 3.0));
     }
 }

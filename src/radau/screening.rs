@@ -1,10 +1,10 @@
-//! Screening of a step by enclosure: may a monitor of the face that it kept have changed its sign between the stages?
+//! Screening of a step by enclosures: can a monitor of its face change sign between the stages?
 //!
-//! The unknowns are polynomials over the step, whose coefficients in the basis of Bernstein bound their range, and so are
-//! the monitors (see [`monitors`]). A part of the step over which one is not proven to keep its sign is halved (Kearfott
-//! 1996, *Rigorous Global Search*), the first part first. A monitor is proven to keep its sign where it stays above what the
-//! tolerances leave uncertain of it; it is seen to change it where it is negative, with the variables that belong to the
-//! states, at a point in between: there the step is cut.
+//! The unknowns are polynomials over the step; their Bernstein coefficients bound their ranges, and thereby the
+//! monitors (see [`monitors`]). A part of the step over which a monitor is not proven to keep its sign is bisected
+//! (Kearfott 1996, *Rigorous Global Search*), the earliest part first. A monitor is proven to keep its sign if its
+//! negative values stay within its uncertainty under the tolerances. Its sign change is seen if it is negative, with
+//! consistent variables, at a point in between: there the step is cut.
 
 mod block_monitors;
 mod monitors;
@@ -24,56 +24,56 @@ use on_face::{OnFace, Told};
 use part::Part;
 use watched::{Watched, watch};
 
-/// The part of its change over a step by which a source may be off the polynomial through its values at the stages: events
-/// between them then have the size of the change.
+/// Largest deviation of a source from the polynomial through its values at the stages, relative to its change over the
+/// step: beyond it, events between the stages may be as large as the change.
 const RESOLVED: f64 = 1e-2;
 
-/// The parts of one step that are enclosed at most. Halving a part where a monitor starts at its zero gains a binary
-/// digit each time, so that this settles monitors down to `2^-50` of their range at both ends of a step.
+/// Maximum number of parts of one step that are enclosed. Bisection of a part where a monitor starts at zero gains a
+/// binary digit each time, so that monitors are decided down to `2^-50` of their range at both ends of a step.
 const MOST_PARTS: usize = 200;
-/// The same where variables are told by hidden constraints alone: over a part the residual of these shrinks no faster than
-/// the part, and costs more.
+/// Maximum number of parts if hidden constraints alone determine variables: over a part, the residual of hidden
+/// constraints shrinks no faster than the part, and costs more.
 const MOST_HIDDEN: usize = 24;
-/// Of a step that needs equal parts, however many, screening proves at least this part.
+/// Least fraction of a step that screening proves if the step needs equal parts, however many.
 const SHORTEST: f64 = 1.0 / MOST_PARTS as f64;
-/// The least part of a step that is worth a step of its own, where screening proves no more and hidden constraints tell
-/// variables.
+/// Least fraction of a step that is worth a step of its own, if screening proves no more and hidden constraints
+/// determine variables.
 pub(super) const LEAST: f64 = 0.1;
-/// The binary digits of the distance to the beginning of a step within which a monitor is looked at that may rise first.
+/// Number of halvings towards the beginning of a step, in the search for a point at which a monitor was still positive.
 const RISES: i32 = 6;
-/// The excess up to which a law holds: one decimal digit less than asked for.
+/// Excess up to which a law holds: one decimal digit less than requested.
 pub const ALLOWED: f64 = 10.0;
 
-/// What screening found of a step.
+/// Result of the screening of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screened {
-    /// No monitor changes its sign.
+    /// No monitor changes sign.
     Proven,
     /// Neither proven nor seen to fail: parts were left undecided, or the problem cannot be enclosed.
     Undecided,
-    /// Not proven, though the states determine every monitor: parts that were small enough would have been too many.
+    /// Not proven, though the states determine every monitor: a proof would need too many parts.
     Open,
-    /// The law fails at this time by this much.
+    /// The law is violated at this time, with this excess.
     Missed(f64, Excess),
 }
 
-/// What screening found between the stages, by fractions of the step.
+/// Result of the screening between the stages, with positions as fractions of the step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Between {
-    /// No monitor changes its sign.
+    /// No monitor changes sign.
     Proven,
-    /// Nothing is proven, and nothing was seen at the points that were looked at.
+    /// Nothing is proven, and no violation was seen at the points examined.
     Undecided,
-    /// The same, where the states determine every monitor: smaller parts would have settled it.
+    /// Undecided although the states determine every monitor: smaller parts would decide it.
     Open,
-    /// No monitor changes its sign up to here, and what is behind was not looked at.
+    /// No monitor changes sign up to this point; the rest was not examined.
     ProvenUpTo(f64),
-    /// A monitor is violated at `theta`; none changes its sign up to `proven`.
+    /// A monitor is violated at `theta`; no monitor changes sign up to `proven`.
     Violated { theta: f64, proven: f64 },
 }
 
 impl Between {
-    /// Where a monitor is violated, and up to where none is.
+    /// The point at which a monitor is violated, and the point up to which none is.
     pub(super) fn violation(self) -> Option<(f64, f64)> {
         match self {
             Self::Violated { theta, proven } => Some((theta, proven)),
@@ -82,19 +82,19 @@ impl Between {
     }
 }
 
-/// What counts as zero of a block whose monitors are left out.
+/// Limits of a block whose monitors are left out.
 const LEFT_OUT: [f64; 2] = [f64::INFINITY; 2];
 
-/// Room for screening.
+/// Workspace of the screening.
 #[derive(Debug, Default)]
 pub(super) struct Screening {
     watched: Vec<Watched>,
-    /// What counts as zero of the distances and the multipliers of each block.
+    /// Limits of the distances and of the multipliers of each block, below which they count as zero.
     of_blocks: Vec<[f64; 2]>,
     enclosure: Enclosure,
-    /// The parts that are left, the first last.
+    /// Parts still to be examined, as a stack: the earliest is last.
     left: Vec<Part>,
-    /// Parts to be used again.
+    /// Unused parts whose memory is reused.
     spare: Vec<Part>,
 }
 
@@ -128,18 +128,20 @@ impl Radau<'_> {
         let Self { system, control, switching, consistent, .. } = self;
         let Switching { inside, constraints, .. } = switching;
         let told = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() }.told();
-        // On curved faces monitors are taken from the polynomials of their variables, which hidden constraints need not follow.
+        // On curved faces monitors are evaluated from the polynomials of their variables, which may violate hidden
+        // constraints.
         let is_proof = of_blocks.is_empty() || told != Told::InPart;
         let are_told = told != Told::InPart || watched.is_empty();
         let mut parts = 0;
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
-        // What became of monitors that hidden constraints enter, where they were given up.
+        // Result for the monitors that hidden constraints enter, once these monitors are given up.
         let mut given_up = None;
         while !(watched.is_empty() && of_blocks.is_empty())
             && let Some(mut part) = left.pop()
         {
             parts += 1;
-            // Shorter than that, no event could be told from the end of the step, where a break of the rows may stand.
+            // In a shorter part, an event cannot be distinguished from the end of the step, where the rows may have a
+            // breakpoint.
             if part.length * h > self.clock.rounding(h) {
                 let span = (self.clock.t + part.begin * h, part.length * h);
                 let Self { system, control, switching, consistent, .. } = self;
@@ -159,10 +161,10 @@ impl Radau<'_> {
                         continue;
                     }
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
-                    // The others are still to be proven.
+                    // The other monitors are still to be proven.
                     found @ (Found::Unproven { .. } | Found::Hopeless) if !are_told && given_up.is_none() => {
-                        // States are resolved by their error tests, and monitors with them; what time alone moves is not, and
-                        // smaller parts would have settled what is not hopeless.
+                        // Error tests resolve the states, and the monitors with them, but not the dependence on time
+                        // alone; smaller parts would have decided all monitors that are not hopeless.
                         let is_open = found != Found::Hopeless && self.is_unresolved_in_time(h);
                         given_up = Some(if is_open { Between::Open } else { Between::Undecided });
                         let Self { system, switching, .. } = self;
@@ -171,7 +173,7 @@ impl Radau<'_> {
                         left.push(part);
                         continue;
                     }
-                    // Boxes alone are too wide for the curved monitors of blocks; flat ones are still to be proven.
+                    // Boxes alone are too wide for the curved monitors of blocks; flat monitors are still to be proven.
                     _ if self.leave_out_curved(of_blocks) => {
                         given_up.get_or_insert(Between::Undecided);
                         (most, least) = (parts + MOST_PARTS, SHORTEST);
@@ -187,7 +189,7 @@ impl Radau<'_> {
         given_up.unwrap_or(if is_proof { Between::Proven } else { Between::Undecided })
     }
 
-    /// Leaves blocks on curved faces out of what is to be proven; whether one was not left out before.
+    /// Leaves blocks on curved faces out of the proof; returns whether one of them was not left out before.
     fn leave_out_curved(&self, of_blocks: &mut [[f64; 2]]) -> bool {
         let blocks = self.system.set.blocks().iter().zip(&self.system.face.blocks);
         let mut is_new = false;
@@ -205,8 +207,9 @@ impl Radau<'_> {
         blocks.all(|(block, face)| block.shape.is_flat(face) || self.system.face.holds(&block.members))
     }
 
-    /// Whether rates, inequalities or bounds, at the states where a step of size `h` begins, vary with time by more than
-    /// its stages tell: in the middles between these they are off the polynomial through the values at them.
+    /// Whether rates, inequalities or bounds, at the states at the beginning of a step of size `h`, vary with time by
+    /// more than its stages show: at the midpoints between the stages they deviate from the polynomial through their
+    /// values there.
     fn is_unresolved_in_time(&mut self, h: f64) -> bool {
         let tableau = self.tableau();
         let (t, y, evaluations) = (self.clock.t, self.y.clone(), self.system.work.rates);
@@ -227,12 +230,12 @@ impl Radau<'_> {
                 off > RESOLVED * (most - least) && off > f64::EPSILON.sqrt() * most.abs().max(least.abs())
             })
         });
-        // Evidence is no part of the method.
+        // Evidence is not part of the method: do not count its evaluations.
         self.system.work.rates = evaluations;
         is_unresolved
     }
 
-    /// What counts as zero of variable `k` and of its `G` over a step of size `h`.
+    /// Limits of variable `k` and of its `G` over a step of size `h`, below which they count as zero.
     fn limits(&self, k: usize, h: f64) -> [f64; 2] {
         let [of_z, of_g] = self.uncertainties(k, h);
         let noise =
@@ -240,7 +243,7 @@ impl Radau<'_> {
         [of_z.max(noise[0]), of_g.max(noise[1])]
     }
 
-    /// Whether a monitor is violated at `theta` of the step whose stages are solved.
+    /// Whether a monitor is violated at `theta` of the step of size `h`, whose stages are solved.
     fn is_violated_at(&mut self, theta: f64, h: f64) -> bool {
         let mut there = std::mem::take(&mut self.switching.between);
         self.monitors_at(theta, h, &mut there);
@@ -249,7 +252,8 @@ impl Radau<'_> {
         is_violated
     }
 
-    /// Whether a monitor that is violated at `theta` of the step whose stages are solved was positive before.
+    /// Whether a monitor that is violated at `theta` of the step of size `h`, whose stages are solved, was positive
+    /// before.
     pub(super) fn rises_before(&mut self, theta: f64, h: f64) -> bool {
         let (mut there, mut before) = (Vec::new(), Vec::new());
         self.monitors_at(theta, h, &mut there);
@@ -259,15 +263,15 @@ impl Radau<'_> {
         })
     }
 
-    /// The first of the middles between the stages at which a monitor is violated.
+    /// The first midpoint between the stages at which a monitor is violated.
     fn violated_in_middles(&mut self, h: f64) -> Option<f64> {
         self.tableau().middles().find(|&theta| self.is_violated_at(theta, h))
     }
 
-    /// What screening found of the last step; `None` where the step has no variables with bounds.
+    /// Result of the screening of the last step; `None` if the step has no bounded variables.
     pub fn screened(&mut self) -> Option<Screened> {
         let found = self.last.screened?;
-        // Where a face ends, its own variables must still be within their law.
+        // Where a face ends, its own variables must still satisfy their law.
         let end = self.last.t + self.last.h;
         if self.last.is_smooth
             && !self.continues
@@ -283,8 +287,8 @@ impl Radau<'_> {
                 let t = self.last.t + theta * self.last.h;
                 match self.excess_within(t).filter(|found| found.excess > ALLOWED) {
                     Some(excess) => Screened::Missed(t, excess),
-                    // It is within what the tolerances leave uncertain, and what is behind it was not looked at; monitors of
-                    // blocks are often so.
+                    // The violation is within the uncertainty under the tolerances, and the rest of the step was not
+                    // examined; this is frequent for monitors of blocks.
                     None if self.system.set.has_blocks() => Screened::Undecided,
                     None => Screened::Open,
                 }
@@ -292,8 +296,8 @@ impl Radau<'_> {
         })
     }
 
-    /// The excess of the law at a time within the last step, with the variables that belong to the states there on its
-    /// face, whether `K` holds them or not.
+    /// The excess of the law at a time within the last step, on the face of the step and with variables consistent with
+    /// the states there, whether or not these lie in `K`.
     fn excess_within(&mut self, t: f64) -> Option<Excess> {
         let mut y = vec![0.0; self.system.unknowns];
         self.last.at(self.orders.last().tableau, t, &mut y);

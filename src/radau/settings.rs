@@ -1,36 +1,36 @@
-//! What a user may choose of the method, and how a run can fail.
+//! The settings of the method, and the errors of a run.
 
 use problem::Side;
 use vi::SolverKind;
 
-/// How many stages a step has.
+/// Number of stages per step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StageChoice {
-    /// Always so many; odd, unless the step is fixed.
+    /// The same number in every step; odd, unless the step size is fixed.
     Fixed(usize),
-    /// 3, 5 or 7, by the convergence of Newton's method.
+    /// 3, 5 or 7, chosen by the convergence of Newton's method.
     Auto,
 }
 
 /// What happens at a change of the active face of `K`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Switches {
-    /// The step ends there: full order over the whole trajectory.
+    /// The step ends at the switch: full order over the whole trajectory.
     Locate,
-    /// The step goes on across it, with the VI at every stage.
+    /// The step goes on across the switch, with the VI at every stage.
     StepOver,
 }
 
-/// The choices of a run.
+/// The settings of a run.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// Stages a step.
+    /// Number of stages per step.
     pub stages: StageChoice,
     /// Relative tolerance on `x`.
     pub rtol: f64,
-    /// Absolute tolerance, one a state, in its unit.
+    /// Absolute tolerance of each state, in the unit of the state.
     pub atol: Vec<f64>,
-    /// A fixed step size; none is adaptive.
+    /// Fixed step size; `None` for adaptive steps.
     pub step: Option<f64>,
     /// The first step size to try.
     pub first_step: Option<f64>,
@@ -38,61 +38,61 @@ pub struct Settings {
     pub max_step: f64,
     /// The smallest step size before the run fails.
     pub min_step: f64,
-    /// Whether values between the ends of steps are asked for: then no step is so long that its polynomial leaves the
-    /// solution in between.
+    /// Whether output between the ends of steps is requested: the step size is then limited so that the polynomial of a
+    /// step follows the solution in between.
     pub interpolated: bool,
     /// What happens at switches.
     pub switches: Switches,
     /// The solver of the affine VIs.
     pub vi_solver: SolverKind,
-    /// The natural-map residual to reach, relative to the terms of `G`.
+    /// Tolerance on the natural-map residual, relative to the terms of `G`.
     pub vi_tolerance: f64,
 }
 
 impl Settings {
-    /// `atol + rtol |x|` of the states from number `first` on, where these are `x`.
+    /// `atol + rtol |x|` for the states `x` with indices from `first` on.
     pub fn tolerances(&self, first: usize, x: &[f64]) -> Vec<f64> {
         x.iter().zip(&self.atol[first..]).map(|(x, atol)| atol + self.rtol * x.abs()).collect()
     }
 }
 
-/// Why a step could not be made.
+/// Why a step failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum StepError {
-    /// A rate, a `G` or a bound is not a number at the beginning of a step.
+    /// A rate, a `G` or a bound is not finite at the beginning of a step.
     #[error(
         "{what} number {component} (counted from 0) is not finite at t = {t:?}: a division by zero, a function outside \
          its domain, or a number too large"
     )]
     NotFinite {
-        /// `rate`, `inequality` or `bound`, or the derivative of one.
+        /// Kind of the row: `rate`, `inequality` or `bound`, or the derivative of one.
         what: &'static str,
-        /// Its index.
+        /// Index of the row.
         component: usize,
-        /// When.
+        /// Time of the failure.
         t: f64,
     },
     /// The step size fell to the rounding level of `t`, or to `min_step`.
     #[error("the step size fell to {h:e} at t = {t:?}{}: {cause}", limit(*least))]
     StepTooSmall {
-        /// When.
+        /// Time of the failure.
         t: f64,
         /// The step size.
         h: f64,
-        /// The step size that was allowed at least, if one was given; zero otherwise.
+        /// Smallest step size allowed; zero if none was given.
         least: f64,
-        /// What the last rejections were for.
+        /// Cause of the last rejections.
         cause: RejectionCause,
     },
-    /// The steps cross a kink of the problem to and fro, along which the solution slides.
+    /// The steps cross a kink of the problem back and forth, along which the solution slides.
     #[error(
         "a rate jumps where quantity {kink} (counted from 0) of those that it switches on changes its sign, and from t = {t:?} on \
          the solution slides along that jump, which steps cannot follow; write the jump as a set"
     )]
     Chattering {
-        /// When.
+        /// Time of the failure.
         t: f64,
-        /// Which of the kinks of the problem.
+        /// Index of the kink among those of the problem.
         kink: usize,
     },
     /// A variable switches again and again within noise.
@@ -101,9 +101,9 @@ pub enum StepError {
          the tolerances resolve"
     )]
     Unresolved {
-        /// When.
+        /// Time of the failure.
         t: f64,
-        /// The variable.
+        /// Index of the variable.
         variable: usize,
     },
     /// The lower bound of a variable rises above its upper bound, or the radius of its ball falls below zero.
@@ -111,29 +111,29 @@ pub enum StepError {
         "the {} of variable {variable} (counted from 0) is empty from t = {t:?} on: {}", side.emptiness().0, side.emptiness().1
     )]
     EmptySet {
-        /// The variable, the first of a ball.
+        /// Index of the variable; for a ball, that of its first member.
         variable: usize,
-        /// What moved there.
+        /// The end of the interval, or the radius, that emptied the set.
         side: Side,
-        /// The last time at which it held a number.
+        /// Last time at which the set was not empty.
         t: f64,
     },
-    /// Newton's method failed where the step is fixed.
+    /// Newton's method failed with a fixed step.
     #[error(
         "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t:?}; take a smaller step, or leave `step` out"
     )]
     NewtonFailed {
-        /// When.
+        /// Time of the failure.
         t: f64,
         /// The step size.
         h: f64,
     },
-    /// The equations of the free variables do not hold at the start, and no value of theirs makes them hold.
+    /// The initial states of a problem without bounds violate its constraints, whatever the values of the variables.
     #[error("the start is inconsistent: the constraints ask for a jump of state {state} (counted from 0) by {jump:e}")]
     InconsistentStart {
         /// The state that would jump most, in units of its tolerance.
         state: usize,
-        /// By how much.
+        /// Size of the jump.
         jump: f64,
     },
     /// The problem needs more memory than one run may take.
@@ -141,48 +141,48 @@ pub enum StepError {
     TooLarge {
         /// What does not fit.
         what: &'static str,
-        /// How many unknowns are coupled by it.
+        /// Number of coupled unknowns.
         unknowns: usize,
     },
-    /// The outside asked to stop in the middle of a step.
+    /// The caller asked to stop in the middle of a step.
     #[error("stopped at t = {t:?}")]
     Interrupted {
-        /// When.
+        /// Time of the interruption.
         t: f64,
     },
-    /// The solver found no solution of the VI at the start, or behind a break; there may be one.
+    /// The solver found no solution of the VI at the start or behind a breakpoint; one may exist.
     #[error(
         "no variables were found that satisfy the variational inequality at t = {t:?}, though nothing shows that there are \
          none; where it is nonlinear in them, another form of it may be easier, and where several conditions hold at once, \
          other initial values"
     )]
     NoStart {
-        /// When.
+        /// Time of the failure.
         t: f64,
     },
-    /// Whatever the variables are, one inequality fails, as it is or linearised: then the VI, or that of Newton's method,
-    /// has no solution.
+    /// An inequality fails whatever the variables are, as posed or linearised: the VI, or that of Newton's method, has
+    /// no solution.
     #[error(
         "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from 0), \
          {}, fails whatever the variables are", if *.linear { "as it is" } else { "linearised" }
     )]
     NoSolution {
-        /// When.
+        /// Time of the failure.
         t: f64,
-        /// The variable.
+        /// Index of the variable.
         variable: usize,
-        /// Whether the problem is linear, so that this is a proof.
+        /// Whether the problem is linear, so that the failure is proven.
         linear: bool,
     },
 }
 
-/// Says that a step size was not allowed to fall further.
+/// Describes the lower limit on the step size, if there is one.
 fn limit(least: f64) -> String {
     if least > 0.0 { format!(", below `min_step` = {least:e}, and only a smaller one would do") } else { String::new() }
 }
 
 impl StepError {
-    /// A stable word for programs.
+    /// Stable identifier for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } => "not_finite",
@@ -200,7 +200,7 @@ impl StepError {
     }
 }
 
-/// Why a step is done again, smaller.
+/// Why a step is rejected and repeated with a smaller size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RejectionCause {
     /// The error estimate is above the tolerance.
@@ -211,7 +211,7 @@ pub enum RejectionCause {
     Slow,
     /// A matrix of the stage equations is singular.
     Singular,
-    /// A rate, a `G` or a bound at a stage is not a number.
+    /// A rate, a `G` or a bound at a stage is not finite.
     NotFinite,
     /// The variational inequality of the stages has no solution, or none was found.
     Unsolved,
@@ -222,7 +222,7 @@ impl RejectionCause {
     pub const ALL: [Self; 6] =
         [Self::Error, Self::Diverged, Self::Slow, Self::Singular, Self::NotFinite, Self::Unsolved];
 
-    /// A stable word for programs.
+    /// Stable identifier for programs.
     pub fn name(self) -> &'static str {
         match self {
             Self::Error => "error_test",

@@ -1,14 +1,14 @@
-//! The stage equations with the variational inequality at every stage, where the stages need not share a face:
-//! Josephy-Newton (Facchinei and Pang 2003, section 7.3). Rates and `G` are linearised and `K` is kept; the states
-//! and the free variables are eliminated by the transformed factors, which leaves an affine VI in the bounded
-//! variables of all stages,
+//! The stage equations with the variational inequality at every stage, where the stages need not share a face: the
+//! Josephy-Newton method (Facchinei and Pang 2003, section 7.3). Rates and `G` are linearised, and `K` is kept exactly.
+//! The states and the unbounded variables are eliminated with the transformed factors, which leaves an affine VI in the
+//! bounded variables of all stages,
 //!
 //! ```text
 //! w_i = q_i + sum_j S_ij z_j,    S = I (x) G_z + (T (x) G_y) E^-1 (T^-1 (x) e)
 //! ```
 //!
-//! with `E` the block-diagonal matrix of [`Factors`] in which the bounded variables are held and `e` their unit
-//! vectors. Row block `i` is scaled by the `d_i` of the tableau: then `S` is monotone where the problem is.
+//! where `E` is the block-diagonal matrix of [`Factors`] with the bounded variables held fixed, and `e` are their unit
+//! vectors. Row block `i` is scaled by `d_i` of the tableau, so that `S` is monotone if the problem is.
 
 use super::face::{ActiveFace, Activity, place};
 use super::factors::Factors;
@@ -33,41 +33,41 @@ pub struct StageVi {
     factor: ConvexSet,
     set: ConvexSet,
     workspace: Workspace,
-    /// `z - s g` of the variables of one stage.
+    /// `z - s g` of the variables of one stage, with the scale `s` of their block.
     moved: Vec<f64>,
-    /// The bounded variables of all stages, stage by stage, and the same before the last solve.
+    /// The bounded variables of all stages, stage by stage, now and before the last solve.
     z: Vec<f64>,
     last_z: Vec<f64>,
-    /// `G` of the same.
+    /// `G` of the bounded variables of all stages.
     g: Vec<f64>,
-    /// The bounded variables held, the others inside.
+    /// The face on which the bounded variables are held fixed and the others are free.
     held: ActiveFace,
     /// Stage increments and their transforms before the present iteration.
     saved: (Vec<f64>, Vec<f64>),
     /// The largest size of each component of `y` over the step.
     largest: Vec<f64>,
-    /// Added to `G`, one a variable: zero, but where a switch is known to be at `G = 0` exactly.
+    /// Offset added to `G` of each variable: zero, unless a switch is known to be exactly at `G = 0`.
     pub offset: Vec<f64>,
-    /// Whether the derivatives are taken anew at every iteration: where a first guess may be far off.
+    /// Whether the derivatives are evaluated anew at every iteration, for a first guess that may be far off.
     pub relinearise: bool,
     factors: Factors,
     real: Vec<f64>,
     complex: Vec<Complex<f64>>,
-    /// The variable whose inequality alone showed that the last problem that was not solved has no solution.
+    /// The variable whose inequality alone shows that the last unsolved problem has no solution.
     pub contradiction: Option<usize>,
     /// Affine problems solved.
     pub solves: u64,
-    /// Their pivots or iterations.
+    /// Pivots or iterations of the affine problems.
     pub pivots: u64,
-    /// The attempts that did not solve one, each with how often it happened.
+    /// The unsuccessful attempts at affine problems, each with its number of occurrences.
     pub failures: Vec<(Attempt, u64)>,
 }
 
 impl StageVi {
-    /// Room for the stages of a problem.
+    /// Allocates for the stages of a problem.
     ///
     /// # Errors
-    /// If `S` and what solves with it would not fit into memory.
+    /// If `S` and the matrices of its solver would not fit into memory.
     pub fn new(system: &System<'_>, stages: usize, solver: SolverKind) -> Result<Self, StepError> {
         let unknowns = system.unknowns;
         let coupled = stages * system.bounded.len();
@@ -101,30 +101,30 @@ impl StageVi {
         })
     }
 
-    /// Whether the equations of the states and the free variables can be solved for them, with the derivatives of `system`
-    /// as they are and a step of size `h`, while the bounded variables are held.
+    /// Whether the equations of the states and the unbounded variables are regular while the bounded variables are held
+    /// fixed, with the current derivatives of `system` and a step of size `h`.
     pub fn eliminates(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
         self.resize(tableau.stages() * system.bounded.len());
         self.reduce(system, tableau, h)
     }
 
-    /// The solver that answered last.
+    /// Name of the solver that solved the last problem.
     pub fn solver(&self) -> &'static str {
         self.solver.name()
     }
 
-    /// The factors of the last solve, with the bounded variables held.
+    /// The factors of the last solve, with the bounded variables held fixed.
     pub fn factors(&mut self) -> &mut Factors {
         &mut self.factors
     }
 
-    /// Exchanges the face of `system` for that on which the bounded variables are held, and back.
+    /// Swaps the face of `system` with the face on which the bounded variables are held fixed.
     pub fn swap_face(&mut self, system: &mut System<'_>) {
         std::mem::swap(&mut system.face, &mut self.held);
     }
 
-    /// Solves the stages from the `Z` at hand, with `W = T^-1 Z` and the derivatives of `system` frozen. On success
-    /// the face of `system` is that of the last stage; otherwise it is left as it was.
+    /// Solves the stages from the current increments `Z`, with `W = T^-1 Z` and the derivatives of `system` frozen. On
+    /// success sets the face of `system` to that of the last stage; otherwise leaves it unchanged.
     ///
     /// # Errors
     /// Why the step should be smaller.
@@ -149,11 +149,12 @@ impl StageVi {
             if !self.evaluate(system, tableau, stages, t, h, y0) {
                 return Err(RejectionCause::NotFinite);
             }
-            // Increments at the rounding level of y neither shrink nor matter; the VI and the transforms add to it.
+            // Increments at the rounding level of y neither shrink nor matter; the VI and the transforms add rounding
+            // errors.
             let rounding = f64::EPSILON * (4.0 * tableau.mixing).max(1e3);
             let least = control.kappa.max(rounding * stages.size(y0, &control.weight, s));
             if iteration > 0 && norm <= least && self.is_solved(system, stages, h, y0, control) {
-                self.settle(system, control);
+                self.set_last_face(system, control);
                 return Ok(());
             }
             if iteration > 0 && self.relinearise {
@@ -183,8 +184,8 @@ impl StageVi {
         Err(RejectionCause::Slow)
     }
 
-    /// Puts `system` on the face of the last stage.
-    fn settle(&mut self, system: &mut System<'_>, control: &NewtonControl) {
+    /// Sets the face of `system` to that of the last stage.
+    fn set_last_face(&mut self, system: &mut System<'_>, control: &NewtonControl) {
         let last = self.z.len() - system.bounded.len();
         let own = self.set.blocks().len() - system.set.blocks().len();
         for (a, &k) in system.bounded.iter().enumerate() {
@@ -202,8 +203,8 @@ impl StageVi {
         }
     }
 
-    /// Puts `system` on a face that determines the variables, where the last solve was that of one stage, and moves the
-    /// variables in `stages` to its solution.
+    /// Sets the face of `system` to one that determines the variables, and moves the variables in `stages` to its
+    /// solution. Has no effect unless the last solve was that of a single stage.
     pub fn regularise(&mut self, system: &mut System<'_>, stages: &mut Stages, y0: &[f64]) {
         let n = system.states;
         if self.z.len() != system.bounded.len() {
@@ -213,7 +214,7 @@ impl StageVi {
         let rests = |k: usize| match system.face.places[k] {
             Activity::AtLower => Some(Rests::Lower),
             Activity::AtUpper => Some(Rests::Upper),
-            Activity::Inactive => Some(Rests::FreeVariables),
+            Activity::Inactive => Some(Rests::Inactive),
             _ => None,
         };
         let mut members: Vec<Member> = of_intervals
@@ -230,13 +231,13 @@ impl StageVi {
             system.face.places[k] = match rests {
                 Rests::Lower => Activity::AtLower,
                 Rests::Upper => Activity::AtUpper,
-                Rests::FreeVariables => Activity::Inactive,
+                Rests::Inactive => Activity::Inactive,
             };
             stages.z[n + k] = z - y0[n + k];
         }
     }
 
-    /// What is noise in `z` and in `G` of block `b` of all stages.
+    /// Noise levels of `z` and of `G` in block `b`, an index over the blocks of all stages.
     fn noise(&self, system: &System<'_>, control: &NewtonControl, b: usize) -> (f64, f64) {
         let (mut noise_g, mut size) = (f64::MIN_POSITIVE, 0.0_f64);
         for at in &self.set.blocks()[b].members {
@@ -247,7 +248,7 @@ impl StageVi {
         (control.vi_tolerance * if size > 0.0 { size } else { 1.0 }, noise_g)
     }
 
-    /// Evaluates rates, `G` and bounds at every stage, with zero in the rows of `Phi` of held variables.
+    /// Evaluates rates, `G` and bounds at every stage, with zeros in the rows of `Phi` of the bounded variables.
     fn evaluate(
         &mut self,
         system: &mut System<'_>,
@@ -282,7 +283,7 @@ impl StageVi {
         true
     }
 
-    /// Solves the affine VI at the present stages: the new `z`, with the old in `last_z`.
+    /// Solves the affine VI at the present stages for the new `z`; the old `z` is in `last_z`.
     fn affine(
         &mut self,
         system: &System<'_>,
@@ -295,7 +296,7 @@ impl StageVi {
         let size = s * unknowns;
         self.saved.0[..size].copy_from_slice(&stages.z[..size]);
         self.saved.1[..size].copy_from_slice(&stages.w[..size]);
-        // What the other equations ask for while the bounded variables are held.
+        // The increment from the other equations while the bounded variables are held fixed.
         if stages.increment(system, tableau, &mut self.factors, h, &control.weight).is_none() {
             return Err(RejectionCause::Singular);
         }
@@ -328,8 +329,9 @@ impl StageVi {
         Err(RejectionCause::Unsolved)
     }
 
-    /// Whether the VI holds at every stage to the tolerance, from the last evaluation. The transforms mix the stages, so
-    /// that the rounding errors of one are those of the largest, and those of a state at rest those of the variables that hold it.
+    /// Whether the VI holds at every stage to the tolerance, by the last evaluation. The transforms mix the stages, so
+    /// the rounding errors of each stage are those of the largest stage, and the rounding errors of a state at rest are
+    /// those of the variables that hold it.
     fn is_solved(
         &mut self,
         system: &System<'_>,
@@ -364,25 +366,26 @@ impl StageVi {
         intervals
             && (0..self.set.blocks().len()).all(|b| {
                 let (noise_z, noise_g) = self.noise(system, control, b);
-                // With p = P(z - s g) the VI holds exactly for p and g - (z - p)/s; this s makes both changes noise
-                // if the first is.
+                // With p = P(z - s g), the VI holds exactly for p and g - (z - p)/s; with this s, both changes are
+                // noise if the first is.
                 let scale = noise_z / noise_g;
                 self.set.defect(b, &self.z, &self.g, scale, &mut self.workspace) <= noise_z
             })
     }
 
-    /// Forms `S` from the derivatives of `system`.
+    /// Forms `S` from the derivatives of `system`; returns false if a matrix is singular or the caller asks to stop.
     fn reduce(&mut self, system: &mut System<'_>, tableau: &Tableau, h: f64) -> bool {
         self.factors.compute(system, &self.held, tableau, h);
         system.work.factorisations += 1;
         let (s, n, count) = (tableau.stages(), system.states, system.bounded.len());
         self.matrix.fill(0.0);
         for (b, &k) in system.bounded.iter().enumerate() {
-            // A solve with large factors takes long, and there is one for each variable.
+            // A solve with large factors takes long, and each variable needs one.
             if system.outside.poll().is_some() {
                 return false;
             }
-            // The response of everything to a unit of z_k, one a block of E; G of it, added to each pair of stages.
+            // Response of all unknowns to a unit of z_k, by blocks of E; the response of G is added to each pair of
+            // stages.
             let mut block = 0;
             if tableau.gamma.is_some() {
                 self.real.fill(0.0);
@@ -429,7 +432,7 @@ impl StageVi {
         self.matrix.iter().all(|value| value.is_finite())
     }
 
-    /// Fits the vectors to `size` coupled variables.
+    /// Resizes the vectors and the matrix to `size` coupled variables.
     fn resize(&mut self, size: usize) {
         if self.q.len() != size {
             self.matrix.resize_mut(size, size, 0.0);

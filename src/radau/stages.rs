@@ -27,7 +27,7 @@ pub struct Stages {
     mw: Vec<f64>,
     pair: Vec<Complex<f64>>,
     y: Vec<f64>,
-    /// Where the rows were evaluated last.
+    /// The rows at the stages, as last evaluated.
     pub points: Points,
     /// The monitors of the face at every stage, stage by stage, as of the last convergence.
     pub monitors: Vec<Monitor>,
@@ -37,31 +37,29 @@ pub struct Stages {
 /// How a Newton iteration ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Newton {
-    /// The increments are below the tolerance, in so many iterations; whether a monitor of the face is violated at a
-    /// stage.
+    /// The increments are below the tolerance.
     Converged {
-        /// Iterations.
+        /// Number of iterations.
         iterations: usize,
-        /// Whether the face is not the right one all through the step.
+        /// Whether a monitor of the face is violated at a stage, so that the face ends within the step.
         violated: bool,
     },
-    /// It would need too many iterations; the step should be multiplied by this factor, below 1.
+    /// Too many iterations would be needed; the step should be multiplied by this factor, below 1.
     Slow(f64),
-    /// It cannot go on.
+    /// The iteration cannot continue.
     Failed(RejectionCause),
 }
 
-/// The contraction seen, kept from one step to the next.
+/// Observed contraction of Newton's method, carried from one step to the next.
 #[derive(Clone, Copy, Debug)]
 pub struct Contraction {
     /// The last estimate of the rate.
     pub theta: f64,
-    /// `theta / (1 - theta)` of the last step, for the test after the first iteration.
+    /// `theta / (1 - theta)` of the last step, for the convergence test after the first iteration.
     pub factor: f64,
 }
 
-/// The rate that is assumed where one iteration is enough to converge, so that none is seen: that up to which a
-/// Jacobian is kept.
+/// The rate assumed if one iteration converges, so that none is observed: the rate up to which a Jacobian is kept.
 pub const THETA: f64 = 1e-3;
 
 impl Default for Contraction {
@@ -71,7 +69,7 @@ impl Default for Contraction {
 }
 
 impl Stages {
-    /// Room for at most `s` stages of `n + m` unknowns.
+    /// Allocates for at most `s` stages of `n + m` unknowns.
     pub fn new(s: usize, unknowns: usize) -> Self {
         let zeros = vec![0.0; s * unknowns];
         Self {
@@ -111,7 +109,7 @@ impl Stages {
         combine(&tableau.t_inverse, &self.z, &mut self.w, self.unknowns);
     }
 
-    /// Replaces `Z` by the collocation polynomial at `ratio` times the nodes: the start of a step of another size.
+    /// Replaces `Z` by the collocation polynomial at `ratio` times the nodes: starting values for another step size.
     pub fn resample(&mut self, tableau: &Tableau, ratio: f64) {
         let n = self.unknowns;
         let s = tableau.stages();
@@ -185,7 +183,7 @@ impl Stages {
         Some(mean_square_root(sum, s * n, terms))
     }
 
-    /// Newton's method on the present face from the `Z` at hand, with `W = T^-1 Z`.
+    /// Newton's method on the present face from the current increments `Z`, with `W = T^-1 Z`.
     #[expect(clippy::too_many_arguments, reason = "a step is its problem, method, factors, place and tolerance")]
     pub fn newton(
         &mut self,
@@ -216,15 +214,15 @@ impl Stages {
             if !norm.is_finite() {
                 return Newton::Failed(RejectionCause::NotFinite);
             }
-            // Increments at the rounding level of y itself neither shrink nor matter.
+            // Increments at the rounding level of y neither shrink nor matter.
             let rounding = || norm <= 4.0 * f64::EPSILON * self.size(y0, &control.weight, tableau.stages());
             if k > 1 {
                 let ratio = norm / last_norm;
                 let theta: f64 = if k == 2 { ratio } else { (ratio * last_ratio).sqrt() };
                 if theta < 0.99 {
                     contraction.theta = theta;
-                    // Increments of variables or algebraic states change the rest, and these change the former, at
-                    // rates of their own that alternate: the next may be the larger.
+                    // Increments of variables or algebraic states change the states, and these change the former, at
+                    // alternating rates: the next ratio may be the larger one.
                     let next = match (is_ode || system.constant_jacobian(), k) {
                         (true, _) => theta,
                         (false, 2) => ratio.max(factor),
@@ -232,7 +230,7 @@ impl Stages {
                     };
                     factor = next / (1.0 - theta);
                 } else if k == 2 && !is_ode && !rounding() {
-                    // The extrapolated start was better in the states than in the variables: no rate yet.
+                    // The extrapolated start was better in the states than in the variables: no rate is known yet.
                     factor = f64::INFINITY;
                 } else if !rounding() {
                     contraction.theta = theta;
@@ -241,15 +239,16 @@ impl Stages {
                 last_ratio = ratio;
                 let left = (most - 1).saturating_sub(k) as i32;
                 let predicted = factor * norm * theta.powi(left) / control.kappa;
-                // Where they are extrapolated, the first increment is mostly theirs: the rate shows from the third on.
+                // If variables are extrapolated, they dominate the first increment: the rate shows from the third
+                // increment on.
                 if predicted >= 1.0 && (k > 2 || is_ode) && !rounding() {
                     let q = predicted.clamp(1e-4, 20.0);
                     return Newton::Slow(0.8 * q.powf(-1.0 / (4.0 + f64::from(left))));
                 }
             }
             last_norm = norm.max(f64::EPSILON);
-            // The first increment alone tells no rate, and that of another step may be one of other derivatives: it is trusted for
-            // half of the digits.
+            // The first increment alone shows no rate, and the rate of another step may belong to other derivatives: it
+            // is trusted for half of the digits.
             let is_told = k > 1 || norm * norm <= control.kappa || system.constant_jacobian();
             if factor * norm <= control.kappa && is_told || rounding() {
                 contraction.factor = factor;
@@ -281,7 +280,7 @@ impl Stages {
         mean_square_root(terms.clone().map(|y| y * y).sum(), s * n, || terms)
     }
 
-    /// Evaluates `Phi` at every stage and judges the bounded variables there; `None` if a number is not finite.
+    /// Evaluates `Phi` at every stage and checks the bounded variables there; `None` if a number is not finite.
     fn verify(
         &mut self,
         system: &mut System<'_>,
@@ -325,21 +324,23 @@ impl Stages {
     }
 }
 
-/// What is found of the bounded variables at the stages.
+/// Result of the check of the bounded variables at the stages.
 struct Verdict {
     /// Whether the equations of the face hold to the tolerance of the VI.
     satisfied: bool,
     /// Whether a monitor of the face is violated.
     violated: bool,
-    /// Whether the equations of a curved face hold beside its apex for values that do not solve the inequality.
+    /// Whether, on a curved face, values beside the apex satisfy the equations but not the inequality.
     degenerate: bool,
 }
 
-/// The multiple of its noise that the natural map of a block may be where the equations of its face hold to within noise.
+/// Largest admissible natural-map residual of a block, relative to its noise, if the equations of its face hold to
+/// within noise.
 const MAPPED: f64 = 100.0;
 
-/// Whether a block on a curved face is off its inequality at `y`, where `system` was evaluated last, though its equations
-/// and monitors are satisfied to within noise: they are homogeneous, and beside the apex every direction satisfies them.
+/// Whether a block on a curved face violates its inequality at `y`, the point of the last evaluation of `system`,
+/// though its equations and monitors hold to within noise: they are homogeneous, and beside the apex every direction
+/// satisfies them.
 fn has_degenerate_block(system: &mut System<'_>, control: &NewtonControl, y: &[f64]) -> bool {
     (0..system.face.blocks.len()).any(|b| {
         if !matches!(system.face.blocks[b], Face::Boundary(_)) {
@@ -350,7 +351,7 @@ fn has_degenerate_block(system: &mut System<'_>, control: &NewtonControl, y: &[f
     })
 }
 
-/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for the numbers of stages that are offered.
+/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for every available number of stages.
 fn combine(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
     match matrix.nrows() {
         1 => combine_stages::<1>(matrix, x, out, n),
@@ -365,7 +366,7 @@ fn combine(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
     }
 }
 
-/// The same with the number of stages known to the compiler: small systems spend a quarter of their time here.
+/// [`combine`] with the number of stages known to the compiler: small systems spend a quarter of their time here.
 fn combine_stages<const S: usize>(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
     // Column by column, as the matrix is stored.
     let columns = matrix.as_slice().as_chunks::<S>().0.first_chunk::<S>().expect("a square matrix");

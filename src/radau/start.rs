@@ -1,9 +1,9 @@
-//! Where a run, or a new face, begins.
+//! The start of a run, or of a new face.
 //!
 //! The face and the variables at `(t, x)` are those of one implicit Euler step with the VI, so short that only the
-//! directions at `t` count. A start that the constraints do not allow shows as a jump of the states that does not
-//! shrink with the step: where `K` has bounds it is the impulse that the theory names (`x+ = x + B p`, with `p` in `K`
-//! complementary to `G(x+)`), and the run starts after it; where all variables are free it is an error of the user.
+//! directions at `t` matter. If the constraints do not admit the initial states, the states jump by an amount that does
+//! not shrink with the step. If `K` has bounds, this jump is the impulse of the theory (`x+ = x + B p`, with `p` in `K`
+//! complementary to `G(x+)`), and the run starts after it; if all variables are unbounded, it is an error of the user.
 
 use super::consistent_variables::inequality;
 use super::face::{ActiveFace, Activity, undecided};
@@ -16,30 +16,32 @@ use super::stepper::Radau;
 use super::system::System;
 use super::tableau::Tableau;
 
-/// How long the step that finds a face is, beside the steps of the run.
+/// Size of the probe step that selects a face, relative to the steps of the run.
 const PROBE: f64 = 1e-4;
-/// The same where that is too short to tell.
+/// Sizes of longer probe steps, for a sign that the first one leaves undecided.
 const LONGER: [f64; 4] = [1e-3, 1e-2, 1e-1, 1.0];
-/// The part of its distance from a switch by which an inequality may come nearer within that step: one that came further might
-/// have passed the switch within a step only twice as long.
+/// Fraction of its distance from a switch by which an inequality may approach the switch within the probe step: after a
+/// closer approach, a step only twice as long might have passed the switch.
 const HALF_WAY: f64 = 0.5;
-/// The factor by which the step is shortened for that, and the most times.
+/// Factor by which the probe step is shortened after a closer approach, and the maximum number of reductions.
 const SHORTER: f64 = 0.1;
 const MOST_SHORTER: usize = 8;
-/// The factor between the steps that look for the end of an accumulation, and the most of them: together they span gaps of
-/// switches from the last to `1e9` times as long.
+/// Factor between the probe steps that look for the end of an accumulation of switches, and their maximum number:
+/// together they span times from the last gap between switches to `1e9` times that gap.
 const LONGER_GAP: f64 = 4.0;
 const MOST_GAPS: usize = 16;
-/// The part of what is allowed by which states at rest may differ between two of these steps.
+/// Fraction of the allowed change by which states at rest may differ between two of these probe steps.
 const AT_REST: f64 = 1e-3;
-/// How long the step is that shows whether a start is consistent, beside the steps of the run: the shortest of these whose
-/// equations are solved. Constraints hidden in combinations of the rows of `M x' = F` are lost to rounding beside `M/h`.
+/// Sizes of the step that checks the consistency of a start, relative to the steps of the run: the shortest step whose
+/// equations can be solved is used. Constraints hidden in combinations of the rows of `M x' = F` are lost to rounding
+/// beside `M/h`.
 const INSTANTS: [f64; 5] = [1e-12, 1e-10, 1e-8, 1e-6, 1e-4];
 
-/// The multiple of such an instant over which a jump remains as it is, while a steep change grows as often.
+/// Factor by which the check is lengthened: a jump of the states stays the same, while a steep change grows by this
+/// factor.
 const MULTIPLE: f64 = 16.0;
 
-/// The implicit Euler step that finds a face.
+/// The implicit Euler step that selects a face.
 pub(super) struct Probe {
     euler: &'static Tableau,
     stages: Stages,
@@ -59,13 +61,13 @@ impl Probe {
 }
 
 impl Radau<'_> {
-    /// Finds the face and the variables at the start, and whether the start is consistent.
+    /// Finds the face and the variables at the start, and checks whether the start is consistent.
     pub(super) fn start(&mut self) -> Result<(), StepError> {
         let n = self.system.states;
         if self.system.is_explicit_ode() {
             return Ok(());
         }
-        // Variables have no guess; where they enter nonlinearly, theirs must not be far off.
+        // Variables have no initial guess; if they enter nonlinearly, the guess must not be far off.
         inequality::solve(&mut self.system, self.clock.t, &mut self.y);
         if self.system.bounded.is_empty()
             && let Some(consistent) = &mut self.consistent
@@ -75,7 +77,8 @@ impl Radau<'_> {
         let Some(instant) = INSTANTS.into_iter().find(|instant| self.probe(instant * self.h, false)) else {
             return Err(self.no_start());
         };
-        // States without mass have no past: beside bounded variables they start where their equations put them.
+        // States without mass have no initial value of their own: beside bounded variables, their equations determine
+        // them.
         for (state, (y, z)) in self.y.iter_mut().zip(&mut self.switching.probe.stages.z[..n]).enumerate() {
             if !self.system.bounded.is_empty() && !self.system.layout.has_mass[state] {
                 *y += std::mem::take(z);
@@ -99,7 +102,8 @@ impl Radau<'_> {
         if self.choose_face(self.h) { Ok(()) } else { Err(self.no_start()) }
     }
 
-    /// Whether a change of a state within an instant grows with the instant: then it is steep, and no jump.
+    /// Whether a change of a state over the step `instant` grows with that step: the change is then steep, but not a
+    /// jump.
     fn is_steep(&mut self, state: usize, change: f64, instant: f64) -> bool {
         self.probe(MULTIPLE * instant * self.h, false)
             && self.switching.probe.stages.z[state].abs() > MULTIPLE.sqrt() * change.abs()
@@ -114,8 +118,8 @@ impl Radau<'_> {
         }
     }
 
-    /// The face and the variables at `(t, y)`, where steps are about `h` long; the states stay, but for noise. False
-    /// if no solution was found, with nothing changed.
+    /// Selects the face and the variables at `(t, y)` for steps of a size of about `h`; changes the states by noise
+    /// only. Returns false, with nothing changed, if no solution is found.
     pub(super) fn choose_face(&mut self, h: f64) -> bool {
         let n = self.system.states;
         let mut length = PROBE * h;
@@ -134,7 +138,7 @@ impl Radau<'_> {
         true
     }
 
-    /// Takes the face of the last probe, and of its unknowns those from number `first` on.
+    /// Applies the face of the last probe step, and its unknowns from index `first` on.
     fn take_probe(&mut self, first: usize) {
         let Self { system, switching, y, .. } = self;
         if let Probe { vi: Some(vi), stages, .. } = &mut switching.probe {
@@ -147,8 +151,9 @@ impl Radau<'_> {
         self.make_consistent();
     }
 
-    /// Takes the variables that belong to the states for those of the step that found the face, where they stay within the
-    /// width of their interval beside it: near a point at which the states are no longer driven by them, they would be of any size.
+    /// Replaces the variables of the probe step by those consistent with the states, unless these leave their interval
+    /// by more than its width: near a point at which the variables cease to drive the states, consistent variables are
+    /// arbitrarily large.
     fn make_consistent(&mut self) {
         let n = self.system.states;
         let Some(consistent) = &mut self.consistent else { return };
@@ -163,11 +168,11 @@ impl Radau<'_> {
         }
     }
 
-    /// Whether the last probe was too long to show the face at `t`: over it an inequality that was off its switch, and has no
-    /// variables, came half way to it. Where switches accumulate they follow each other in less than any part of the steps
-    /// of the run.
+    /// Whether the last probe step was too long to show the face at `t`: over it, an inequality that was off its
+    /// switch, and contains no variables, came half way to the switch. Where switches accumulate, the time between them
+    /// is shorter than any fraction of the steps of the run.
     fn was_too_long(&mut self) -> bool {
-        // Steps of one size resolve nothing shorter.
+        // A fixed step size resolves no shorter times.
         if self.settings.step.is_some() {
             return false;
         }
@@ -182,9 +187,10 @@ impl Radau<'_> {
         })
     }
 
-    /// Passes an accumulation of switches, the last of them about `gap` apart, where that changes no state by more than its
-    /// tolerances allow: an implicit Euler step that holds more variables inside than the face at `t`
-    /// does, and holds the same, at the same states, where it is longer, ends where they rest. Whether there is such a step.
+    /// Passes an accumulation of switches, the last of them about `gap` apart, if that changes no state by more than
+    /// its tolerance allows. The states are at rest behind the accumulation if two successive probe steps of increasing
+    /// length end at the same states, on the same face, with more free variables than the face at `t`. Returns whether
+    /// there are two such probe steps.
     pub(super) fn pass_accumulation(&mut self, gap: f64) -> bool {
         let n = self.system.states;
         let count = |face: &ActiveFace| face.places.iter().filter(|place| **place == Activity::Inactive).count();
@@ -216,9 +222,9 @@ impl Radau<'_> {
         false
     }
 
-    /// Brings the states onto the equations of the face where they are off them by noise. The first step would else do it,
-    /// by forces that grow as it is made shorter and pass for a switch, and by a change that its error test sees in states
-    /// whose own tolerance is finer than the noise of others.
+    /// Brings the states onto the equations of the face if they miss them by noise. Otherwise the first step would do
+    /// so, by forces that grow as the step shrinks and look like a switch, and by a change that its error test detects
+    /// in states whose tolerance is finer than the noise of others.
     fn remove_noise(&mut self) {
         let n = self.system.states;
         let Self { system, switching, control, y, clock, .. } = self;
@@ -237,8 +243,8 @@ impl Radau<'_> {
         }
     }
 
-    /// The face at `(t, y)` of variables that are at their switch, to within noise, and of which the first moment does not
-    /// tell whether they stay: an ever longer step, up to `h`, is taken until it does. Whether one of them leaves.
+    /// Resolves variables within noise of switching: the probe step is lengthened, up to `h`, until the sign is
+    /// decided. Returns whether one of the variables leaves its face.
     pub(super) fn choose_face_beyond_noise(&mut self, h: f64) -> bool {
         let n = self.system.states;
         if !self.system.evaluate(self.clock.t, &self.y) {
@@ -281,8 +287,9 @@ impl Radau<'_> {
         false
     }
 
-    /// One Euler step of size `eta` from `(t, y)`; its increment is left in the stages of the probe. If `snap`,
-    /// inequalities that are zero to the tolerance start from zero exactly.
+    /// Solves one implicit Euler step of size `eta` from `(t, y)`, and leaves its increment in the stages of the probe;
+    /// returns false if it is not solved. If `snap`, inequalities that are zero to within noise start from exactly
+    /// zero.
     fn probe(&mut self, eta: f64, snap: bool) -> bool {
         let n = self.system.states;
         if !self.system.differentiate(self.clock.t, &self.y) || !self.system.evaluate(self.clock.t, &self.y) {

@@ -1,4 +1,4 @@
-//! One step after another: Jacobian, factors, stages, face, error, acceptance.
+//! The step loop: Jacobian, factors, stages, face, error, acceptance.
 
 mod attempt;
 mod estimate;
@@ -32,12 +32,12 @@ use super::unseen::Unseen;
 use hybrid::Breaks;
 use problem::{Control, Dvi};
 
-/// Counts of what a run did.
+/// Counts of the steps of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Accepted steps.
     pub accepted: u64,
-    /// Rejected steps, by [`RejectionCause::ALL`].
+    /// Rejected steps, in the order of [`RejectionCause::ALL`].
     rejected: [u64; RejectionCause::ALL.len()],
 }
 
@@ -71,7 +71,7 @@ pub struct Radau<'p> {
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
     shortened: Shortened,
-    /// Whether the present step was made shorter because screening proved no more of it.
+    /// Whether the present step was shortened to the part of it that screening proved.
     screened_short: bool,
     pub(super) breaks: Breaks,
     pub(super) chattering: Chattering,
@@ -82,7 +82,7 @@ pub struct Radau<'p> {
     pub counts: Counts,
 }
 
-/// The largest step and unknowns of a run so far.
+/// Largest step size and largest magnitudes of the unknowns in a run so far.
 pub(super) struct Extent {
     /// The size of the longest step.
     pub longest: f64,
@@ -96,23 +96,23 @@ impl Extent {
     }
 }
 
-/// What is known of the derivatives at hand.
+/// Status of the current derivatives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freshness {
-    /// None, or none worth keeping.
+    /// Not evaluated, or not worth keeping.
     Stale,
-    /// Of an earlier step, and good enough.
+    /// From an earlier step, and still good enough.
     Kept,
-    /// Of this step.
+    /// From the present step.
     Fresh,
 }
 
 impl<'p> Radau<'p> {
-    /// Prepares a run from `(t, x)` to `end`; finds the face of `K` and the variables there. Where `outside` asks to stop,
-    /// long work on one step is given up, and the step fails.
+    /// Prepares a run from `(t, x)` to `end`: finds the face of `K` and the variables there. If the caller asks to stop
+    /// through `outside`, long work on one step is abandoned, and the step fails.
     ///
     /// # Errors
-    /// If something is not finite at the start, the start is inconsistent, or `outside` asks to stop.
+    /// If a value is not finite at the start, the start is inconsistent, or the caller asks to stop.
     pub fn new(
         problem: &'p mut dyn Dvi,
         settings: Settings,
@@ -141,7 +141,7 @@ impl<'p> Radau<'p> {
         if !system.bounded.is_empty() {
             let mut vi = StageVi::new(&system, most_stages, settings.vi_solver)?;
             let is_all = system.bounded.len() == unknowns - system.states;
-            // A factorisation at the start tells: a multiplier of bounded variables is in no equation of its own.
+            // A factorisation at the start decides: a multiplier of bounded variables occurs in no equation of its own.
             if !is_all && system.differentiate(t, &y) && !vi.eliminates(&mut system, orders.current().tableau, end - t)
             {
                 system.keep_free(t)?;
@@ -193,10 +193,10 @@ impl<'p> Radau<'p> {
     /// Makes one accepted step.
     ///
     /// # Errors
-    /// If the step size falls below what `t` or the settings allow, with the cause.
+    /// If the step size falls below the limit of `t` or of the settings, with the cause.
     pub fn step(&mut self) -> Result<(), StepError> {
         loop {
-            // What is left between switches that accumulate is too short for more stages to tell more of it.
+            // Between switches that accumulate, steps are too short to gain from more stages.
             if self.switching.is_accumulating() && self.orders.take_fewest() {
                 self.forget_order();
             }
@@ -223,7 +223,7 @@ impl<'p> Radau<'p> {
                     self.controller.surprise();
                     if self.jacobian == Freshness::Kept {
                         self.forget_jacobian();
-                        // A fixed step has no other way out than derivatives of its own.
+                        // With a fixed step, derivatives at this step are the only remedy.
                         if self.settings.step.is_some() && self.jacobian == Freshness::Stale {
                             self.counts.rejected[cause as usize] += 1;
                             continue;
@@ -255,11 +255,11 @@ impl<'p> Radau<'p> {
             let (s, most) = (self.tableau().stages(), self.control.most);
             if error < 1.0 {
                 let mut new = self.controller.accept(s, reached, error, iterations, most);
-                // A step nearly as large as the last is not worth new factors.
+                // If a step is nearly as large as the last, new factors do not pay off.
                 if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / reached)) {
                     new = reached;
                 }
-                // A step cut short by a switch or a break says nothing against the size that was wished for.
+                // A step cut at a switch or a breakpoint is no reason to reduce the size that was wished for.
                 let is_cut = self.switching.ends_at_switch() || self.breaks.after().is_some();
                 self.h = if is_cut { wished } else { new };
                 let is_short = !is_cut && reached < SHORT * h && !self.screened_short;
@@ -278,7 +278,7 @@ impl<'p> Radau<'p> {
             let first = self.counts.accepted == 0;
             let seen = self.unseen.seen;
             self.shrink(reached, RejectionCause::Error, |controller| match is_missed {
-                // Up to where that begins.
+                // Cut the step where the missed variation begins.
                 true if seen >= LEAST => controller.cut(seen * reached),
                 true => controller.miss(s, reached, error.min(1e10), iterations, most),
                 false => controller.reject(s, reached, error.min(1e10), iterations, most, first),
@@ -286,7 +286,7 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// After a step, which may be `shorter` than was tried: goes on behind the break before which it ends.
+    /// Ends a step: unless it is `shorter` than attempted, continues behind the breakpoint before which it ends.
     fn end_step(&mut self, shorter: bool) -> Result<(), StepError> {
         match self.breaks.after() {
             Some(after) if !shorter && !self.is_done() => self.pass_break(after),
@@ -294,7 +294,7 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// Makes the present step part of the trajectory.
+    /// Appends the present step to the trajectory.
     fn accept(&mut self, h: f64, coupled: bool, between: Option<Between>) {
         let n = self.system.unknowns;
         let s = self.tableau().stages();
@@ -336,11 +336,11 @@ impl<'p> Radau<'p> {
         } else if self.jacobian == Freshness::Fresh {
             self.jacobian = Freshness::Kept;
         }
-        self.settle(coupled);
+        self.update_face(coupled);
         self.extent.watch(&self.y);
     }
 
-    /// Takes more stages or fewer from the next step on, where the number is free, after a step with this contraction.
+    /// Changes the number of stages from the next step on, if it may vary, after a step with this contraction.
     fn change_order(&mut self, contraction: Contraction) {
         if self.orders.are_several() {
             let wish = self.controller.order_change(contraction);
@@ -350,14 +350,14 @@ impl<'p> Radau<'p> {
         }
     }
 
-    /// Forgets what holds for one number of stages alone.
+    /// Discards data that are valid for one number of stages only.
     fn forget_order(&mut self) {
         self.factored = None;
         self.contraction = Contraction::default();
         self.controller.order_changed();
     }
 
-    /// Makes the next attempt smaller than `h`; fails where the step is fixed or would be too small to go on with.
+    /// Reduces the next attempt below `h`; fails if the step size is fixed or would become too small.
     fn shrink(
         &mut self,
         h: f64,
@@ -378,7 +378,7 @@ impl<'p> Radau<'p> {
         self.h = smaller(&mut self.controller).max(if h > min_step { min_step } else { 0.0 });
         let least = min_step.max(10.0 * f64::EPSILON * self.clock.t.abs()).max(f64::MIN_POSITIVE);
         if self.h < least || !self.h.is_finite() {
-            // What the last, shortest attempt met says more than that it failed.
+            // The reason for the failure of the last, shortest attempt is more informative than the failure itself.
             self.check_evaluation()?;
             self.check_contradiction(cause)?;
             if let Some(kink) = self.collapsed_at() {
@@ -390,7 +390,7 @@ impl<'p> Radau<'p> {
         Ok(())
     }
 
-    /// Whether the last variational inequality has no solution for a reason that can be named.
+    /// Fails if the inequality of one variable shows that the last variational inequality has no solution.
     pub(super) fn check_contradiction(&self, cause: RejectionCause) -> Result<(), StepError> {
         match self.stage_vi.as_ref().and_then(|vi| vi.contradiction).filter(|_| cause == RejectionCause::Unsolved) {
             Some(variable) => {

@@ -1,8 +1,9 @@
 //! Switches: changes of the active face of `K`.
 //!
-//! A step keeps one face; it is the right one while its monitors stay nonnegative. Where one becomes negative the step
-//! is cut there ([`location`](super::location)). The next face is not guessed: it is that of an implicit Euler step with the VI,
-//! so short that only the directions at the switch count, in which variables at their switch start exactly there.
+//! A step keeps one face, which is the right one while its monitors stay nonnegative. Where a monitor becomes negative,
+//! the step is cut ([`location`](super::location)). The next face is not guessed: it is that of an implicit Euler step
+//! with the VI, in which variables at their switch start exactly there, so short that only the directions at the switch
+//! matter.
 
 use super::constraints::Constraints;
 use super::face::{ActiveFace, Activity, Monitor};
@@ -15,22 +16,23 @@ use super::stepper::Radau;
 use super::system::System;
 use problem::{ConvexSet, Face};
 
-/// A variable that changed its place.
+/// A variable that changed its activity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch {
-    /// When; exact to the order of the method if located, else the end of the step in which it happened.
+    /// Time of the switch: exact to the order of the method if located, otherwise the end of the step in which it
+    /// happened.
     pub t: f64,
     /// The variable, counted from 0.
     pub variable: usize,
-    /// Where it was.
+    /// Activity before the switch.
     pub from: Activity,
-    /// Where it is now.
+    /// Activity after the switch.
     pub to: Activity,
 }
 
-/// So many switches in a row, each after a shorter time than the last, are taken for an accumulation (Zeno).
+/// Number of successive switches, each after a shorter time than the last, that count as an accumulation (Zeno).
 const ACCUMULATION: u32 = 8;
-/// What finding switches needs and remembers.
+/// State and workspace of the location of switches.
 pub(super) struct Switching {
     locate: bool,
     pub(super) probe: Probe,
@@ -38,7 +40,8 @@ pub(super) struct Switching {
     pub(super) before: ActiveFace,
     /// Whether the present step ends at a switch.
     pub(super) pending: bool,
-    /// The time of the last switch, the time from it to the one before, and how often that shrank in a row.
+    /// The time of the last switch, the time between it and the switch before, and the number of successive decreases
+    /// of that time.
     last: f64,
     gap: f64,
     shrinking: u32,
@@ -47,12 +50,12 @@ pub(super) struct Switching {
     pub(super) inside: FreeVariables,
     pub(super) constraints: Constraints,
     pub(super) monitors: Vec<Monitor>,
-    /// Room for those between the stages.
+    /// Workspace for the monitors between the stages.
     pub(super) between: Vec<Monitor>,
     pub(super) screening: Screening,
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
-    /// Accumulations passed.
+    /// Number of accumulations so far.
     accumulations: u32,
 }
 
@@ -91,7 +94,8 @@ impl Switching {
         self.pending = false;
     }
 
-    /// Records what differs from the remembered face, and what turned round on it; whether anything did.
+    /// Records the variables whose activity differs from the remembered face, and those in `turned`, which are on the
+    /// opposite side of the boundary of their block; returns whether there are any.
     pub(super) fn record(&mut self, t: f64, set: &ConvexSet, face: &ActiveFace, turned: &[usize]) -> bool {
         let mut changed = Vec::new();
         for (variable, (&from, &to)) in self.before.places.iter().zip(&face.places).enumerate() {
@@ -142,8 +146,8 @@ impl Radau<'_> {
         self.switching.accumulations
     }
 
-    /// After a step is accepted: the face at its end.
-    pub(super) fn settle(&mut self, coupled: bool) {
+    /// Determines the face at the end of a step that was accepted.
+    pub(super) fn update_face(&mut self, coupled: bool) {
         if self.system.bounded.is_empty() {
             return;
         }
@@ -174,7 +178,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Ends an accumulation of switches where the states come to rest within their tolerances.
+    /// Ends an accumulation of switches if the states come to rest within their tolerances.
     fn rest(&mut self) {
         if !self.switching.is_accumulating() {
             return;
@@ -187,8 +191,9 @@ impl Radau<'_> {
         }
     }
 
-    /// Takes the variables of the step that ended at a switch for those after it where they satisfy the inequality and these do
-    /// not: at the apex of a cone, or where a bound is reached, the face alone need not tell them.
+    /// Restores `before`, the variables of the step that ended at a switch, if they satisfy the inequality and the
+    /// variables after the switch do not: at the apex of a cone, or where a bound is reached, the face alone need not
+    /// determine them.
     fn keep_better(&mut self, before: &[f64]) {
         let n = self.system.states;
         let after = self.y[n..].to_vec();
@@ -200,8 +205,8 @@ impl Radau<'_> {
         }
     }
 
-    /// The residual of the natural map at `(t, y)`, `max |z - P_K(z - G)|` over the variables of which `G` depends on variables:
-    /// that of the others says nothing of `z`.
+    /// Residual of the natural map at `(t, y)`: `max |z - P_K(z - G)|` over the variables whose `G` depends on
+    /// variables. The residuals of the others give no information on `z`.
     fn natural_map(&mut self) -> f64 {
         let n = self.system.states;
         if !self.system.evaluate(self.clock.t, &self.y) {
@@ -218,8 +223,8 @@ impl Radau<'_> {
     }
 }
 
-/// The members of blocks that stay on their boundary between two values of the variables, but on the other side of it:
-/// friction where the motion turns back.
+/// The members of blocks that stay on their boundary between two values of the variables, but on its opposite side:
+/// friction at a reversal of the motion.
 pub(super) fn turned(system: &System<'_>, from: &ActiveFace, before: &[f64], after: &[f64]) -> Vec<usize> {
     let faces = from.blocks.iter().zip(&system.face.blocks);
     let turned = system.set.blocks().iter().zip(faces).filter(|(block, faces)| {

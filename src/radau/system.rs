@@ -4,7 +4,8 @@
 //! diag(M, 0) y' = Phi(t, y),    Phi = (F, G_i or l_i - z_i or u_i - z_i),    y = (x, z)
 //! ```
 //!
-//! with [`FaceEquations`] in the rows of a block: its rows at one point, and its derivatives in [`derivatives`].
+//! The rows of a block are its [`FaceEquations`]. The rows at one point are here; their derivatives are in
+//! [`derivatives`].
 
 mod derivatives;
 
@@ -17,12 +18,12 @@ use numerics::Interval;
 use problem::{Control, ConvexSet, Dvi, Face, FaceEquations, ForcingSlopes, Mass, Shape, Side, Structure, Workspace};
 use std::sync::Arc;
 
-/// A problem on a face, with room for one evaluation and one Jacobian.
+/// A problem on a face, with the values of one evaluation and of one Jacobian.
 pub struct System<'p> {
     problem: &'p mut dyn Dvi,
-    /// Its sizes, mass, sparsity; `K` as it moves is [`System::set`].
+    /// Sizes, mass and sparsity; `K` with its moving bounds is [`System::set`].
     structure: Structure,
-    /// Whether the outside asks to stop.
+    /// The caller's control, which may ask to stop.
     pub outside: &'p Control,
     /// `n`
     pub states: usize,
@@ -30,40 +31,41 @@ pub struct System<'p> {
     pub unknowns: usize,
     /// The diagonal of `M`.
     pub mass_diagonal: Vec<f64>,
-    /// Where the matrices of the stage equations stand in memory.
+    /// Storage layout of the matrices of the stage equations.
     pub layout: Arc<Layout>,
-    /// `K`, its moving bounds as of the last evaluation.
+    /// `K`, with its moving bounds as of the last evaluation.
     pub set: ConvexSet,
     workspace: Workspace,
-    /// The variables that variational inequalities are solved for: those with a bound, and free ones that only these
-    /// determine. The others are algebraic states.
+    /// The variables that variational inequalities are solved for: those with a bound, and unbounded ones that only
+    /// these determine. The other variables are algebraic states.
     pub bounded: Vec<usize>,
-    /// Those of them in no block.
+    /// The members of `bounded` that belong to no block.
     pub intervals: Vec<usize>,
-    /// How far apart states are that their tolerances do not tell from each other; empty before these are known.
+    /// Tolerance of each state, within which states count as equal; empty before tolerances are set.
     pub tolerances: Vec<f64>,
-    /// Whether derivatives may change within a step by more than a step makes them, at kinks of the rows in `y`.
+    /// Whether the rows have kinks in `y`: derivatives may then change abruptly within a step.
     pub has_kinks: bool,
     /// See [`Dvi::pace`].
     pub pace: f64,
-    /// The rows of `F` and `G` that may do within a step what its stages do not show.
+    /// Rows of `F` and `G` that may vary within a step in ways that its stages do not show.
     pub features: Vec<usize>,
     /// The active face.
     pub face: ActiveFace,
-    /// The equations of each block where they were asked for last.
+    /// Equations of the face of each block, as of their last evaluation.
     pub equations: Vec<FaceEquations>,
-    /// The same where the system was linearised.
+    /// Equations of the face of each block at the point of linearisation.
     pub(super) linearised: Vec<FaceEquations>,
-    /// `z` and `G` of one block.
+    /// `z` and `G` of the members of one block.
     pub(super) members: (Vec<f64>, Vec<f64>),
     /// Rows `F`, `G`, moving bounds as of the last evaluation.
     pub values: Vec<f64>,
-    /// Where that was, and whether all were finite: the same place is not evaluated twice.
+    /// Time of the last evaluation, and whether all rows were finite; the point of the last evaluation is not evaluated
+    /// again.
     last: Option<(f64, bool)>,
     last_y: Vec<f64>,
-    /// Earlier places, where there are variables: no event of others brings a step back to them.
+    /// Rows at earlier points; `None` without variables, since only their events bring a step back to earlier points.
     recent: Option<Recent>,
-    /// Where each row of the Jacobian starts among its nonzeros.
+    /// Index of the first nonzero of each row of the Jacobian.
     row_starts: Vec<usize>,
     /// Nonzeros of the Jacobian as of the last evaluation.
     pub derivatives: Vec<f64>,
@@ -90,7 +92,7 @@ impl<'p> System<'p> {
         }
         let mut set = structure.set.clone();
         for moving in &structure.moving {
-            // A finite stand-in until the first evaluation: the end exists.
+            // A finite stand-in until the first evaluation: the interval has an end there.
             moving.place(0.0, &mut set);
         }
         let bounded: Vec<usize> = (0..structure.variables).filter(|&k| !set.is_free(k)).collect();
@@ -140,10 +142,10 @@ impl<'p> System<'p> {
         })
     }
 
-    /// Keeps the free variables beside those with a bound, where they cannot be eliminated while those are held.
+    /// Adds the unbounded variables to `bounded`, if they cannot be eliminated while the bounded ones are held fixed.
     ///
     /// # Errors
-    /// If its matrices would not fit into memory, or the outside asks to stop.
+    /// If its matrices would not fit into memory, or the caller asks to stop.
     pub fn keep_free(&mut self, t: f64) -> Result<(), StepError> {
         self.bounded = (0..self.unknowns - self.states).collect();
         self.intervals = self.bounded.iter().copied().filter(|&k| self.set.block_of(k).is_none()).collect();
@@ -156,7 +158,7 @@ impl<'p> System<'p> {
         self.problem
     }
 
-    /// How the slopes of its rows in time are sums of terms, where these are known.
+    /// The slopes of the rows in time as sums of terms, if these are known.
     pub fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
         self.problem.forcing_slopes()
     }
@@ -166,12 +168,12 @@ impl<'p> System<'p> {
         &self.structure.mass
     }
 
-    /// Whether it is `x' = f(t, x)`: no mass matrix, no variables.
+    /// Whether the system is `x' = f(t, x)`: no mass matrix, no variables.
     pub fn is_explicit_ode(&self) -> bool {
         self.structure.mass == Mass::Identity && self.unknowns == self.states
     }
 
-    /// Whether one Jacobian serves for all `(t, y)` on a face.
+    /// Whether one Jacobian is valid for all `(t, y)` on a face.
     pub fn constant_jacobian(&self) -> bool {
         self.structure.constant_jacobian && !self.is_curved()
     }
@@ -181,7 +183,7 @@ impl<'p> System<'p> {
         self.face.blocks.iter().any(|face| matches!(face, Face::Boundary(_)))
     }
 
-    /// Whether a block moves along an edge of its set.
+    /// Whether a block lies on an edge of its set and can move along it.
     pub fn is_on_edge(&self) -> bool {
         self.set.blocks().iter().zip(&self.face.blocks).any(|(block, face)| match (face, &block.shape) {
             (_, _) if self.face.holds(&block.members) => false,
@@ -214,7 +216,7 @@ impl<'p> System<'p> {
         self.set_last(t, y)
     }
 
-    /// Whether the rows of the last evaluation, which was at `(t, y)`, are finite; `None` where it was elsewhere.
+    /// Whether the rows of the last evaluation are finite; `None` unless it was at `(t, y)`.
     #[inline]
     pub(super) fn is_last(&self, t: f64, y: &[f64]) -> Option<bool> {
         let is_same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits();
@@ -222,13 +224,13 @@ impl<'p> System<'p> {
         y.iter().zip(&self.last_y).all(is_same).then_some(finite)
     }
 
-    /// Writes the rows at `(t, y)` where they were evaluated lately; false where not.
+    /// Copies the rows at `(t, y)` to `values` if they were evaluated recently; returns false otherwise.
     pub(super) fn recall(&self, t: f64, y: &[f64], values: &mut [f64]) -> bool {
         let found = self.recent.as_ref().and_then(|recent| recent.find(t, y, values.len()));
         found.inspect(|found| values.copy_from_slice(found)).is_some()
     }
 
-    /// Counts one evaluation at `(t, y)` and remembers its rows, which are those in `values`.
+    /// Counts one evaluation at `(t, y)` and stores its rows, those in `self.values`, for later.
     pub(super) fn record(&mut self, t: f64, y: &[f64]) {
         self.work.rates += 1;
         if let Some(recent) = &mut self.recent {
@@ -236,20 +238,20 @@ impl<'p> System<'p> {
         }
     }
 
-    /// Makes `(t, y)` the point of the last evaluation, whose rows are those in `values`, and places the moving bounds; false if
-    /// a row is not finite.
+    /// Records `(t, y)` as the point of the last evaluation, with the rows in `self.values`, and sets the moving
+    /// bounds; returns false if a row is not finite.
     pub(super) fn set_last(&mut self, t: f64, y: &[f64]) -> bool {
         for (p, moving) in self.structure.moving.iter().enumerate() {
             moving.place(self.values[self.unknowns + p], &mut self.set);
         }
-        // All rows are read, even behind one that is not finite: so the loop is vectorised.
+        // Read all rows, even behind one that is not finite, so that the loop is vectorised.
         let finite = self.values.iter().fold(true, |finite, value| finite & value.is_finite());
         self.last = Some((t, finite));
         self.last_y.copy_from_slice(y);
         finite
     }
 
-    /// Adds to the value of `G_k`, which is then no longer that of the last evaluation.
+    /// Adds `change` to the value of `G_k`, which then differs from that of the last evaluation.
     pub fn add_to_inequality(&mut self, k: usize, change: f64) {
         self.values[self.states + k] += change;
         self.last = None;
@@ -261,7 +263,8 @@ impl<'p> System<'p> {
         self.on_face(finite, y, phi)
     }
 
-    /// `Phi` at `y`, where the rows were evaluated last; whether these were `finite`, and it is.
+    /// Evaluates `Phi` at `y`, the point of the last evaluation, into `phi`; returns whether the rows (`finite`) and
+    /// `phi` are finite.
     pub(super) fn on_face(&mut self, finite: bool, y: &[f64], phi: &mut [f64]) -> bool {
         phi.copy_from_slice(&self.values[..self.unknowns]);
         for &k in &self.intervals {
@@ -285,7 +288,7 @@ impl<'p> System<'p> {
         finite && (self.face.blocks.is_empty() || phi.iter().all(|value| value.is_finite()))
     }
 
-    /// Puts the variables of intervals in `y = (x, z)` that rest on a bound onto it, as of the last evaluation.
+    /// Sets the variables of `y = (x, z)` that rest on a bound of an interval to that bound, as of the last evaluation.
     pub fn put_on_bounds(&self, y: &mut [f64]) {
         for &k in &self.intervals {
             match self.face.places[k] {
@@ -296,7 +299,7 @@ impl<'p> System<'p> {
         }
     }
 
-    /// Puts the variables of `y = (x, z)` into `K` as of the last evaluation.
+    /// Projects the variables of `y = (x, z)` onto `K` as of the last evaluation.
     pub fn project(&mut self, y: &mut [f64]) {
         self.set.project_all(&mut y[self.states..], &mut self.workspace);
     }
@@ -318,12 +321,13 @@ impl<'p> System<'p> {
         }
     }
 
-    /// The natural map of block `b` at the variables `z` as of the last evaluation, with `G` multiplied by `scale`.
+    /// Residual of the natural map of block `b` at the variables `z` as of the last evaluation, with `G` multiplied by
+    /// `scale`.
     pub fn defect_of_block(&mut self, b: usize, z: &[f64], scale: f64) -> f64 {
         self.set.defect(b, z, &self.values[self.states..self.unknowns], scale, &mut self.workspace)
     }
 
-    /// One end of the interval of variable `k`, where rows of the problem are as in `values`.
+    /// Range of one end of the interval of variable `k`, given the ranges `values` of the rows of the problem.
     pub fn bound(&self, k: usize, side: Side, values: &[Interval]) -> Interval {
         let mut moving = self.structure.moving.iter().zip(&values[self.unknowns..]);
         match moving.find(|(moving, _)| moving.variable == k && moving.side == side) {
@@ -333,7 +337,8 @@ impl<'p> System<'p> {
         }
     }
 
-    /// The radius of block `b`, of a ball, where rows of the problem are as in `values`; zero of other shapes.
+    /// Range of the radius of block `b`, given the ranges `values` of the rows of the problem; zero unless the block is
+    /// a ball.
     pub fn radius(&self, b: usize, values: &[Interval]) -> Interval {
         let block = &self.set.blocks()[b];
         let Shape::Ball { radius } = block.shape else { return Interval::point(0.0) };

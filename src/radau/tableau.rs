@@ -7,8 +7,8 @@
 //! W^T B W = I,    A = W X W^T B,    X tridiagonal:  X_11 = 1/2,  X_{k+1,k} = -X_{k,k+1} = xi_k,  X_ss = 1/(4s-2)
 //! ```
 //!
-//! with `xi_k = 1 / (2 sqrt(4k^2 - 1))` (Hairer and Wanner 1996, theorem IV.5.6 and table IV.5.13). All of it is
-//! computed with numbers of order one, so that the coefficients are good to the last digits.
+//! with `xi_k = 1 / (2 sqrt(4k^2 - 1))` (Hairer and Wanner 1996, theorem IV.5.6 and table IV.5.13). All intermediate
+//! numbers are of order one, so that the coefficients are accurate to the last digits.
 
 use nalgebra::{Complex, DMatrix};
 use std::sync::OnceLock;
@@ -22,43 +22,45 @@ pub struct Tableau {
     pub a: DMatrix<f64>,
     /// The weights, positive.
     pub b: Vec<f64>,
-    /// `d_i = b_i / c_i`: `D A + A^T D` is positive definite (Hairer and Wanner 1996, IV.14), so that inequalities at the
-    /// stages, scaled by it, are monotone where the problem is.
+    /// `d_i = b_i / c_i`: `D A + A^T D` is positive definite (Hairer and Wanner 1996, IV.14), so that the inequalities
+    /// at the stages, scaled by `D`, are monotone if the problem is.
     pub d: Vec<f64>,
     /// `A^-1`.
     pub a_inverse: DMatrix<f64>,
-    /// The real eigenvalue of `A^-1`, where `s` is odd.
+    /// The real eigenvalue of `A^-1`; `None` if `s` is even.
     pub gamma: Option<f64>,
     /// One of each pair of complex eigenvalues of `A^-1`, `alpha + i beta` with `beta > 0`.
     pub pairs: Vec<Complex<f64>>,
-    /// `T` with `A^-1 = T L T^-1`, `L` = `gamma`, then a block `[[alpha, beta], [-beta, alpha]]` a pair. The last
-    /// row of `T` is one for `gamma` and the first of each pair, else zero.
+    /// `T` with `A^-1 = T L T^-1`, where the diagonal of `L` consists of `gamma` and a block
+    /// `[[alpha, beta], [-beta, alpha]]` for each pair. The last row of `T` is one in the column of `gamma` and in the
+    /// first column of each pair, and zero elsewhere.
     pub t: DMatrix<f64>,
     /// `T^-1`.
     pub t_inverse: DMatrix<f64>,
-    /// The largest row sum of `|T| |T^-1|`: how much rounding errors grow on the way from `Z` to `W` and back.
+    /// Largest row sum of `|T| |T^-1|`: the growth of rounding errors in the transform from `Z` to `W` and back.
     pub mixing: f64,
-    /// The embedded error estimate combines the stage increments with `-l_i(0) / c_i`, where `l_i` is the Lagrange
-    /// polynomial of node `i` (as RADAU does; for `s = 3` the `-(13+7 sqrt 6)/3, ..` of RADAU5).
+    /// Weights of the stage increments in the embedded error estimate: `-l_i(0) / c_i`, where `l_i` is the Lagrange
+    /// polynomial of node `i` (as in RADAU; for `s = 3` the `-(13+7 sqrt 6)/3, ..` of RADAU5).
     pub estimate: Vec<f64>,
-    /// What takes the increments `Z` of the stages to `h` times the coefficients of the slope of the collocation polynomial in
-    /// Legendre polynomials, of norm one, from the constant one on.
+    /// Maps the stage increments `Z` to `h` times the Legendre coefficients of the slope of the collocation polynomial,
+    /// in the orthonormal basis, from degree 0 on.
     pub spectrum: DMatrix<f64>,
-    /// Coefficients of the polynomial `p` with `p(0) = p(1) = 0`, `p'(0) = 1` and `p'(c_i) = 0`, from the first power on:
-    /// `p'` is the node polynomial, orthogonal to constants for `s >= 2`. Empty for one stage, where there is none.
+    /// Coefficients of the polynomial `p` with `p(0) = p(1) = 0`, `p'(0) = 1` and `p'(c_i) = 0`, from the first power
+    /// on: `p'` is the node polynomial, orthogonal to constants for `s >= 2`. Empty for one stage, for which `p` does
+    /// not exist.
     bubble: Vec<f64>,
     bernstein: OnceLock<Vec<Vec<f64>>>,
     /// Barycentric weights of the nodes `0, c_1, .., c_s`.
     barycentric: Vec<f64>,
 }
 
-/// The most stages on offer.
+/// Maximum number of stages.
 pub const MOST_STAGES: usize = 9;
 
 static TABLEAUX: [OnceLock<Tableau>; MOST_STAGES] = [const { OnceLock::new() }; MOST_STAGES];
 
 impl Tableau {
-    /// The coefficients for `s` stages, at least one and at most 9; computed when they are first asked for.
+    /// The coefficients for `s` stages, where `s` is clamped to 1 to 9; computed on first use.
     pub fn of(s: usize) -> &'static Self {
         let s = s.clamp(1, MOST_STAGES);
         TABLEAUX[s - 1].get_or_init(|| Self::new(s))
@@ -128,20 +130,20 @@ impl Tableau {
         }
     }
 
-    /// The value at `theta` of the polynomial that vanishes at both ends of a step, has the slope 1 at its beginning and
-    /// 0 at the nodes.
+    /// Value at `theta` of the bubble: the polynomial that vanishes at both ends of a step, with slope 1 at its
+    /// beginning and 0 at the nodes.
     pub fn bubble_at(&self, theta: f64) -> f64 {
         self.bubble.iter().rev().fold(0.0, |value, coefficient| (value + coefficient) * theta)
     }
 
-    /// The bubble in the basis of Bernstein of degree `s + 1` on `[0, 1]`.
+    /// Bernstein coefficients of the bubble, of degree `s + 1` on `[0, 1]`.
     pub fn bubble_in_bernstein(&self) -> Vec<f64> {
         let powers: Vec<f64> = std::iter::once(0.0).chain(self.bubble.iter().copied()).collect();
         in_bernstein(&powers, self.stages() + 1)
     }
 
-    /// The collocation polynomials of the increments, one a stage, by their coefficients in the basis of Bernstein of degree
-    /// `s` on `[0, 1]`.
+    /// Bernstein coefficients of the collocation polynomials of the increments, of degree `s` on `[0, 1]`: one
+    /// polynomial per stage.
     pub fn bernstein(&self) -> &[Vec<f64>] {
         self.bernstein.get_or_init(|| {
             let s = self.stages();
@@ -166,15 +168,14 @@ impl Tableau {
         self.c.len()
     }
 
-    /// The middles between the nodes `0, c_1, .., c_s`.
+    /// The midpoints between the nodes `0, c_1, .., c_s`.
     pub fn middles(&self) -> impl Iterator<Item = f64> {
         let left = std::iter::once(0.0).chain(self.c.iter().copied());
         left.zip(&self.c).map(|(left, right)| 0.5 * (left + right))
     }
 
-    /// The values at `theta` of the Lagrange polynomials of the nodes `c_1, .., c_s` (those of `0, c_1, .., c_s`
-    /// without the first), into `values` of length `s`: the collocation polynomial of increments that vanish at
-    /// `theta = 0`.
+    /// The values at `theta` of the Lagrange polynomials of the nodes `0, c_1, .., c_s` except the first polynomial,
+    /// into `values` of length `s`: the collocation polynomial of increments that vanish at `theta = 0`.
     pub fn increments_at(&self, theta: f64, values: &mut [f64]) {
         let mut at_node = None;
         let mut product = theta;
@@ -192,8 +193,8 @@ impl Tableau {
         }
     }
 
-    /// The values at `theta` of the Lagrange polynomials of the nodes `c_1, .., c_s` alone, into `values` of length `s`:
-    /// the polynomial through values at the stages.
+    /// The values at `theta` of the Lagrange polynomials of the nodes `c_1, .., c_s` alone, into `values` of length
+    /// `s`: the polynomial through values at the stages.
     pub fn stages_at(&self, theta: f64, values: &mut [f64]) {
         for (i, value) in values.iter_mut().enumerate() {
             let others = self.c.iter().enumerate().filter(|&(j, _)| j != i);
@@ -202,13 +203,13 @@ impl Tableau {
     }
 }
 
-/// The error of interpolation at a point: `value` there, less the polynomial through `begin` and the values at the stages,
-/// with the `weights` that [`Tableau::increments_at`] writes for that point.
+/// Interpolation error at a point: `value` minus the polynomial through `begin` and the values at the stages, with the
+/// `weights` that [`Tableau::increments_at`] writes for that point.
 pub fn interpolation_error(value: f64, begin: f64, at_stages: impl Iterator<Item = f64>, weights: &[f64]) -> f64 {
     value - begin - at_stages.zip(weights).map(|(stage, weight)| weight * (stage - begin)).sum::<f64>()
 }
 
-/// A polynomial, given by powers of its argument, in the basis of Bernstein of this degree: `b_k = sum_i C(k,i)/C(n,i) a_i`.
+/// Converts power coefficients to the Bernstein basis of this degree: `b_k = sum_i C(k,i)/C(n,i) a_i`.
 fn in_bernstein(powers: &[f64], degree: usize) -> Vec<f64> {
     let of = |k: usize| {
         let mut ratio = 1.0;
@@ -222,7 +223,8 @@ fn in_bernstein(powers: &[f64], degree: usize) -> Vec<f64> {
     (0..=degree).map(of).collect()
 }
 
-/// The integral of `prod_i (1 - theta / c_i)` from zero, without its vanishing constant.
+/// Power coefficients of the integral of `prod_i (1 - theta / c_i)` from zero, without the constant term, which
+/// vanishes.
 fn bubble(c: &[f64]) -> Vec<f64> {
     let mut product = vec![1.0];
     for node in c {
@@ -249,7 +251,7 @@ fn legendre(x: f64, s: usize) -> Vec<f64> {
     p
 }
 
-/// `P_s - P_{s-1}` in Legendre's own scaling, whose zeros are the nodes, and its derivative by `x`.
+/// `P_s - P_{s-1}` in Legendre's own scaling, whose zeros are the nodes, and its derivative with respect to `x`.
 fn node_polynomial(x: f64, s: usize) -> (f64, f64) {
     let u = 2.0 * x - 1.0;
     let (mut p0, mut p1) = (1.0, u);
@@ -263,7 +265,7 @@ fn node_polynomial(x: f64, s: usize) -> (f64, f64) {
     (p1 - p0, 2.0 * (d1 - d0))
 }
 
-/// The nodes: a zero between each two neighbours of a fine cosine grid, bracketed, then refined by Newton.
+/// The nodes: zeros bracketed on a fine cosine grid, then refined by Newton's method.
 fn nodes(s: usize) -> Vec<f64> {
     let cells = 40 * s;
     let grid = |k: usize| 0.5 * (1.0 - (std::f64::consts::PI * k as f64 / cells as f64).cos());
@@ -306,7 +308,8 @@ fn tridiagonal(s: usize, i: usize, j: usize) -> f64 {
     }
 }
 
-/// The eigenvalues of `X^-1`: the real one, where there is one, and the upper of each complex pair.
+/// The eigenvalues of `X^-1`: the real one, if there is one, and that with positive imaginary part of each complex
+/// pair.
 fn eigenvalues(x: &DMatrix<f64>) -> (Option<f64>, Vec<Complex<f64>>) {
     let s = x.nrows();
     let rough = x.complex_eigenvalues();

@@ -1,21 +1,21 @@
-//! The derivatives of a run by its parameters and initial values.
+//! The derivatives of a run with respect to its parameters and initial values.
 //!
-//! Within a step they are those of the stages on their face, with the exact Jacobian of each stage,
+//! Within a step, they are the derivatives of the stages on their face, with the exact Jacobian of each stage,
 //!
 //! ```text
 //! M dX_i = M dx_n + h sum_j a_ij (F_x dX_j + F_z dZ_j + F_p),    G_x dX_i + G_z dZ_i + G_p = 0 or dZ_i = dl,    dx_{n+1} = dX_s
 //! ```
 //!
-//! so that they have the order of the states. Where the face changes, or the rows break, at a time `tau` at which a monitor
-//! `phi` vanishes, states are continuous and their rates need not be:
+//! so that they have the order of the states. Where the face changes, or the rows have a breakpoint, at a time `tau` at
+//! which a monitor `phi` vanishes, the states are continuous, but their rates need not be:
 //!
 //! ```text
 //! dtau = -(phi_x dx + phi_z dz + phi_p) / phi',    dx+ = dx- + (x'- - x'+) dtau
 //! ```
 //!
-//! (Rozenvasser 1967; Hiskens and Pai 2000, *Trajectory sensitivity analysis of hybrid systems*), with `dz` and `phi'` of the
-//! face before. Where `phi'` vanishes, where several monitors vanish at one time, and where no time of a switch was found there
-//! is no derivative, and none is made up.
+//! (Rozenvasser 1967; Hiskens and Pai 2000, *Trajectory sensitivity analysis of hybrid systems*), with `dz` and `phi'`
+//! on the face before. No derivative exists, and none is reported, if `phi'` vanishes, if several monitors vanish at
+//! one time, or if a switch was not located.
 
 mod monitors;
 mod stages;
@@ -27,32 +27,33 @@ use super::tableau::Tableau;
 use nalgebra::{DMatrix, Dyn, LU};
 use problem::{Dvi, Mass, MovingBound};
 
-/// Rates that jump by less than this part of their terms do not jump: variables are as exact as the tolerances make them, and
-/// the times of switches too.
+/// A jump of the rates below this fraction of their terms counts as zero: variables and times of switches are only as
+/// accurate as the tolerances.
 const CONTINUOUS: f64 = 1e-9;
 
-/// What a run is differentiated by, one direction a column.
+/// The directions of differentiation, one per column.
 pub struct Directions {
     /// The derivatives of the states at the start.
     pub initial: DMatrix<f64>,
-    /// Writes those of `F`, `G` and the moving bounds at `(t, y)`, one row each.
+    /// Writes the derivatives of `F`, `G` and the moving bounds at `(t, y)`, one row each.
     pub rows: RowsBy,
-    /// Those of the mass matrix that are not zero, as `((row, column), direction, value)`.
+    /// The nonzero derivatives of the mass matrix, as `((row, column), direction, value)`.
     pub mass: Vec<((usize, usize), usize, f64)>,
-    /// Those of constant bounds that are not zero.
+    /// The nonzero derivatives of constant bounds.
     pub bounds: Vec<(MovingBound, usize, f64)>,
-    /// The problem a little further in a direction and as far back; none where the equations do not change with it.
+    /// The problem shifted forwards and backwards along each direction; `None` if its equations do not depend on the
+    /// direction.
     pub shifted: Vec<Option<Shifted>>,
 }
 
-/// Writes the derivatives of the rows of a problem at `(t, y)` by each direction.
+/// Writes the derivatives of the rows of a problem at `(t, y)` with respect to each direction.
 pub type RowsBy = Box<dyn FnMut(f64, &[f64], &mut DMatrix<f64>) + Send>;
 
 /// A problem with a parameter above and below its value.
 pub struct Shifted {
-    /// By how much.
+    /// Size of the shift.
     pub by: f64,
-    /// Above and below.
+    /// The problems with the parameter above and below its value.
     pub problems: [Box<dyn Dvi>; 2],
 }
 
@@ -84,18 +85,18 @@ pub enum NoDerivative {
     Singular,
 }
 
-/// The derivatives on the way of a run.
+/// The derivatives along a run.
 pub struct Tangents {
     problem: Box<dyn Dvi>,
     directions: Directions,
     mass: DMatrix<f64>,
     inverse_mass: LU<f64, Dyn, Dyn>,
-    /// Those of the states at the time reached, one direction a column.
+    /// Derivatives of the states at the time reached, one direction per column.
     now: DMatrix<f64>,
-    /// The same where the last step began, and at its stages.
+    /// Derivatives of the states at the beginning of the last step, and at its stages.
     before: DMatrix<f64>,
     stages: Vec<DMatrix<f64>>,
-    /// What the slope lacks with which the last step began, times its size, and the slope with which it ended.
+    /// Correction of the slope at the beginning of the last step, times the step size, and the slope at its end.
     slopes: [Option<DMatrix<f64>>; 2],
 }
 
@@ -154,7 +155,7 @@ impl Tangents {
         self.pass_switch(radau)
     }
 
-    /// The derivatives of a state at a time within the last step of the run, one a direction.
+    /// Writes the derivatives of a state at a time within the last step of the run, one per direction.
     pub fn write(&self, radau: &Radau<'_>, t: f64, state: usize, out: &mut [f64]) {
         let Step { t: begin, h, .. } = radau.last;
         let is_known = t < radau.t() && !self.stages.is_empty();
@@ -176,8 +177,9 @@ impl Tangents {
         }
     }
 
-    /// What the slope of the polynomial through the stages of a step lacks at the beginning, times its size, and the slope at
-    /// the end: where there are no variables that of the rates is known, else that at the end of the step before.
+    /// Sets the slope that the polynomial through the stages of a step lacks at the beginning, times the step size, and
+    /// the slope at the end. The slope at the beginning is that of the rates if there are no variables, and otherwise
+    /// that at the end of the step before.
     fn find_slopes(&mut self, step: &Step, tableau: &Tableau) {
         let s = tableau.stages();
         let combine = |weight: &dyn Fn(usize) -> f64, stages: &[DMatrix<f64>], first: &DMatrix<f64>| {
@@ -209,7 +211,7 @@ impl Tangents {
         self.now.ncols()
     }
 
-    /// Goes over the end of a step where the next does not continue it.
+    /// Continues the derivatives across the end of a step that the next step does not continue.
     fn pass_switch(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         let (before, after) = (radau.before_switch(), radau.y().to_vec());
         let ends = [radau.last.t + radau.last.h, radau.t()];
@@ -226,7 +228,7 @@ impl Tangents {
         Ok(())
     }
 
-    /// `M^-1 F` at a place, and the largest of the terms of each.
+    /// `M^-1 F` at a point, and the largest term of each row.
     fn rates(&mut self, t: f64, y: &[f64]) -> (Vec<f64>, Vec<f64>) {
         let n = self.mass.nrows();
         let mut values = vec![0.0; self.problem.structure().rows()];
@@ -249,7 +251,7 @@ impl Tangents {
     }
 }
 
-/// The variables whose place differs between two faces.
+/// The variables whose activity differs between two faces.
 fn changed(from: &[Activity], to: &[Activity]) -> Vec<usize> {
     (0..from.len()).filter(|&k| from[k] != to[k]).collect()
 }

@@ -1,21 +1,21 @@
-//! The counters of a run: evaluations, factorisations, Newton iterations and how fast these converged.
+//! Counters of a run: evaluations, factorisations, Newton iterations and their convergence rates.
 
-/// What was evaluated, and how often.
+/// Counts of the work done.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
     /// Evaluations of `F` and `G`.
     pub rates: u64,
-    /// Evaluations of their derivatives.
+    /// Evaluations of the derivatives of `F` and `G`.
     pub jacobians: u64,
-    /// Factorisations, a real and a complex one counted as one each.
+    /// Factorisations; a real and a complex one count as one each.
     pub factorisations: u64,
     /// Newton iterations on the stages.
     pub newton: u64,
-    /// How fast its increments shrank.
+    /// Convergence rates of the Newton iterations.
     pub contraction: Rates,
 }
 
-/// The rates of convergence of Newton's method, where it took more than one iteration.
+/// Convergence rates of Newton's method, observed where it took more than one iteration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Rates {
     count: u64,
@@ -24,14 +24,14 @@ pub struct Rates {
 }
 
 impl Rates {
-    /// Takes a rate into account: the factor from one increment to the next.
+    /// Records a convergence rate: the ratio of two successive increments.
     pub fn observe(&mut self, rate: f64) {
         self.count += 1;
         self.sum += rate;
         self.largest = self.largest.max(rate);
     }
 
-    /// The mean and the largest; none where no rate was seen.
+    /// Mean and largest rate; `None` if no rate was observed.
     pub fn summary(&self) -> Option<(f64, f64)> {
         (self.count > 0).then(|| (self.sum / self.count as f64, self.largest))
     }

@@ -1,19 +1,19 @@
-//! What goes with a request wherever it is served: its ids, by which the lines of a log are joined, and the prefix under
-//! which its client knows the addresses of the service.
+//! The context of a request: its ids, which connect log lines, and the path prefix under which its client knows the
+//! service.
 
 use super::trace::Trace;
 use std::fmt::Display;
 use std::sync::Arc;
 use tokio::task_local;
 
-/// The ids of a request, and the prefix of addresses.
+/// The ids of a request, and the path prefix of the service.
 #[derive(Clone, Debug, Default)]
 pub struct Context {
-    /// What stands before every address; empty unless the service lives under a path.
+    /// The prefix of every URL path; empty unless a proxy shows the service under a path.
     pub prefix: Arc<str>,
     /// The id of the request.
     pub request: Arc<str>,
-    /// The trace that the request is part of, if any.
+    /// The trace that the request belongs to, if any.
     pub trace: Option<Trace>,
 }
 
@@ -22,18 +22,18 @@ task_local! {
 }
 
 impl Context {
-    /// That of the request that is being served; empty outside of requests.
+    /// The context of the current request; empty outside of requests.
     pub fn current() -> Self {
         CONTEXT.try_with(Self::clone).unwrap_or_default()
     }
 
-    /// Runs what serves this request, or a part of it on a task of its own.
+    /// Runs `future` in this context: a handler of the request, or a task spawned for it.
     pub async fn around<F: Future>(self, future: F) -> F::Output {
         CONTEXT.scope(self, future).await
     }
 }
 
-/// An address of the service as the client of the request knows it.
+/// A URL path of the service as the client of the current request knows it.
 pub fn address(path: impl Display) -> String {
     CONTEXT.try_with(|context| format!("{}{path}", context.prefix)).unwrap_or_else(|_| path.to_string())
 }

@@ -1,4 +1,4 @@
-//! Digests of what is stored (SHA-256, FIPS 180-4): bytes that a disk has changed are told from those that were written.
+//! Digests of stored data (SHA-256, FIPS 180-4), by which corruption is detected.
 
 use crate::jobs::hexadecimal;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -6,23 +6,23 @@ use sha2::{Digest as _, Sha256};
 use std::fmt;
 use std::io;
 
-/// The bytes of a digest.
+/// The size of a digest, in bytes.
 pub const LENGTH: usize = 32;
 
-/// What bytes are known by.
+/// A SHA-256 digest.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Digest([u8; LENGTH]);
 
 impl Digest {
-    /// That of `bytes`.
+    /// The digest of `bytes`.
     pub fn of(bytes: &[u8]) -> Self {
         Self(Sha256::digest(bytes).into())
     }
 
-    /// Gives `bytes` if they are those that it was made of.
+    /// Returns `bytes` if this is their digest.
     ///
     /// # Errors
-    /// They are others.
+    /// The digest of `bytes` differs.
     pub fn vouch<T: AsRef<[u8]>>(self, bytes: T) -> io::Result<T> {
         if Self::of(bytes.as_ref()) == self {
             Ok(bytes)
@@ -60,23 +60,23 @@ impl<'de> Deserialize<'de> for Digest {
     }
 }
 
-/// The length of bytes and their digest.
+/// The length and the digest of a byte string.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Fingerprint {
-    /// How many bytes.
+    /// The number of bytes.
     pub bytes: usize,
-    /// That of those bytes.
+    /// The digest of the bytes.
     pub digest: Digest,
 }
 
 impl Fingerprint {
-    /// That of `bytes`.
+    /// The fingerprint of `bytes`.
     pub fn of(bytes: &[u8]) -> Self {
         Self { bytes: bytes.len(), digest: Digest::of(bytes) }
     }
 }
 
-/// Takes the fingerprint of what is written, and refuses to take more bytes than a limit.
+/// A writer that computes the fingerprint of its input, and refuses more bytes than a limit.
 pub struct Measure {
     limit: usize,
     bytes: usize,
@@ -84,12 +84,12 @@ pub struct Measure {
 }
 
 impl Measure {
-    /// Nothing written yet.
+    /// An empty input, with at most `limit` bytes to come.
     pub fn new(limit: usize) -> Self {
         Self { limit, bytes: 0, hash: Sha256::new() }
     }
 
-    /// The fingerprint of all that was written.
+    /// The fingerprint of the input.
     pub fn fingerprint(self) -> Fingerprint {
         Fingerprint { bytes: self.bytes, digest: Digest(self.hash.finalize().into()) }
     }

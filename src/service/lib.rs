@@ -1,4 +1,4 @@
-//! The solver as a service over HTTP: jobs, the resources by which clients see them, and the server.
+//! The solver as a service over HTTP: jobs, the resources by which clients access them, and the server.
 
 pub mod access;
 mod compiled;
@@ -35,18 +35,18 @@ use tokio::sync::mpsc::Receiver;
 use tokio::sync::{Semaphore, watch};
 use worker::{Checkers, Confinement, Launcher};
 
-/// A service with its workers running. They stop when it is dropped.
+/// A service with running workers, which stop when it is dropped.
 pub struct Service {
     shared: Shared,
     pool: Pool,
 }
 
 impl Service {
-    /// Starts workers by `launcher` on the jobs that are left in the folder of the options. What is solved at a glance,
-    /// `solver` solves here.
+    /// Starts workers by `launcher` on the jobs left in the data folder of `options`. Inline solves call `solver` in
+    /// this process.
     ///
     /// # Errors
-    /// The folder is in use or cannot be written, the system gives no threads, or workers cannot be started.
+    /// The folder is in use or cannot be written, the system provides no threads, or workers cannot be started.
     pub fn start(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
         options.check()?;
         let metrics = Arc::new(Metrics::default());
@@ -81,34 +81,34 @@ impl Service {
         Ok(Self { shared, pool })
     }
 
-    /// Its resources.
+    /// The HTTP resources of the service.
     pub fn router(&self) -> Router {
         http::router(Arc::clone(&self.shared))
     }
 
-    /// The limits that hold for its workers.
+    /// The limits in force on the workers.
     pub fn confinement(&self) -> &Confinement {
         self.pool.confinement()
     }
 
-    /// Tells among its figures how many lines of the log were lost.
+    /// Includes the number of lost log lines in the metrics.
     pub fn count_lost_lines(&self, log: &Log) {
         self.shared.metrics.count_lost_lines(log);
     }
 
-    /// Its jobs.
+    /// The jobs of the service.
     pub fn jobs(&self) -> &Jobs {
         &self.shared.jobs
     }
 
-    /// Serves connections until something comes through `stop`, then lets jobs end within the grace time; a second
-    /// one cuts that short.
+    /// Serves connections until a message on `stop`, then lets jobs end within the grace time; a second message cuts
+    /// the grace time short.
     pub async fn serve(&self, listener: TcpListener, stop: Receiver<()>) {
         server::serve(listener, self.router(), Arc::clone(&self.shared), stop).await;
     }
 }
 
-/// As many as are asked for, or as a semaphore can have.
+/// `count`, or the largest number of permits of a semaphore.
 fn places(count: NonZeroUsize) -> usize {
     count.get().min(Semaphore::MAX_PERMITS)
 }

@@ -1,7 +1,8 @@
-//! The log of the process, written by a thread of its own. Whoever logs leaves a line in memory and goes on: a reader that has
-//! stopped reading holds up nothing. Lines for which there is no room are lost, and counted.
+//! The log of the process, written by a thread of its own. A log call leaves a line in memory and returns: a reader of
+//! the log that has stopped reading blocks nothing. Lines for which there is no room are lost, and counted.
 //!
-//! What has come while the thread wrote goes out in one piece, so that a busy service makes one system call for many lines.
+//! The lines that arrive during a write are written together, so that a busy service makes one system call for many
+//! lines.
 
 use std::io::{self, Write};
 use std::mem::{replace, swap};
@@ -10,27 +11,27 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
 
-/// The bytes of lines that may wait: some thousand requests.
+/// The room for waiting lines, in bytes: enough for some thousand requests.
 const ROOM: usize = 1 << 20;
 
-/// The pause after each piece, in which the next gathers: to wake the thread for every line costs more than the line. Nobody who
-/// reads a log as it is written notices.
+/// The pause after each write, in which lines gather: to wake the thread for every line costs more than the line. The
+/// delay is too short for a reader to notice.
 const GATHER: Duration = Duration::from_millis(2);
 
-/// A log; its clones write to the same output.
+/// A handle of the log; clones write to the same output.
 #[derive(Clone, Debug)]
 pub struct Log(Arc<Shared>);
 
-/// One line on its way to the log, given in one piece.
+/// A writer of one line, which must be written by one call.
 #[derive(Debug)]
 pub struct Line(Arc<Shared>);
 
 #[derive(Debug, Default)]
 struct Shared {
     waiting: Mutex<Waiting>,
-    /// Wakes the thread.
+    /// Wakes the writer thread.
     arrived: Condvar,
-    /// Wakes whoever waits for the end.
+    /// Wakes those who wait until all lines are written.
     written: Condvar,
     lost: AtomicU64,
 }
@@ -38,7 +39,7 @@ struct Shared {
 #[derive(Debug, Default)]
 struct Waiting {
     lines: Vec<u8>,
-    /// The thread is at the output, or pauses after it, and looks for more by itself.
+    /// The thread is writing, or pauses afterwards, and will look for more lines without being woken.
     is_writing: bool,
     is_closed: bool,
 }
@@ -47,7 +48,7 @@ impl Log {
     /// Starts the thread that writes to `output`.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system provides no thread.
     pub fn start(output: impl Write + Send + 'static) -> io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let writer = Arc::clone(&shared);
@@ -55,17 +56,17 @@ impl Log {
         Ok(Self(shared))
     }
 
-    /// The next line.
+    /// A writer for the next line.
     pub fn line(&self) -> Line {
         Line(Arc::clone(&self.0))
     }
 
-    /// Lines that were lost for want of room.
+    /// The number of lines lost for want of room.
     pub fn lost(&self) -> u64 {
         self.0.lost.load(Relaxed)
     }
 
-    /// Takes no more lines, and waits until those it has are written, at most for `time`. False if some are not.
+    /// Accepts no more lines, and waits until all are written, at most for `time`; returns false if some are not.
     pub fn close(&self, time: Duration) -> bool {
         let mut waiting = self.0.waiting();
         waiting.is_closed = true;
@@ -98,7 +99,7 @@ impl Write for Line {
 }
 
 impl Shared {
-    /// Writes what comes, until the log is closed and empty.
+    /// Writes lines as they come, until the log is closed and empty.
     fn write_all(&self, mut output: impl Write) {
         let (mut piece, mut told) = (Vec::new(), 0);
         loop {
@@ -115,7 +116,7 @@ impl Shared {
             waiting.is_writing = true;
             swap(&mut piece, &mut waiting.lines);
             drop(waiting);
-            // A log that nobody reads any more is no reason to stop.
+            // A closed output does not stop the service.
             let _ = output.write_all(&piece).and_then(|()| output.flush());
             piece.clear();
             thread::sleep(GATHER);
@@ -170,7 +171,7 @@ mod tests {
             assert_eq!(log.line().write(&line).unwrap(), line.len());
         }
         assert!(start.elapsed() < Duration::from_secs(5), "{:?}", start.elapsed());
-        // What waits, and at most as much again that the thread has in hand.
+        // The waiting lines, and at most as much again in the buffer of the thread.
         let kept = 10_000 - log.lost();
         assert!((1000..=2100).contains(&kept), "{kept} lines are kept");
         let start = Instant::now();

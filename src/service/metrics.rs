@@ -1,7 +1,7 @@
-//! Figures of a service for Prometheus: what was solved, how long it took, how it ended, what was answered.
+//! Metrics of a service for Prometheus: counts and durations of solves, their endings, and responses.
 //!
-//! A solve is measured where its worker is supervised. What changes by itself, such as the length of the
-//! queue, is looked up when the figures are asked for.
+//! Durations of solves are measured by the supervisors of the workers. Values that change by themselves, such as the
+//! length of the queue, are read when the metrics are requested.
 
 use super::jobs::Jobs;
 use super::log::Log;
@@ -21,10 +21,10 @@ use std::sync::OnceLock;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
-/// A label and its value.
+/// The name of a label and its value.
 type Label = (&'static str, Cow<'static, str>);
 
-/// The figures.
+/// The metrics.
 #[derive(Debug)]
 pub struct Metrics {
     registry: Registry,
@@ -60,7 +60,7 @@ pub struct Metrics {
     process: Process,
 }
 
-/// From a tenth of a millisecond to seven minutes, each twice the one before.
+/// Buckets from a tenth of a millisecond to seven minutes, each twice the one before.
 fn durations() -> Histogram {
     Histogram::new(exponential_buckets(1e-4, 2.0, 23))
 }
@@ -190,7 +190,7 @@ impl Default for Metrics {
 }
 
 impl Metrics {
-    /// Counts a solve that took this time.
+    /// Counts a solve that returned after `time`.
     pub fn solved(&self, solved: &Solved, time: Duration) {
         let code = match (&solved.failed, solved.status) {
             (_, Status::Completed) => "completed".into(),
@@ -206,23 +206,23 @@ impl Metrics {
         self.ended(solved.problem.clone(), code, time);
     }
 
-    /// Counts an answer that was given before.
+    /// Counts a response with a stored solution.
     pub fn repeated(&self) {
         self.repeated.inc();
     }
 
-    /// Counts a job that goes back to the queue.
+    /// Counts a job that has yielded and goes back to the queue.
     pub fn yielded(&self) {
         self.yielded.inc();
     }
 
-    /// Counts the end of a solve, after this time, that left no solution.
+    /// Counts the end of a solve after `time`, with the code of its ending.
     pub fn ended(&self, problem: Cow<'static, str>, code: Cow<'static, str>, time: Duration) {
         self.ended.get_or_create(&[("problem", problem.clone()), ("code", code)]).inc();
         self.solve_seconds.get_or_create(&[("problem", problem)]).observe(time.as_secs_f64());
     }
 
-    /// Counts what becomes of workers, and logs it.
+    /// Counts and logs an event of a worker.
     pub fn notice(&self, event: Event<'_>) {
         match event {
             Event::Started(pid, _) => {
@@ -254,30 +254,30 @@ impl Metrics {
         self.lost.get_or_create(&[("reason", reason.into())]).inc();
     }
 
-    /// Counts the time that a job has waited for its worker.
+    /// Counts the waiting time of a job.
     pub fn waited(&self, time: Duration) {
         self.wait_seconds.observe(time.as_secs_f64());
     }
 
-    /// Notes what the start found on the disk.
+    /// Records the numbers of jobs and results that a start found unreadable, damaged or orphaned.
     pub fn found(&self, unreadable: usize, damaged: usize, orphaned: usize) {
         self.damaged.set(i64::try_from(damaged).unwrap_or(i64::MAX));
         self.unreadable.set(i64::try_from(unreadable).unwrap_or(i64::MAX));
         self.orphaned.set(i64::try_from(orphaned).unwrap_or(i64::MAX));
     }
 
-    /// Counts a job of which something is found damaged.
+    /// Counts a job found to be damaged.
     pub fn found_damaged(&self) {
         self.damaged.inc();
     }
 
-    /// Tells how many lines that log has lost.
+    /// Sets the log whose lost lines are counted.
     pub fn count_lost_lines(&self, log: &Log) {
-        // There is one log; a second one would not be told apart.
+        // Set once: there is one log per process.
         let _ = self.log.set(log.clone());
     }
 
-    /// Counts the answer to a request of this route, which began after this time, and why it refuses, if it does.
+    /// Counts a response to a request of `route`, begun after `time`, and its problem code if it is an error.
     pub fn answered(
         &self,
         method: &Method,
@@ -287,7 +287,7 @@ impl Metrics {
         time: Duration,
     ) {
         self.answers.get_or_create(&[("status", status.as_str().to_owned().into())]).inc();
-        // Words of clients' own would be a series each.
+        // Methods invented by clients must not become label values.
         let known = [Method::GET, Method::HEAD, Method::POST, Method::DELETE, Method::OPTIONS];
         let method = known.iter().find(|known| *known == method).map_or("other", Method::as_str).to_owned();
         let label = [("method", method.into()), ("route", route.to_owned().into())];
@@ -297,7 +297,7 @@ impl Metrics {
         }
     }
 
-    /// All figures as `OpenMetrics` text, with so many connections open and so many checks in hand.
+    /// All metrics as `OpenMetrics` text, with the current numbers of open connections and running checks.
     pub fn text(&self, jobs: &Jobs, connections: usize, checks: usize) -> String {
         let (waiting, running) = jobs.load();
         let (kept, kept_bytes) = jobs.kept();
@@ -305,7 +305,7 @@ impl Metrics {
         self.kept_bytes.set(i64::try_from(kept_bytes).unwrap_or(i64::MAX));
         self.busy.set(i64::try_from(running + checks).unwrap_or(i64::MAX));
         self.process.look();
-        // No queue is longer than the greatest of these.
+        // Saturate at `i64::MAX`, which no queue reaches.
         self.waiting.set(i64::try_from(waiting).unwrap_or(i64::MAX));
         self.waiting_bytes.set(i64::try_from(jobs.waiting_bytes()).unwrap_or(i64::MAX));
         self.long.set(i64::try_from(jobs.long()).unwrap_or(i64::MAX));
@@ -317,7 +317,7 @@ impl Metrics {
         self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
         self.lost_lines.inner().fetch_max(self.log.get().map_or(0, Log::lost), Relaxed);
         let mut text = String::new();
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = encode(&mut text, &self.registry);
         text
     }

@@ -1,5 +1,5 @@
-//! The bounds of the service: each a flag with an environment variable, each with a default that suits one machine
-//! shared by a few people.
+//! The options of the service: each is a flag with an environment variable, and a default that suits one machine shared
+//! by a few people.
 
 use super::jobs::{Bounds, Retention, Room};
 use clap::builder::BoolishValueParser as FlagParser;
@@ -15,22 +15,22 @@ use std::sync::Arc;
 use std::thread::available_parallelism;
 use std::time::Duration;
 
-/// A bound in force, told in the words of its flag.
+/// A bound in force, described as in `--help`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Bound {
-    /// The flag that sets it.
+    /// The flag that sets the bound.
     pub flag: String,
-    /// The environment variable that sets it.
+    /// The environment variable that sets the bound.
     pub variable: String,
-    /// Its unit.
+    /// The unit of the value.
     pub unit: String,
-    /// Its value.
+    /// The value in force.
     pub value: Value,
-    /// What it bounds.
+    /// The help text of the flag.
     pub meaning: String,
 }
 
-/// How the service is bounded.
+/// The options of the service.
 #[derive(Args, Clone, Debug, Serialize)]
 pub struct Options {
     /// Address and port to listen on
@@ -186,20 +186,20 @@ impl Default for Options {
 }
 
 impl Options {
-    /// The folder of jobs, if they are to outlive the process.
+    /// The folder of durable jobs, if there is one.
     pub fn jobs_folder(&self) -> Option<&Path> {
         self.data.as_deref().filter(|_| !self.ephemeral)
     }
 
-    /// What stands before every address: empty, or a path that begins with a slash and ends without one.
+    /// The path prefix: empty, or a path that begins with a slash and ends without one.
     pub fn prefix(&self) -> Arc<str> {
         self.path_prefix.trim_end_matches('/').into()
     }
 
-    /// Whether the flags make sense that are more than a number.
+    /// Checks the flags that are more than a number.
     ///
     /// # Errors
-    /// Which of them does not.
+    /// The flag that is invalid, and an example.
     pub fn check(&self) -> io::Result<()> {
         let wrong = |what: String| Err(io::Error::new(io::ErrorKind::InvalidInput, what));
         let prefix = self.prefix();
@@ -217,42 +217,42 @@ impl Options {
         }
     }
 
-    /// Whether clients must name a token: where others than this machine can connect, or where that is wished.
+    /// Whether clients must present a token: if other machines can connect, or if the option demands it.
     pub fn asks_tokens(&self) -> bool {
         self.ask_tokens || !(self.insecure || self.listen.ip().is_loopback())
     }
 
-    /// The largest body of a request, in bytes.
+    /// The largest request body, in bytes.
     pub fn body_bytes(&self) -> usize {
         bytes(self.body_mib)
     }
 
-    /// The longest time for the headers of a request, for its body, and for a piece of an answer.
+    /// The time limit for the headers of a request, for its body, and for each piece of a response.
     pub fn read_time(&self) -> Duration {
         Duration::from_secs(self.read_seconds.get())
     }
 
-    /// The longest time that a job, or the check of a specification, may take.
+    /// The time limit of a job, and of the check of a specification.
     pub fn wall(&self) -> Duration {
         Duration::from_secs(self.wall_seconds.get())
     }
 
-    /// The time between the signal to stop and the end of every job.
+    /// The time from the signal to stop until running jobs are stopped.
     pub fn grace(&self) -> Duration {
         Duration::from_secs(self.grace_seconds)
     }
 
-    /// Workers that take up jobs as they come, in relief aside.
+    /// The number of ordinary and express workers, without relief workers.
     pub fn supervised(&self) -> NonZeroUsize {
         self.workers.saturating_add(self.express)
     }
 
-    /// Workers that check specifications, beside those that solve: a check is shorter than a solve.
+    /// The number of workers for checks, in addition to those that solve: a check is shorter than a solve.
     pub fn checkers(&self) -> usize {
         self.workers.get().div_ceil(2)
     }
 
-    /// Every bound in force: the flags whose value is a number.
+    /// All bounds in force: the flags whose value is a number.
     pub fn in_force(&self) -> Vec<Bound> {
         let values = serde_json::to_value(self).unwrap_or_default();
         let command = Self::augment_args(Command::new("dvi"));
@@ -269,7 +269,7 @@ impl Options {
         command.get_arguments().filter_map(bound).collect()
     }
 
-    /// What concerns jobs.
+    /// The bounds on jobs.
     pub fn bounds(&self) -> Bounds {
         Bounds {
             workers: self.workers.get(),

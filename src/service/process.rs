@@ -1,5 +1,5 @@
-//! Figures of this process under the names that every exporter gives them: what the kernel says in `/proc/self`. Where there
-//! is none, they stay at zero.
+//! Metrics of this process under the names used by all exporters, read from `/proc/self`. Where that does not exist,
+//! they stay at zero.
 
 use prometheus_client::metrics::counter::Counter;
 use prometheus_client::metrics::gauge::Gauge;
@@ -8,7 +8,7 @@ use rustix::param::{clock_ticks_per_second, page_size};
 use std::fs;
 use std::sync::atomic::AtomicU64;
 
-/// The figures; of the service alone, not of its workers.
+/// The metrics of the service process, without its workers.
 #[derive(Debug, Default)]
 pub struct Process {
     resident: Gauge,
@@ -18,7 +18,7 @@ pub struct Process {
 }
 
 impl Process {
-    /// Puts them into a registry without a prefix.
+    /// Registers the metrics, under their standard names.
     pub fn register(&self, registry: &mut Registry) {
         let registry = registry.sub_registry_with_prefix("process");
         registry.register_with_unit(
@@ -37,11 +37,11 @@ impl Process {
         );
     }
 
-    /// Looks them up.
+    /// Reads the present values.
     pub fn look(&self) {
         let pages = fs::read_to_string("/proc/self/statm").ok().and_then(|text| text.split(' ').nth(1)?.parse().ok());
         self.resident.set(pages.map_or(0, |pages: i64| pages.saturating_mul(page_size() as i64)));
-        // The folder itself is open while it is read.
+        // One descriptor is that of the folder being read.
         let files = fs::read_dir("/proc/self/fd").map_or(0, |files| files.count().saturating_sub(1));
         self.files.set(i64::try_from(files).unwrap_or(i64::MAX));
         self.most_files.set(most_files().unwrap_or_default());
@@ -56,7 +56,7 @@ fn most_files() -> Option<i64> {
     limits.lines().find_map(|line| line.strip_prefix("Max open files")?.split_whitespace().next()?.parse().ok())
 }
 
-/// Fields 14 and 15 of `stat`, in ticks; the name of the program before them may have spaces.
+/// The CPU time: fields 14 and 15 of `stat`, in ticks, counted after the program name, which may contain spaces.
 fn cpu_seconds() -> Option<f64> {
     let stat = fs::read_to_string("/proc/self/stat").ok()?;
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();

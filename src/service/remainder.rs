@@ -1,8 +1,8 @@
-//! What a client still sends when its answer stands already: a body too large, or one that nobody asked for.
+//! The remainder of a request body after the response has been decided: the body is too large, or was not asked for.
 //!
-//! Most clients read no answer before they have sent everything, and a connection that is closed on bytes unread is
-//! reset, which takes the answer away (RFC 9112, section 9.6). So the rest of a body is taken and dropped before the
-//! answer goes out, as far as that is bounded. A client that asks first whether to send (`Expect: 100-continue`) is told.
+//! Most clients read no response before they have sent everything, and a connection that is closed with unread bytes is
+//! reset, which loses the response (RFC 9112, section 9.6). So the rest of the body is read and dropped before the
+//! response is sent, up to a bound. A client that waits to be asked (`Expect: 100-continue`) sends no body.
 
 use axum::body::{Bytes, HttpBody};
 use hyper::body::{Frame, Incoming, SizeHint};
@@ -15,18 +15,18 @@ use std::task::{Context, Poll};
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// The most bytes that are dropped.
+/// The largest number of dropped bytes.
 const MOST: u64 = 256 << 20;
 
-/// The longest pause after which more is expected.
+/// The longest pause between two pieces of the body.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// A body that is left to whoever answers, and of which the rest can be had back.
+/// A body lent to a handler, whose remainder can be recovered.
 #[derive(Clone)]
 pub struct Lent(Arc<Mutex<Incoming>>);
 
 impl Lent {
-    /// The request with its body lent; and the body, unless it has ended or waits to be asked for.
+    /// The request with its body lent, and the body itself, unless it has ended or the client waits to be asked for it.
     pub fn of(request: Request<Incoming>) -> (Request<Self>, Option<Self>) {
         let (parts, body) = request.into_parts();
         let comes = !body.is_end_stream() && !parts.headers.contains_key(EXPECT);
@@ -34,8 +34,8 @@ impl Lent {
         (Request::from_parts(parts, body.clone()), comes.then_some(body))
     }
 
-    /// Takes what is left of it, for so long at the most.
-    pub async fn drop_rest(mut self, patience: Duration) {
+    /// Reads and drops the rest of the body, for at most `limit`.
+    pub async fn drop_rest(mut self, limit: Duration) {
         if self.is_end_stream() || self.size_hint().lower() > MOST {
             return;
         }
@@ -47,8 +47,8 @@ impl Lent {
                 dropped += frame.data_ref().map_or(0, |data| data.len() as u64);
             }
         };
-        // What does not come in time is not waited for.
-        let _ = timeout(patience, dropping).await;
+        // After the time limit, the rest is left unread.
+        let _ = timeout(limit, dropping).await;
     }
 
     fn body(&self) -> MutexGuard<'_, Incoming> {

@@ -1,12 +1,12 @@
-//! Connections, from the first to the last.
+//! The life of the server, from the first connection to the last.
 //!
-//! 1. Accept, and serve each connection on a task of its own; a client that does not send its headers in time,
-//!    or does not take its answer, is cut off. While as many are open as may be, the next wait in the system's queue.
-//! 2. When asked to stop: refuse new jobs and give the others the grace time. Connections go on being accepted, so that
-//!    clients can fetch what ends and a load balancer sees `/readyz` off.
-//! 3. When no job is left, or at the end of the grace time or asked a second time: leave what is left to the next
-//!    process, or cancel it where there is no disk to keep it.
-//! 4. End the streams of events, let answers in hand go out, and close.
+//! 1. Accept connections, and serve each on a task of its own; a client that does not send its headers in time, or does
+//!    not take its response, is cut off. At the limit of open connections, further ones wait in the system's backlog.
+//! 2. On a signal to stop: refuse new jobs, and give the others the grace time. Connections are still accepted, so that
+//!    clients can fetch results and a load balancer sees `/readyz` fail.
+//! 3. When no job is left, at the end of the grace time, or on a second signal: leave the remaining jobs to the next
+//!    process, or cancel them if they are not durable.
+//! 4. End the event streams, let pending responses complete, and close.
 
 use super::http::Shared;
 use super::jobs::Client;
@@ -27,19 +27,19 @@ use tokio::sync::mpsc::Receiver;
 use tokio::time::{sleep, timeout};
 use tower_service::Service;
 
-/// The time that cancelled solves have to reach their next step, and then that answers have to go out.
+/// The time for cancelled solves to reach their next step, and then for pending responses to be sent.
 const LAST_CALL: Duration = Duration::from_secs(5);
 
-/// How often jobs are looked through for those that are too old.
+/// The interval between two searches for expired jobs.
 const TIDY: Duration = Duration::from_secs(60);
 
-/// How often a store that could not be written is tried again.
+/// The interval between two attempts to recover a store that could not be written.
 const HEAL: Duration = Duration::from_secs(1);
 
-/// A pause after a failed `accept`: it fails at once for as long as there are no file descriptors.
+/// The pause after a failed `accept`, which fails at once as long as there are no free file descriptors.
 const BREATH: Duration = Duration::from_millis(50);
 
-/// Serves until something comes through `stop`; a second one cuts the grace time short.
+/// Serves until a message on `stop`; a second message cuts the grace time short.
 pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut stop: Receiver<()>) {
     let mut http = http1::Builder::new();
     http.timer(TokioTimer::new()).header_read_timeout(shared.options.read_time());
@@ -48,7 +48,7 @@ pub async fn serve(listener: TcpListener, router: Router, shared: Shared, mut st
         loop {
             match listener.accept().await {
                 Ok((stream, from)) => {
-                    // Places are there until the end.
+                    // The semaphore is never closed.
                     let Ok(place) = Arc::clone(&shared.connections).acquire_owned().await else { return };
                     let client = Client::at(from.ip());
                     serve_connection(&http, &connections, stream, shared.options.read_time(), client, &router, place);
@@ -105,12 +105,12 @@ fn serve_connection(
     http: &http1::Builder,
     connections: &GracefulShutdown,
     stream: TcpStream,
-    patience: Duration,
+    io_timeout: Duration,
     client: Client,
     router: &Router,
     place: OwnedSemaphorePermit,
 ) {
-    // Answers are written whole: waiting for more to send with them only delays them.
+    // Disable Nagle's algorithm: responses are written whole, and waiting for more data only delays them.
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(%error, "a connection was lost at its start");
         return;
@@ -123,13 +123,13 @@ fn serve_connection(
         async move {
             let answer = answer.await;
             if let Some(body) = body {
-                body.drop_rest(patience).await;
+                body.drop_rest(io_timeout).await;
             }
             answer
         }
     });
     let connection =
-        connections.watch(http.serve_connection(TokioIo::new(TimedWrites::new(stream, patience)), service));
+        connections.watch(http.serve_connection(TokioIo::new(TimedWrites::new(stream, io_timeout)), service));
     tokio::spawn(async move {
         let _until_its_end = place;
         if let Err(error) = connection.await {

@@ -1,23 +1,23 @@
-//! The trace that a request is part of (W3C Trace Context): it comes from the client, names the lines of the log and the spans
-//! of the request and its job, and goes on to the worker and back to the client.
+//! The trace that a request belongs to (W3C Trace Context): it comes from the client, identifies the log lines and the
+//! spans of the request and its job, and is passed on to the worker and back to the client.
 
 use std::fmt::{self, Display};
 use tracing::Span;
 use uuid::Uuid;
 
-/// A span of a trace, as one program names it to the next.
+/// The reference to a span of a trace, as passed from one program to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Trace {
-    /// That of the trace, 32 hexadecimal digits.
+    /// The id of the trace, 32 hexadecimal digits.
     pub id: u128,
-    /// That of the span, 16.
+    /// The id of the span, 16 hexadecimal digits.
     pub span: u64,
-    /// Whether it is recorded, among others to come.
+    /// The trace flags; bit 0 says whether the trace is recorded.
     pub flags: u8,
 }
 
 impl Trace {
-    /// That of a `traceparent`, `VERSION-TRACE-PARENT-FLAGS`; nothing where it is malformed or zero.
+    /// Parses a `traceparent`, `VERSION-TRACE-PARENT-FLAGS`; `None` if it is malformed or zero.
     pub fn read(traceparent: &str) -> Option<Self> {
         let mut parts = traceparent.trim().split('-');
         let hexadecimal = |part: &str, length| {
@@ -32,33 +32,33 @@ impl Trace {
         (version > 0 || parts.next().is_none()).then_some(Self { id, span, flags })
     }
 
-    /// What the next program is given.
+    /// The `traceparent` for the next program.
     pub fn traceparent(&self) -> String {
         let Self { id, span, flags } = self;
         format!("00-{id:032x}-{span:016x}-{flags:02x}")
     }
 
-    /// The part of this program in a trace that came from elsewhere.
+    /// A new span of this program in the trace.
     fn continued(self) -> Self {
         let (_, span) = Uuid::now_v7().as_u64_pair();
         Self { span, ..self }
     }
 }
 
-/// The id of the trace, by which lines of logs are joined.
+/// The id of the trace, which connects log lines.
 impl Display for Trace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:032x}", self.id)
     }
 }
 
-/// Makes `span` part of the trace, and gives the trace with that span; one that begins here, where spans go to a collector
-/// and the client gave none.
+/// Makes `span` part of the trace, and returns the trace with that span. If the client gave no trace and spans are
+/// exported to a collector, a trace begins here.
 pub fn join(span: &Span, trace: Option<Trace>) -> Option<Trace> {
     exported(span, trace).or_else(|| trace.map(Trace::continued))
 }
 
-/// The span as a collector will know it; nothing where none does.
+/// The span as exported to a collector; `None` without a collector.
 #[cfg(feature = "otlp")]
 fn exported(span: &Span, trace: Option<Trace>) -> Option<Trace> {
     use opentelemetry::trace::{SpanContext, SpanId, TraceContextExt, TraceFlags, TraceId, TraceState};
@@ -67,7 +67,7 @@ fn exported(span: &Span, trace: Option<Trace>) -> Option<Trace> {
     if let Some(Trace { id, span: parent, flags }) = trace {
         let (id, parent) = (TraceId::from(id), SpanId::from(parent));
         let parent = SpanContext::new(id, parent, TraceFlags::new(flags), true, TraceState::default());
-        // Refused where no collector is asked for.
+        // Fails if no collector is configured.
         let _ = span.set_parent(opentelemetry::Context::new().with_remote_span_context(parent));
     }
     let context = span.context();
@@ -79,7 +79,7 @@ fn exported(span: &Span, trace: Option<Trace>) -> Option<Trace> {
     })
 }
 
-/// No collector knows it.
+/// Without the feature `otlp`, no span is exported.
 #[cfg(not(feature = "otlp"))]
 fn exported(_span: &Span, _trace: Option<Trace>) -> Option<Trace> {
     None

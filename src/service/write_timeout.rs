@@ -1,5 +1,5 @@
-//! A connection that is cut off when its client takes nothing for too long: what it is being sent would be held for it
-//! until it goes, and it need not go.
+//! A stream that fails when its peer stops reading: the unsent response would be held in memory, and the connection
+//! kept, for as long as the peer wishes.
 
 use std::io;
 use std::pin::Pin;
@@ -8,18 +8,18 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::time::{Sleep, sleep};
 
-/// A stream whose writes fail when they do not get on.
+/// A stream whose writes fail after a time without progress.
 pub struct TimedWrites<S> {
     stream: S,
-    patience: Duration,
-    /// Runs while a write waits.
+    write_timeout: Duration,
+    /// The timer of a pending write.
     stalled: Option<Pin<Box<Sleep>>>,
 }
 
 impl<S> TimedWrites<S> {
-    /// The stream, with so much time for every piece that is written.
-    pub fn new(stream: S, patience: Duration) -> Self {
-        Self { stream, patience, stalled: None }
+    /// The stream, with a time limit for each piece that is written.
+    pub fn new(stream: S, write_timeout: Duration) -> Self {
+        Self { stream, write_timeout, stalled: None }
     }
 
     fn bound<T>(&mut self, context: &mut Context<'_>, written: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
@@ -27,8 +27,8 @@ impl<S> TimedWrites<S> {
             self.stalled = None;
             return written;
         }
-        let patience = self.patience;
-        let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(patience)));
+        let write_timeout = self.write_timeout;
+        let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(write_timeout)));
         ready!(stalled.as_mut().poll(context));
         Poll::Ready(Err(io::ErrorKind::TimedOut.into()))
     }
@@ -80,25 +80,25 @@ mod tests {
     use tokio::io::{AsyncReadExt, AsyncWriteExt, duplex};
     use tokio::time::Instant;
 
-    const PATIENCE: Duration = Duration::from_secs(30);
+    const TIMEOUT: Duration = Duration::from_secs(30);
 
     #[tokio::test(start_paused = true)]
     async fn a_client_that_takes_nothing_is_given_up() {
         let (ours, _theirs) = duplex(64);
         let begun = Instant::now();
-        let error = TimedWrites::new(ours, PATIENCE).write_all(&[0; 65]).await.unwrap_err();
+        let error = TimedWrites::new(ours, TIMEOUT).write_all(&[0; 65]).await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
-        assert_eq!(begun.elapsed().as_secs(), PATIENCE.as_secs());
+        assert_eq!(begun.elapsed().as_secs(), TIMEOUT.as_secs());
     }
 
     #[tokio::test(start_paused = true)]
     async fn a_client_that_takes_a_piece_now_and_then_gets_all() {
         let (ours, mut theirs) = duplex(64);
-        let mut ours = TimedWrites::new(ours, PATIENCE);
+        let mut ours = TimedWrites::new(ours, TIMEOUT);
         let (written, taken) = tokio::join!(ours.write_all(&[7; 640]), async {
             let (mut all, mut piece) = (Vec::new(), [0; 64]);
             while all.len() < 640 {
-                sleep(PATIENCE - Duration::from_secs(1)).await;
+                sleep(TIMEOUT - Duration::from_secs(1)).await;
                 let count = theirs.read(&mut piece).await.unwrap();
                 all.extend_from_slice(&piece[..count]);
             }

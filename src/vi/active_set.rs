@@ -1,19 +1,18 @@
-//! The primal-dual active set method for a sparse `A` and a product of intervals, as in an obstacle problem. On a
+//! The primal-dual active set method for a sparse `A` and a product of intervals, as in an obstacle problem. For a
 //! guess of the active set,
 //!
 //! ```text
 //! z_i = l_i or z_i = u_i on it,    (A z + q)_i = 0 elsewhere
 //! ```
 //!
-//! is a linear system; variables outside their interval join the set, those whose `w_i` has the wrong sign leave it.
-//! It is Newton's method on the natural map, and ends after finitely many steps. For an M-matrix and one-sided bounds
-//! it always does (Hintermueller, Ito and Kunisch 2003, *The primal-dual active set strategy as a semismooth Newton
-//! method*, theorem 3.2); where a set comes back, or the steps are too many, [`line_search`] takes over, which cannot
-//! cycle.
+//! is a linear system; variables outside their interval join the active set, those whose `w_i` has the wrong sign leave
+//! it. It is Newton's method on the natural map, and ends after finitely many steps for an M-matrix and one-sided
+//! bounds (Hintermueller, Ito and Kunisch 2003, *The primal-dual active set strategy as a semismooth Newton method*,
+//! theorem 3.2). If an active set recurs, or the steps are too many, [`line_search`] takes over, which cannot cycle.
 //!
-//! A step releases one layer of nodes, so that a free boundary that moves over `k` of them costs `k` steps. A matrix on
-//! a known grid therefore has its active set guessed on coarser ones, from the coarsest up ([`coarse`]): a few steps at
-//! any size.
+//! A step releases one layer of nodes, so that a free boundary that moves over `k` of them costs `k` steps. For a
+//! matrix on a known grid the active set is therefore guessed on coarser grids, from the coarsest up ([`coarse`]): a
+//! few steps at any size.
 
 mod coarse;
 mod cyclic_reduction;
@@ -34,22 +33,22 @@ use line_search::LineSearch;
 use operator::Operator;
 use problem::{Control, ConvexSet, Interrupted};
 
-/// Steps on the finest grid before the line search takes over.
+/// Largest number of steps on the finest grid before the line search takes over.
 const PASSES: usize = 300;
 
-/// Steps from the active set of the last problem before a new guess is made on coarser grids.
+/// Number of steps from the active set of the last problem before a new guess on coarser grids.
 const WARM_PASSES: usize = 2;
 
-/// Steps on a coarser grid; what it gives is only a guess.
+/// Largest number of steps on a coarser grid, which only gives a guess.
 const COARSE_PASSES: usize = 8;
 
-/// The most problems in a row that are not tried from the last active set, where that failed before.
+/// Largest number of successive problems that skip the last active set as a start after it failed.
 const LONGEST_PAUSE: u32 = 15;
 
-/// A `w_i` this small against its own terms has no sign: the 4e-16 of one rounding, summed over a system.
+/// Below this fraction of its terms a `w_i` counts as zero: the 4e-16 of one rounding, summed over a system.
 const ROUNDING: f64 = 1e-13;
 
-/// Where a variable rests.
+/// The activity of a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Face {
     Inside,
@@ -57,31 +56,32 @@ enum Face {
     Upper,
 }
 
-/// Why a matrix is not one for this method.
+/// The reason why a matrix is unsuitable for the method.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Unsuitable {
-    /// It is not square, or its grid has another number of nodes.
+    /// The matrix is not square, or its size differs from the number of grid nodes.
     #[error("the matrix is {rows} by {columns}, not {expected} by {expected}")]
     Shape {
         /// Rows of the matrix.
         rows: usize,
-        /// Its columns.
+        /// Columns of the matrix.
         columns: usize,
-        /// What both should be.
+        /// The required number of both.
         expected: usize,
     },
-    /// Every principal minor of a matrix for which all such problems have one solution is positive.
+    /// A diagonal entry is not positive and finite. A matrix for which every problem has one solution has positive
+    /// principal minors.
     #[error("the diagonal entry of row {row} (counted from 0) is {value}, not positive and finite")]
     Diagonal {
         /// The row.
         row: usize,
-        /// The entry; zero where there is none.
+        /// The entry; zero if it is absent.
         value: f64,
     },
     /// The factors do not fit into memory.
     #[error("the factors of the matrix do not fit into memory")]
     Memory,
-    /// The outside asked to stop.
+    /// [`Control`] asked to stop.
     #[error("stopped from outside")]
     Interrupted,
 }
@@ -92,20 +92,21 @@ impl From<Interrupted> for Unsuitable {
     }
 }
 
-/// Solves `z in K, <A z + q, z~ - z> >= 0` for one `A` and many `q` and `K`, each from the active set of the last.
+/// Solves `z in K, <A z + q, z~ - z> >= 0` for one `A` and many `q` and `K`, each from the active set of the last
+/// problem.
 pub struct ActiveSet {
     finest: Level,
-    /// Ever coarser.
+    /// Coarser problems, from fine to coarse.
     coarser: Vec<Coarse>,
     line_search: Option<LineSearch>,
     started: bool,
-    /// Problems still to be solved without trying the last active set first, and how many the next failure adds.
+    /// Remaining problems that skip the last active set as a start, and the number that the next failure adds.
     pause: u32,
     next_pause: u32,
 }
 
 impl ActiveSet {
-    /// For a matrix on no known grid; a tridiagonal one is its own.
+    /// Prepares a matrix without a known grid; a tridiagonal one defines its own.
     ///
     /// # Errors
     /// If the matrix is not square, has a diagonal entry that is not positive, or its factors do not fit into memory.
@@ -118,11 +119,12 @@ impl ActiveSet {
         Ok(Self::from_operators(finest, coarser))
     }
 
-    /// For a matrix whose rows are the nodes of a grid of `shape[0] x shape[1] x ..` nodes, the last index fastest.
+    /// Prepares a matrix whose rows are the nodes of a grid of `shape[0] x shape[1] x ..` nodes, the last index
+    /// fastest.
     ///
     /// # Errors
-    /// As for [`ActiveSet::new`], if the grid has another number of nodes than the matrix has rows, and if `control` asks to
-    /// stop.
+    /// As for [`ActiveSet::new`], if the matrix has another number of rows than the grid has nodes, or if `control`
+    /// asks to stop.
     pub fn on_grid(matrix: &SparseMatrix, shape: &[usize], control: &Control) -> Result<Self, Unsuitable> {
         let expected = shape.iter().product();
         if matrix.nrows() != expected {
@@ -137,8 +139,8 @@ impl ActiveSet {
         Ok(Self::from_operators(finest, coarse::by_interpolation(&below, control)?))
     }
 
-    /// Solves `(A z)_i = r_i` for the variables that were inside their intervals in the last answer, the others zero, in
-    /// the place of `r`. False if the system is singular, or the outside asks to stop.
+    /// Solves `(A z)_i = r_i` in place of `r` for the variables that were inside their intervals in the last solution,
+    /// with the others zero. False if the system is singular, or if `control` asks to stop.
     pub fn solve_inside(&mut self, r: &mut [f64], control: &Control) -> bool {
         let Level { operator, face, .. } = &mut self.finest;
         for (r, face) in r.iter_mut().zip(face.iter()) {
@@ -153,9 +155,9 @@ impl ActiveSet {
         Self { finest: Level::new(finest), coarser, line_search: None, started: false, pause: 0, next_pause: 1 }
     }
 
-    /// Solves, from the active set of the last problem or, the first time, from that of `z`; leaves the answer in `z`.
-    /// Vectors of another length than the matrix has rows, empty intervals and numbers that are not finite end in
-    /// [`Outcome::Breakdown`], sets that are no product of intervals in [`Outcome::Unsuitable`].
+    /// Solves from the active set of the last problem or, the first time, from that of `z`; writes the solution to `z`.
+    /// Returns [`Outcome::Breakdown`] for vectors of wrong length, empty intervals and values that are not finite, and
+    /// [`Outcome::Unsuitable`] for sets that are not products of intervals.
     pub fn solve(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> Report {
         if set.has_blocks() {
             return Report::UNSUITABLE;
@@ -199,14 +201,14 @@ impl ActiveSet {
     }
 }
 
-/// A matrix with the present active set.
+/// A matrix with the current active set.
 struct Level {
     operator: Operator,
     face: Vec<Face>,
     w: Vec<f64>,
-    /// `|A| |z| + |q|`, in which rounding errors of `w` are measured.
+    /// `|A| |z| + |q|`, the scale of rounding errors of `w`.
     terms: Vec<f64>,
-    /// Signatures of the active sets since the iteration began.
+    /// Signatures of the active sets since the beginning of the iteration.
     seen: Vec<u64>,
 }
 
@@ -217,15 +219,15 @@ impl Level {
         Self { operator, face, w: vec![0.0; n], terms: vec![0.0; n], seen: Vec::with_capacity(PASSES) }
     }
 
-    /// Reads the active set off a point.
+    /// Sets the active set to that of a point.
     fn guess(&mut self, set: &ConvexSet, z: &[f64]) {
         for (i, (face, &z)) in self.face.iter_mut().zip(z).enumerate() {
             *face = resting_place(z, set.lower[i], set.upper[i]);
         }
     }
 
-    /// Puts variables that rest on an end that is not there inside, and those without a choice on their end; returns
-    /// the signature of the set.
+    /// Makes the active set admissible: variables at an infinite bound become inactive, those with equal bounds active;
+    /// returns the signature of the set.
     fn fit(&mut self, set: &ConvexSet) -> u64 {
         let mut signature = 0;
         for (i, (face, (&lower, &upper))) in self.face.iter_mut().zip(set.lower.iter().zip(&set.upper)).enumerate() {
@@ -240,8 +242,8 @@ impl Level {
         signature
     }
 
-    /// Steps until the active set stays. False if it does not: a set comes back, a system is singular, or `most` steps
-    /// are made.
+    /// Iterates until the active set does not change. False if an active set recurs, a system is singular, or after
+    /// `most` steps.
     fn iterate(
         &mut self,
         q: &[f64],
@@ -275,7 +277,7 @@ impl Level {
         false
     }
 
-    /// `z` on the present active set. False if the system is singular.
+    /// Solves for `z` with the current active set. False if the system is singular.
     fn solve_on_face(&mut self, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> bool {
         for (i, ((z, &face), &q)) in z.iter_mut().zip(&self.face).zip(q).enumerate() {
             *z = match face {
@@ -287,7 +289,7 @@ impl Level {
         self.operator.solve(&self.face, None, z, control)
     }
 
-    /// Moves variables to where their `z` and `w` say; what that changes in the signature.
+    /// Updates the active set by the signs of `z` and `w`; returns the change of the signature.
     fn update(&mut self, set: &ConvexSet, z: &[f64]) -> u64 {
         let mut changes = 0;
         for (i, (face, &z)) in self.face.iter_mut().zip(z).enumerate() {
@@ -304,8 +306,8 @@ impl Level {
         changes
     }
 
-    /// Whether `z` solves the problem, by its residual with rows divided by the diagonal and beside the terms that
-    /// cancel in it; and the residual undivided, NaN if a number is not finite.
+    /// Whether `z` solves the problem, by the residual with rows divided by the diagonal, relative to its largest
+    /// terms; and the residual without division, NaN if a value is not finite.
     fn measure(&mut self, q: &[f64], set: &ConvexSet, z: &[f64]) -> (bool, f64) {
         self.operator.apply(q, z, &mut self.w, &mut self.terms);
         let (mut residual, mut scaled, mut magnitude) = (0.0_f64, 0.0_f64, 0.0_f64);
@@ -322,7 +324,7 @@ impl Level {
     }
 }
 
-/// Where a point of the interval, or one outside it, belongs.
+/// The activity of a value relative to its interval.
 fn resting_place(z: f64, lower: f64, upper: f64) -> Face {
     if z <= lower {
         Face::Lower
@@ -333,8 +335,8 @@ fn resting_place(z: f64, lower: f64, upper: f64) -> Face {
     }
 }
 
-/// Bits of variable `i` on `face`, of which the exclusive or over all variables tells sets apart (Zobrist 1970; the
-/// mixing is `SplitMix64`).
+/// Hash bits of variable `i` on `face`; the exclusive or over all variables identifies an active set (Zobrist 1970; the
+/// bit mixing is `SplitMix64`).
 fn mixed(i: usize, face: Face) -> u64 {
     let mut x = (4 * i as u64 + face as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);

@@ -1,29 +1,30 @@
-//! The choice of a solver by set and size, and the next one where it fails.
+//! Choice of a solver by set and size, and of the next one if it fails.
 //!
-//! Over intervals pivoting costs `m^2` a pivot and takes about `m` of them, Newton `m^3 / 3` a step and takes five, or where
-//! the solution is degenerate a hundred. Up to the size where a tableau leaves the cache, pivoting is as fast or faster
-//! and never worse by much. A large sparse matrix with the signs of an obstacle problem has its active set iterated on.
-//! Over blocks Newton comes first, and where there are many small ones Gauss-Seidel; the
-//! interior-point method, a hundred times slower on small problems, settles what both leave open.
+//! Over intervals pivoting costs `m^2` a pivot and takes about `m` of them; Newton's method costs `m^3 / 3` a step and
+//! takes five, or up to a hundred if the solution is degenerate. Up to the size at which a tableau exceeds the cache,
+//! pivoting is as fast or faster, and never much slower. A large sparse matrix with the signs of an obstacle problem is
+//! solved by the active set method. Over blocks Newton's method comes first, and for many small blocks Gauss-Seidel;
+//! the interior-point method, a hundred times slower on small problems, solves what both leave unsolved.
 
 use super::{AffineVi, BlockGaussSeidel, Conic, DenseActiveSet, Lemke, Outcome, Report, SemismoothNewton, ViSolver};
 use nalgebra::DMatrix;
 use problem::Control;
 
-/// Up to this many variables, pivoting comes first.
+/// Largest number of variables for which pivoting comes first.
 const LEMKE_AT_MOST: usize = 500;
 
-/// With at most this many entries a row, as grids have them, a sparse factorisation takes less than one dense pivot.
+/// Largest mean number of entries in a row, as on grids, for which a sparse factorisation costs less than one dense
+/// pivot.
 const SPARSE: usize = 30;
 
-/// From this many variables on, in blocks of at most so many, sweeps over the blocks come first.
+/// Smallest number of variables, and largest size of their blocks, for which sweeps over the blocks come first.
 const SWEEPS_FROM: usize = 300;
 const SMALL_BLOCK: usize = 4;
 
 /// Names a solver, as `vi_solver` does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SolverKind {
-    /// Chosen by set and size; others are tried where the first fails.
+    /// Chosen by set and size; others are tried if the first fails.
     #[default]
     Auto,
     /// [`Lemke`].
@@ -38,12 +39,12 @@ pub enum SolverKind {
     BlockGaussSeidel,
 }
 
-/// A solver that was tried, and how it ended.
+/// A solver that was tried, with its outcome.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Attempt {
     /// The solver.
     pub solver: SolverKind,
-    /// How it ended.
+    /// The outcome.
     pub outcome: Outcome,
 }
 
@@ -52,7 +53,7 @@ impl SolverKind {
     pub const ALL: [Self; 6] =
         [Self::Auto, Self::Lemke, Self::SemismoothNewton, Self::ActiveSet, Self::Conic, Self::BlockGaussSeidel];
 
-    /// The kind of this name, if there is one.
+    /// The kind with this name, if any.
     pub fn by_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
@@ -82,10 +83,10 @@ impl SolverKind {
     }
 }
 
-/// The solvers needed so far, and what they did last.
+/// The solvers used so far, with the attempts at the last problem.
 pub struct Auto {
     size: usize,
-    /// In the order in which they were first needed.
+    /// Solvers in the order of their first use.
     solvers: Vec<(SolverKind, Box<dyn ViSolver>)>,
     attempts: Vec<Attempt>,
     start: Vec<f64>,
@@ -138,7 +139,7 @@ fn order(vi: &AffineVi<'_>) -> &'static [SolverKind] {
     }
 }
 
-/// Whether the active set method is made for a matrix: few entries, positive on the diagonal and nowhere else.
+/// Whether a matrix suits the active set method: few entries, positive on the diagonal and nowhere else.
 fn is_sparse_z_matrix(matrix: &DMatrix<f64>) -> bool {
     let m = matrix.nrows();
     let has_the_signs = (0..m).all(|j| matrix.column(j).iter().enumerate().all(|(i, a)| (i == j) == (*a > 0.0)));
@@ -146,7 +147,8 @@ fn is_sparse_z_matrix(matrix: &DMatrix<f64>) -> bool {
     has_the_signs && entries <= SPARSE * m
 }
 
-/// Whether the second report says more. A ray says more than a limit: it may prove that there is no solution.
+/// Whether the second report is more informative. A ray is more informative than a limit: it may prove that no solution
+/// exists.
 fn says_more(first: &Report, second: &Report) -> bool {
     second.outcome == Outcome::Solved
         || second.outcome == Outcome::Ray
@@ -154,7 +156,7 @@ fn says_more(first: &Report, second: &Report) -> bool {
 }
 
 impl ViSolver for Auto {
-    /// The name of the solver that answered last; `auto` before the first problem.
+    /// The name of the solver of the last result; `auto` before the first problem.
     fn name(&self) -> &'static str {
         self.last.name()
     }
@@ -167,7 +169,7 @@ impl ViSolver for Auto {
         let mut best: Option<Report> = None;
         let mut iterations = 0;
         for &kind in order(vi) {
-            // What sweeps leave is a good start for Newton.
+            // The result of sweeps is a good start for Newton's method.
             let warm = self.attempts.last().is_some_and(|last| last.solver == SolverKind::BlockGaussSeidel);
             let report = self.run(kind, vi, warm, control);
             iterations += report.iterations;

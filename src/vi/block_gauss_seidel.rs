@@ -5,11 +5,12 @@
 //! z_B <- P_B((1 - omega) z_B + omega y_B)
 //! ```
 //!
-//! each local problem exactly (Cryer 1971 for intervals; Jourdan, Alart and Jean 1998, *A Gauss-Seidel like algorithm to
-//! solve frictional contact problems*, for blocks). It converges for symmetric positive definite `A` and `0 < omega < 2`,
-//! linearly. For a positive definite `A` that is not symmetric it converges for small `omega` and may diverge for one: the
-//! matrix of Radau IIA with three stages multiplies the error by 1.33 a sweep at `omega = 1`, and by 0.32 at 0.86. So
-//! `omega` grows while the residual falls, shrinks where it rises, and stays below what has failed.
+//! with each local problem solved exactly (Cryer 1971 for intervals; Jourdan, Alart and Jean 1998, *A Gauss-Seidel like
+//! algorithm to solve frictional contact problems*, for blocks). It converges linearly for symmetric positive definite
+//! `A` and `0 < omega < 2`. For a positive definite `A` that is not symmetric it converges for small `omega` and may
+//! diverge for one: the matrix of Radau IIA with three stages multiplies the error by 1.33 a sweep at `omega = 1`, and
+//! by 0.32 at 0.86. Therefore `omega` grows while the residual falls, shrinks when it rises, and stays below values
+//! that have failed.
 
 use super::residual::Gauge;
 use super::semismooth_newton::BlockNewton;
@@ -17,24 +18,24 @@ use super::{AffineVi, EXACT, Outcome, Report, TOLERANCE, ViSolver};
 use nalgebra::DMatrix;
 use problem::{Block, Control, ConvexSet, Shape, Workspace};
 
-/// Sweeps over all blocks.
+/// Largest number of sweeps over all blocks.
 const SWEEPS: usize = 4_000;
 
-/// Sweeps between two looks at the residual.
+/// Number of sweeps between two evaluations of the residual.
 const STRIDE: usize = 5;
 
-/// Sweeps between two looks that lower the residual to this fraction converge fast.
+/// Fast convergence: the sweeps between two evaluations lower the residual to this fraction.
 const FAST: f64 = 0.1;
 
-/// `omega` grows by this much while the residual falls, up to the largest; a rise lowers both to this fraction.
+/// Growth of `omega` while the residual falls, its largest value, and the factor that lowers both after a rise.
 const GROWTH: f64 = 0.02;
 const LARGEST: f64 = 1.6;
 const SHRINKAGE: f64 = 0.8;
 
-/// Sweeps by whose progress it is foreseen whether those that are left will do.
+/// Number of sweeps whose progress predicts whether the remaining sweeps suffice.
 const WINDOW: usize = 200;
 
-/// Block Gauss-Seidel; see the module. It grows to the problems that it meets.
+/// Block Gauss-Seidel; see the module. The workspace grows with the problems.
 #[derive(Debug, Default)]
 pub struct BlockGaussSeidel {
     gauge: Gauge,
@@ -50,7 +51,7 @@ struct Local {
     members: Vec<usize>,
     set: ConvexSet,
     matrix: DMatrix<f64>,
-    /// `a` where the matrix is `a I`.
+    /// `a` if the matrix is `a I`.
     isotropic: Option<f64>,
     q: Vec<f64>,
     z: Vec<f64>,
@@ -58,7 +59,7 @@ struct Local {
 }
 
 impl BlockGaussSeidel {
-    /// A solver that finds its blocks at the first problem.
+    /// Creates a solver; its blocks are set by the first problem.
     pub fn new() -> Self {
         Self::default()
     }
@@ -86,7 +87,7 @@ impl ViSolver for BlockGaussSeidel {
         let mut sweeps = 0;
         let mut converging = true;
         let mut failure = Outcome::Limit;
-        // A solved problem is worth further sweeps as long as they converge fast.
+        // Continue with a solved problem as long as sweeps converge fast.
         while sweeps < SWEEPS && best.componentwise > EXACT && (converging || !best.is_solved()) {
             if control.poll().is_some() {
                 failure = Outcome::Interrupted;
@@ -100,7 +101,7 @@ impl ViSolver for BlockGaussSeidel {
             if found.residual.is_nan() {
                 break;
             }
-            // The products that the sweeps keep up to date gather rounding errors.
+            // The products that sweeps update accumulate rounding errors.
             self.w.copy_from_slice(&self.gauge.w);
             if found.componentwise >= last {
                 largest = SHRINKAGE * omega;
@@ -159,7 +160,7 @@ impl BlockGaussSeidel {
     }
 }
 
-/// Sets one component and brings `w` up to date.
+/// Sets one component and updates `w`.
 fn advance(vi: &AffineVi<'_>, z: &mut [f64], w: &mut [f64], i: usize, new: f64) {
     let change = new - z[i];
     z[i] = new;
@@ -204,7 +205,7 @@ impl Local {
         self.isotropic = (a > 0.0 && self.matrix.iter().enumerate().all(isotropic)).then_some(a);
     }
 
-    /// Solves the local problem at `z`, of which `w` is the value, and leaves the relaxed answer in `self.z`.
+    /// Solves the local problem at `z`, where `w` is its value, and writes the relaxed solution to `self.z`.
     fn solve(&mut self, z: &[f64], w: &[f64], omega: f64, work: &mut Workspace, control: &Control) {
         for (i, &member) in self.members.iter().enumerate() {
             self.z[i] = z[member];

@@ -6,15 +6,15 @@
 //! min 1/2 <z, A z> + <q, z>    over B z + s = b,  s in C
 //! ```
 //!
-//! and any other the complementarity gap `<s, y>` as a program of its own, whose least value is zero,
+//! and any other `A` the complementarity gap `<s, y>` as a program, whose minimum is zero,
 //!
 //! ```text
 //! min <z, A z> + <q, z> + <b, y>    over B z + s = b,  A z + B^T y + q = 0,  s in C,  y in C*
 //! ```
 //!
-//! The program is built once for the form of a set; later problems overwrite its numbers in place, without an allocation
-//! of ours (Clarabel's linear solver has its own). An interior point lies near the face of the answer and not on it, so
-//! Newton's method on the natural map starts from it and says how good it is.
+//! The program is built once for sets of one form; later problems overwrite its numbers in place, without allocations
+//! on our side (Clarabel's linear solver makes its own). An interior point lies near the active face of the solution,
+//! not on it, so Newton's method on the natural map starts from it and measures its accuracy.
 
 use super::{AffineVi, Outcome, Report, SemismoothNewton, ViSolver};
 use clarabel::algebra::CscMatrix;
@@ -25,13 +25,13 @@ use clarabel::solver::{
 use nalgebra::DMatrix;
 use problem::{Block, Control, ConvexSet, Shape};
 
-/// Entries of `A` that differ by no more than this fraction of the largest from those across the diagonal are equal.
+/// `A` counts as symmetric if entries differ from those across the diagonal by at most this fraction of the largest.
 const SYMMETRIC: f64 = 1e-10;
 
-/// The gap and the feasibility to reach; Newton's method does the rest.
+/// Tolerance on the gap and on feasibility; Newton's method does the rest.
 const ACCURACY: f64 = 1e-10;
 
-/// Clarabel, and the problem it is built for.
+/// Clarabel, with the problem it was built for.
 #[derive(Default)]
 pub struct Conic {
     built: Option<Built>,
@@ -47,7 +47,7 @@ struct Built {
     matrix: DMatrix<f64>,
     is_symmetric: bool,
     constraints: Constraints,
-    /// The numbers of the program: of the objective, of its linear part, of the equations and of their right side.
+    /// The data of the program: quadratic and linear objective, matrix and right-hand side of the constraints.
     objective: CscMatrix<f64>,
     linear: Vec<f64>,
     equations: CscMatrix<f64>,
@@ -55,7 +55,7 @@ struct Built {
 }
 
 impl Conic {
-    /// A solver that builds its program at the first problem.
+    /// Creates a solver; its program is built by the first problem.
     pub fn new() -> Self {
         Self::default()
     }
@@ -83,7 +83,7 @@ impl ViSolver for Conic {
         solver.solve();
         let iterations = solver.solution.iterations as usize;
         let failure = match solver.solution.status {
-            // A symmetric problem falls without end; any other has no complementary pair.
+            // A symmetric problem is unbounded below; any other has no complementary pair.
             SolverStatus::DualInfeasible | SolverStatus::PrimalInfeasible => Outcome::Ray,
             SolverStatus::NumericalError => Outcome::Breakdown,
             _ => Outcome::Limit,
@@ -99,7 +99,7 @@ impl ViSolver for Conic {
 }
 
 impl Built {
-    /// `None` where nothing bounds `z`, or the data are none that Clarabel takes.
+    /// `None` if `z` is unconstrained, or Clarabel rejects the data.
     fn new(vi: &AffineVi<'_>) -> Option<Self> {
         let constraints = Constraints::of(vi.set);
         if constraints.b.is_empty() {
@@ -142,7 +142,7 @@ impl Built {
             }
             if !is_symmetric {
                 let m = vi.q.len();
-                // `A` is what a column of `z` ends with.
+                // The entries of `A` come last in each column of `z`.
                 for (j, column) in vi.matrix.as_slice().chunks_exact(m).enumerate() {
                     let end = self.equations.colptr[j + 1];
                     self.equations.nzval[end - m..end].copy_from_slice(column);
@@ -164,7 +164,7 @@ fn is_symmetric(vi: &AffineVi<'_>) -> bool {
     (0..m).all(|j| (0..j).all(|i| (vi.matrix[(i, j)] - vi.matrix[(j, i)]).abs() <= noise))
 }
 
-/// `A`, or `A + A^T` and as many zeros as there are `y`; the upper triangle.
+/// The upper triangle of `A`, or of `A + A^T` followed by a zero row and column for each component of `y`.
 fn objective(vi: &AffineVi<'_>, is_symmetric: bool, rows: usize) -> CscMatrix<f64> {
     let m = vi.q.len();
     let size = if is_symmetric { m } else { m + rows };
@@ -182,7 +182,7 @@ fn write_objective(vi: &AffineVi<'_>, is_symmetric: bool, values: &mut [f64]) {
     }
 }
 
-/// Whether two sets differ in the numbers of `b` alone.
+/// Whether two sets differ in the numbers `b` only.
 fn have_one_form(a: &ConvexSet, b: &ConvexSet) -> bool {
     let kind =
         |set: &ConvexSet, i: usize| (set.lower[i].is_finite(), set.upper[i].is_finite(), set.lower[i] == set.upper[i]);
@@ -265,7 +265,7 @@ impl Constraints {
         self.b.push(b);
     }
 
-    /// `B`, or `[B 0; A B^T; 0 -I]`, of `-I` the rows that are no equations.
+    /// `B`, or `[B 0; A B^T; 0 -I]` with the rows of `-I` that belong to inequalities.
     fn matrix(&self, vi: &AffineVi<'_>, is_symmetric: bool) -> CscMatrix<f64> {
         let (m, r) = (vi.q.len(), self.b.len());
         let mut entries = self.rows.clone();
@@ -281,7 +281,7 @@ impl Constraints {
         CscMatrix::new_from_triplets(height, width, rows, columns, entries.iter().map(|entry| entry.2).collect())
     }
 
-    /// The rows that are no equations: the multiplier of an equation may have any sign.
+    /// The rows that are not equations; the multiplier of an equation may have any sign.
     fn signed(&self) -> impl Iterator<Item = usize> {
         let mut start = 0;
         self.cones.iter().flat_map(move |cone| {

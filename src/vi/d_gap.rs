@@ -4,26 +4,27 @@
 //! g(z) = f_a(z) - f_b(z),    f_c(z) = max over y in K of <w, z - y> - c/2 |z - y|^2,    0 < a < b
 //! ```
 //!
-//! The maximiser is `p_c = P_K(z - w/c)`. `g` is nonnegative, zero exactly at solutions, continuously differentiable with
+//! The maximiser is `p_c = P_K(z - w/c)`. `g` is nonnegative, zero exactly at solutions, continuously differentiable
+//! with
 //!
 //! ```text
 //! grad g = (dw/dz)^T (p_b - p_a) - a (z - p_a) + b (z - p_b)
 //! ```
 //!
-//! and lies between `(b - a)/2 |z - p_b|^2` and `(b - a)/2 |z - p_a|^2` (Peng 1997, *Equivalence of variational inequality
-//! problems to unconstrained minimization*; Fukushima 1992 for `f_a`). Lengths are measured as `|z|^2 = sum z_i^2 / s_i`,
-//! with one positive scale `s` a block, so that the projection stays the Euclidean one.
+//! and lies between `(b - a)/2 |z - p_b|^2` and `(b - a)/2 |z - p_a|^2` (Peng 1997, *Equivalence of variational
+//! inequality problems to unconstrained minimization*; Fukushima 1992 for `f_a`). Lengths are measured as
+//! `|z|^2 = sum z_i^2 / s_i`, with one positive scale `s` for each block, so that the projection remains Euclidean.
 
 use problem::{ConvexSet, Workspace};
 
-/// `a` and `b`; any two do.
+/// `b` and `a`; any values with `0 < a < b` serve.
 const NEAR: f64 = 2.0;
 const FAR: f64 = 0.5;
 
 /// The D-gap function, with its scales and the two projections of the last evaluation.
 #[derive(Debug, Default)]
 pub(super) struct Gap {
-    /// `s`, one a component, equal within a block.
+    /// `s`, one entry for each component, equal within a block.
     pub scale: Vec<f64>,
     far: Vec<f64>,
     near: Vec<f64>,
@@ -31,7 +32,7 @@ pub(super) struct Gap {
 }
 
 impl Gap {
-    /// `g` where `w` belongs to `z`.
+    /// Evaluates `g` at `z` with the value `w` there.
     pub fn value(&mut self, set: &ConvexSet, z: &[f64], w: &[f64]) -> f64 {
         let Self { scale, far, near, work } = self;
         for (p, c) in [(&mut *far, FAR), (&mut *near, NEAR)] {

@@ -1,10 +1,10 @@
-//! One solution of a dense linear system without allocation, by nalgebra's kernels of Gaussian elimination with
-//! partial pivoting, the right-hand side carried along as a further column.
+//! Solution of one dense linear system without allocation, by nalgebra's kernels of Gaussian elimination with partial
+//! pivoting; the right-hand side is an additional column.
 
 use nalgebra::{DMatrixViewMut, Dyn, U1};
 
-/// Overwrites the last column of `augmented`, `k x (k + 1)`, with the solution of the system that the first `k`
-/// columns hold. False if a pivot is zero or not a number.
+/// Overwrites the last column of `augmented`, `k x (k + 1)`, with the solution of the system in the first `k` columns.
+/// False if a pivot is zero or not a number.
 pub(super) fn solve_augmented(augmented: &mut DMatrixViewMut<'_, f64, U1, Dyn>) -> bool {
     let k = augmented.nrows();
     for i in 0..k {

@@ -4,16 +4,16 @@
 //! A' = R A C,    q' = R q,    z' = C^-1 z,    w' = R w,    K' = C^-1 K
 //! ```
 //!
-//! which keeps every sign and so the solutions. Where the entries of `A` lie far apart, `R` and `C` bring the largest
-//! entry of each row and column near one (Ruiz 2001, *A scaling algorithm to equilibrate both rows and columns norms
-//! in matrices*); powers of two, so that nothing is rounded.
+//! which keeps every sign and so the solutions. If the entries of `A` differ widely in size, `R` and `C` bring the
+//! largest entry of each row and column near one (Ruiz 2001, *A scaling algorithm to equilibrate both rows and columns
+//! norms in matrices*); they are powers of two, so that scaling is exact.
 
 use super::AffineVi;
 
-/// Largest entries within this factor of one are left as they are.
+/// Rows and columns whose largest entry is within this factor of one are left unscaled.
 const BALANCED: f64 = 64.0;
 
-/// Each sweep takes the square root of the imbalance; this many bring 1e-18..1e18 within a factor of two.
+/// Number of sweeps: each takes the square root of the imbalance, and eight bring 1e-18..1e18 within a factor of two.
 const SWEEPS: usize = 8;
 
 /// The diagonals of `R` and `C`.

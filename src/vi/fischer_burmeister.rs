@@ -5,17 +5,17 @@
 //! psi(z, w) = phi(z - l, -phi(u - z, -w))
 //! ```
 //!
-//! with the inner or outer `phi` replaced by its limit where an end is infinite: `psi = phi(z - l, w)`,
-//! `-phi(u - z, -w)` or `w`. Its square is continuously differentiable (Billups 1995, *Algorithms for complementarity
-//! problems and generalized equations*, chapter 3).
+//! with the inner or outer `phi` replaced by its limit if a bound is infinite: `psi = phi(z - l, w)`, `-phi(u - z, -w)`
+//! or `w`. Its square is continuously differentiable (Billups 1995, *Algorithms for complementarity problems and
+//! generalized equations*, chapter 3).
 
 /// A value of `psi` with an element of its generalised gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Psi {
     pub value: f64,
-    /// By `z`.
+    /// The derivative by `z`.
     pub by_z: f64,
-    /// By `w`.
+    /// The derivative by `w`.
     pub by_w: f64,
 }
 
@@ -44,7 +44,7 @@ fn phi(a: f64, b: f64) -> (f64, f64, f64) {
         let slope = 1.0 - std::f64::consts::FRAC_1_SQRT_2;
         return (0.0, slope, slope);
     }
-    // Both forms are exact; the first does not cancel where the result is small against a and b.
+    // Both forms are exact; the first does not cancel if the result is small relative to a and b.
     let value = if a + b > 0.0 { 2.0 * a * (b / (a + b + r)) } else { a + b - r };
     (value, slope(a, b, r), slope(b, a, r))
 }

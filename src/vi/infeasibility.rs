@@ -1,14 +1,14 @@
-//! A proof that there is no solution which one row gives: `w_i < 0` for every `z` in `K` though `z_i` has no upper bound
-//! to rest on, or `w_i > 0` though it has no lower one.
+//! Infeasibility by a single row: `w_i < 0` for every `z` in `K` although `z_i` has no upper bound, or `w_i > 0`
+//! although it has no lower one.
 
 use super::AffineVi;
 use problem::Workspace;
 
-/// Beyond rounding, beside `|q_i|`.
+/// Margin above rounding, relative to `|q_i|`.
 const MARGIN: f64 = 1e-10;
 
 impl AffineVi<'_> {
-    /// The first variable whose row proves that there is no solution, if one does.
+    /// The first variable whose row proves that no solution exists, if any.
     pub fn contradiction(&self) -> Option<usize> {
         let mut work = Workspace::default();
         let mut row = vec![0.0; self.q.len()];
@@ -38,13 +38,13 @@ mod tests {
     #[test]
     fn a_push_that_only_presses_harder_is_named() {
         let orthant = ConvexSet::nonnegative(2);
-        // w2 = -z1 - z2 - 1 is negative whatever is pushed; with a push that helps it is not known to be.
+        // w2 = -z1 - z2 - 1 is negative for every z; with a positive entry in the row it need not be.
         assert_eq!(found(&[1.0, 0.0, -1.0, -1.0], &[1.0, -1.0], &orthant), Some(1));
         assert_eq!(found(&[1.0, 0.0, 1e-9, -1.0], &[1.0, -1.0], &orthant), None);
         // A bounded variable may rest on its bound.
         let boxed = ConvexSet::intervals(vec![0.0; 2], vec![f64::INFINITY, 3.0]);
         assert_eq!(found(&[1.0, 0.0, -1.0, -1.0], &[1.0, -1.0], &boxed), None);
-        // The other way round, from below.
+        // The opposite sign, without a lower bound.
         let below = ConvexSet::intervals(vec![f64::NEG_INFINITY], vec![0.0]);
         assert_eq!(found(&[-1.0], &[2.0], &below), Some(0));
         assert_eq!(found(&[1.0], &[2.0], &below), None);

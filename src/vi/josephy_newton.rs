@@ -1,12 +1,13 @@
-//! Nonlinear variational inequalities by the method of Josephy and Newton: at `z`, with `J = F'(z)`, the affine problem
+//! Nonlinear variational inequalities by the Josephy-Newton method: at `z`, with `J = F'(z)`, the affine problem
 //!
 //! ```text
 //! y in K,    <F(z) + J (y - z), x - y> >= 0  for all x in K
 //! ```
 //!
-//! gives the direction `y - z` (Josephy 1979, *Newton's method for generalized equations*). The full step is taken if it
-//! lowers the natural map enough, else Armijo's search on the D-gap function shortens it, for which the direction is one of
-//! descent where `F` is strongly monotone; where it is not, the gradient takes its place (Peng and Fukushima 1999).
+//! gives the direction `y - z` (Josephy 1979, *Newton's method for generalized equations*). The full step is taken if
+//! it lowers the natural map enough; otherwise Armijo's search on the D-gap function shortens it. The direction is one
+//! of descent if `F` is strongly monotone; if it is not, the negative gradient takes its place (Peng and Fukushima
+//! 1999).
 
 use super::auto::SolverKind;
 use super::d_gap::Gap;
@@ -14,20 +15,21 @@ use super::{AffineVi, Attempt, Outcome, Report, ViSolver};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
-/// Affine problems. Down an exponential full steps have length one, and from where it overflows there are 709 of them.
+/// Largest number of affine problems. On an exponential full steps have length one, 709 of them from the overflow
+/// threshold.
 const ITERATIONS: usize = 1000;
 
 /// A full step must lower the natural map to this fraction of the least so far.
 const DECREASE: f64 = 0.9;
 
-/// Armijo's fraction of the slope, and the halvings of a step.
+/// Armijo's fraction of the slope, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 30;
 
-/// A residual that a step can no longer lower is rounding if it is below this fraction of `|z|` and `|F|`.
+/// A residual that no step lowers is rounding if it is below this fraction of `|z|` and `|F|`.
 const ROUNDING: f64 = 1e-11;
 
-/// A full step below this fraction of `|z|` is rounding: no other gains more.
+/// A full step below this fraction of `|z|` is rounding, and the iteration ends.
 const STILL: f64 = 1e-15;
 
 /// A nonlinear variational inequality, `<F(z), x - z> >= 0` for all `x` in `K`.
@@ -35,14 +37,14 @@ pub trait NonlinearVi {
     /// `K`, of dimension `m`.
     fn set(&self) -> &ConvexSet;
 
-    /// Writes `F(z)` (m). What is not defined comes out as NaN or an infinity.
+    /// Writes `F(z)`, of length `m`. Undefined components are NaN or infinite.
     fn evaluate(&mut self, z: &[f64], f: &mut [f64]);
 
     /// Writes `F'(z)`, `m x m`.
     fn jacobian(&mut self, z: &[f64], derivative: &mut DMatrix<f64>);
 }
 
-/// The method with its solver of affine problems.
+/// The Josephy-Newton method with its solver of affine problems.
 pub struct JosephyNewton {
     solver: Box<dyn ViSolver>,
     gap: Gap,
@@ -77,12 +79,13 @@ impl JosephyNewton {
         }
     }
 
-    /// How the solvers of the last affine problem ended.
+    /// The attempts of the solvers at the last affine problem.
     pub fn attempts(&self) -> &[Attempt] {
         self.solver.attempts()
     }
 
-    /// Solves from `z`, of length `m`, until the natural-map residual is below `tolerance`, and leaves the best point in `z`.
+    /// Solves from `z`, of length `m`, until the natural-map residual is below `tolerance`, and writes the best point
+    /// to `z`.
     pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         vi.set().project_all(z, &mut self.work);
         vi.evaluate(z, &mut self.f);
@@ -120,7 +123,7 @@ impl JosephyNewton {
         differences.fold(0.0, |most, r| if r > most || r.is_nan() { r } else { most })
     }
 
-    /// One step from `z`; false if none lowers the merit.
+    /// Makes one step from `z`; false if no step lowers the merit function.
     fn advance(&mut self, vi: &mut dyn NonlinearVi, z: &mut [f64], least: f64, control: &Control) -> bool {
         let m = z.len();
         for i in 0..m {

@@ -5,13 +5,13 @@
 //! ```
 //!
 //! From a `theta` for which the start is a solution, the path of solutions is followed through changes of basis until
-//! `theta = 0`, or to infinity. A basic variable may block at either end of its interval, and the entering one at its
-//! own opposite end. For copositive-plus `A` a ray says that there is no solution (Cottle, Pang and Stone 1992,
+//! `theta = 0`, or to infinity. A basic variable may block at either bound of its interval, and the entering one at its
+//! own opposite bound. For copositive-plus `A` a ray proves that no solution exists (Cottle, Pang and Stone 1992,
 //! sections 4.4 and 4.9; Dirkse and Ferris 1995, *The PATH solver*, for intervals).
 //!
-//! The start takes the active set of the incoming `z`; if that is the right one, there is no path to follow. The
-//! tableau of the last basis holds the inverse that refines the answer against the original data; if that does not
-//! make it exact, the path is taken up again from the same active set in a fresh tableau.
+//! The path starts from the active set of the incoming `z`; if that is correct, its length is zero. The tableau of the
+//! last basis contains the inverse, which refines the solution against the original data; if that does not make it
+//! exact, the path restarts from the same active set in a fresh tableau.
 
 mod path;
 mod ratio;
@@ -24,19 +24,19 @@ use problem::Control;
 use ratio::Perturbation;
 use tableau::Tableau;
 
-/// Pivots before a path is given up: Murty's exponential problems of a dozen variables must pass.
+/// Pivot limit of a path, large enough for Murty's exponential problems of a dozen variables.
 const PIVOTS: usize = 10_000;
 
-/// And for every variable so many more; paths of practical problems have one to three.
+/// Additional pivots for each variable; paths of practical problems have one to three.
 const PIVOTS_PER_VARIABLE: usize = 50;
 
-/// Fresh tableaus in one solve: the guess, a start without one, and twice to repair rounding.
+/// Largest number of fresh tableaus in one solve: for the guess, for a start without one, and twice to repair rounding.
 const ROUNDS: usize = 4;
 
-/// Corrections of the answer against the original data.
+/// Largest number of refinements of the solution against the original data.
 const REFINEMENTS: usize = 3;
 
-/// Where a component of `z` is thought to lie.
+/// The guessed activity of a component of `z`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Face {
     Lower,
@@ -44,7 +44,7 @@ enum Face {
     Upper,
 }
 
-/// How a path ended.
+/// The end of a path.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Ending {
     Complementary,
@@ -60,11 +60,11 @@ pub struct Lemke {
     equilibration: Equilibration,
     tableau: Tableau,
     perturbation: Perturbation,
-    /// The ends of the scaled intervals.
+    /// The bounds of the scaled intervals.
     lower: Vec<f64>,
     upper: Vec<f64>,
     face: Vec<Face>,
-    /// The values at which nonbasic `z` rest.
+    /// The values of nonbasic `z`.
     resting: Vec<f64>,
     free_rows: Vec<usize>,
     free_columns: Vec<usize>,
@@ -77,7 +77,7 @@ pub struct Lemke {
 }
 
 impl Lemke {
-    /// A solver for problems of up to `m` variables; a larger one makes it grow.
+    /// Allocates for problems of up to `m` variables; grows for a larger one.
     pub fn new(m: usize) -> Self {
         Self {
             equilibration: Equilibration::new(m),
@@ -184,7 +184,7 @@ impl Lemke {
         self.lower[i] == f64::NEG_INFINITY && self.upper[i] == f64::INFINITY
     }
 
-    /// Reads the active set off a point.
+    /// Sets the active set to that of a point.
     fn guess(&mut self, z: &[f64]) {
         for (i, &c) in self.equilibration.inverse_column.iter().enumerate() {
             let z = z[i] * c;
@@ -199,7 +199,7 @@ impl Lemke {
         self.list_inside();
     }
 
-    /// Takes the active set of the basis at hand.
+    /// Sets the active set to that of the current basis.
     fn adopt_faces(&mut self) {
         for i in 0..self.tableau.m {
             self.face[i] = if self.tableau.row_of(i).is_some() {
@@ -236,8 +236,8 @@ impl Lemke {
         }
     }
 
-    /// Iterative refinement: `w` of the variables inside their intervals, computed afresh, goes to zero when `z`
-    /// moves by the tableau's inverse times it.
+    /// Iterative refinement: recomputes `w` of the variables inside their intervals, and moves `z` by the inverse in
+    /// the tableau times `-w`.
     fn refine(&mut self, vi: &AffineVi<'_>, z: &mut [f64]) -> Accuracy {
         let m = self.tableau.m;
         let mut accuracy = vi.measure(z, &mut self.w, &mut self.terms);

@@ -4,8 +4,8 @@
 //! z in K,    <w, z~ - z> >= 0  for all z~ in K,    w = A z + q
 //! ```
 //!
-//! Each solver is built once for a size, allocates then, and is used many times; each reports the natural-map
-//! residual of what it returns.
+//! Each solver is built once for a size, allocates then, and is used many times; each reports the natural-map residual
+//! of its result.
 
 mod active_set;
 mod auto;
@@ -45,17 +45,17 @@ pub use sparse_newton::SparseNewton;
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};
 
-/// A point is a solution when its residual is below this fraction of the largest of `|q| + |A| |z|`, the terms that
+/// A point is a solution if its residual is below this fraction of the largest of `|q| + |A| |z|`, the terms that
 /// cancel in `w`: below 1e-10 of the larger of the two.
 const TOLERANCE: f64 = 5e-11;
 
-/// A residual this small against its own terms is rounding.
+/// A residual below this fraction of its terms is rounding.
 const EXACT: f64 = 1e-14;
 
-/// Pivots or steps between two looks at [`Control`]: the clock is not to be felt where all are done in a microsecond.
+/// Number of pivots or steps between two polls of [`Control`], so that the clock costs nothing for microsecond solves.
 const STEPS_BETWEEN_POLLS: usize = 16;
 
-/// Whether step number `step` is one before which `control` is asked, and asks to stop.
+/// Polls `control` once in `STEPS_BETWEEN_POLLS` steps; returns whether it asks to stop.
 fn is_interrupted(control: &Control, step: usize) -> bool {
     step % STEPS_BETWEEN_POLLS == STEPS_BETWEEN_POLLS - 1 && control.poll().is_some()
 }
@@ -71,18 +71,18 @@ pub struct AffineVi<'a> {
     pub set: &'a ConvexSet,
 }
 
-/// The natural-map residual of a point, and the size of the terms it is the difference of.
+/// The natural-map residual of a point, and the size of its terms.
 #[derive(Clone, Copy, Debug)]
 struct Accuracy {
     /// `max_i |z_i - P_K(z - w)_i|`.
     residual: f64,
-    /// That over the components in intervals alone.
+    /// The residual over the components in intervals only.
     intervals: f64,
     /// `max_i (|q| + |A| |z|)_i`.
     magnitude: f64,
-    /// The largest residual of a component over the size of that component's own terms.
+    /// The largest residual of a component, relative to the component's own terms.
     componentwise: f64,
-    /// The largest relative residual of a block; see [`gauge`].
+    /// The largest relative residual of a block; see [`residual`].
     blockwise: f64,
 }
 
@@ -95,7 +95,7 @@ impl Accuracy {
         blockwise: f64::NAN,
     };
 
-    /// The larger of the residual over the intervals against their terms, and that of the worst block.
+    /// The larger of the relative residual over the intervals and that of the worst block.
     fn relative(&self) -> f64 {
         if self.intervals == 0.0 { self.blockwise } else { self.blockwise.max(self.intervals / self.magnitude) }
     }
@@ -104,13 +104,14 @@ impl Accuracy {
         self.relative() <= TOLERANCE
     }
 
-    /// False also if this is NaN.
+    /// Compares the componentwise residuals; false if `self` is NaN.
     fn is_closer_than(&self, other: &Self) -> bool {
         self.componentwise < other.componentwise
     }
 
-    /// Whether a point is better: far from a solution by its residual, where all rows are equal; among solutions by its worst
-    /// row, which the residual does not see where the terms of that row are small. False also if this is NaN.
+    /// Whether a point is better than another: by its residual if neither is a solution, where all rows count equally;
+    /// among solutions by its worst row, which the residual does not show if the terms of that row are small. False if
+    /// `self` is NaN.
     fn improves_on(&self, other: &Self) -> bool {
         match (self.is_solved(), other.is_solved()) {
             (true, true) => self.is_closer_than(other),
@@ -126,7 +127,7 @@ impl Accuracy {
 }
 
 impl AffineVi<'_> {
-    /// Whether every number is finite and `K` has a point.
+    /// Whether all data are finite and `K` is nonempty.
     fn is_sound(&self) -> bool {
         self.set.is_nonempty() && self.matrix.iter().chain(self.q).all(|x| x.is_finite())
     }
@@ -141,9 +142,9 @@ impl AffineVi<'_> {
         }
     }
 
-    /// Scales `S` that bring `z` and `S w` to one unit: the inverse of the largest entry of `A` within a block, or else
-    /// within its rows; one where those are zero. Where `q` alone moves a point further than across the block the scale is
-    /// that which moves it so far: a projection from far away loses its digits.
+    /// Scales `S` that give `z` and `S w` one unit: the inverse of the largest entry of `A` within a block, or of its
+    /// rows if the block is zero; one if those are zero. If `q` alone would move a point by more than the size of the
+    /// block, the scale limits the move to that size: a projection from far away loses its digits.
     fn scales(&self, scale: &mut Vec<f64>) {
         let m = self.q.len();
         let inverse = |largest: f64| if largest > 0.0 { 1.0 / largest } else { 1.0 };
@@ -165,8 +166,8 @@ impl AffineVi<'_> {
         }
     }
 
-    /// Writes `w = A z + q`, with `|A| |z| + |q|` beside it, and measures how well `z` solves the problem in the
-    /// components that lie in intervals.
+    /// Writes `w = A z + q` and `terms = |A| |z| + |q|`, and measures the residual of `z` in the components that lie in
+    /// intervals.
     fn measure(&self, z: &[f64], w: &mut [f64], terms: &mut [f64]) -> Accuracy {
         let m = self.q.len();
         for ((w, terms), &q) in w.iter_mut().zip(terms.iter_mut()).zip(self.q) {
@@ -199,25 +200,25 @@ impl AffineVi<'_> {
     }
 }
 
-/// How a solver ended.
+/// The outcome of a solver.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
     /// The residual is below the tolerance.
     Solved,
-    /// Lemke's path went to infinity: for a copositive-plus matrix there is no solution; otherwise none was found.
+    /// Lemke's path went to infinity: for a copositive-plus matrix no solution exists; otherwise none was found.
     Ray,
     /// A bound on the work was reached; the best point so far is returned.
     Limit,
-    /// Numbers ceased to be finite, or a needed matrix was singular.
+    /// A value is not finite, or a required matrix is singular.
     Breakdown,
-    /// The method is not made for such a set or matrix; nothing was tried.
+    /// The set or the matrix does not suit the method; nothing was tried.
     Unsuitable,
     /// [`Control`] asked to stop; the best point so far is returned.
     Interrupted,
 }
 
 impl Outcome {
-    /// A stable word for programs.
+    /// A stable identifier for programs.
     pub fn name(self) -> &'static str {
         match self {
             Self::Solved => "solved",
@@ -230,35 +231,35 @@ impl Outcome {
     }
 }
 
-/// What a solver did.
+/// The result of a solver.
 #[derive(Clone, Copy, Debug)]
 pub struct Report {
-    /// How it ended.
+    /// The outcome.
     pub outcome: Outcome,
     /// `max_i |z_i - P_K(z - A z - q)_i|` at the returned point, unscaled.
     pub residual: f64,
-    /// Pivots or Newton iterations; zero where the start was the answer.
+    /// Pivots or Newton iterations; zero if the start was the solution.
     pub iterations: usize,
 }
 
 impl Report {
-    /// What is said of a problem whose numbers are not finite, or whose intervals are empty.
+    /// The report of a problem with values that are not finite, or with empty intervals.
     const BREAKDOWN: Self = Self { outcome: Outcome::Breakdown, residual: f64::NAN, iterations: 0 };
 
-    /// What is said of a problem for which the method is not made.
+    /// The report of a problem that does not suit the method.
     const UNSUITABLE: Self = Self { outcome: Outcome::Unsuitable, residual: f64::NAN, iterations: 0 };
 }
 
 /// A solver of affine variational inequalities.
 pub trait ViSolver: Send {
-    /// The name users see in `vi_solver` and in the diagnostics.
+    /// The name in `vi_solver` and in the diagnostics.
     fn name(&self) -> &'static str;
 
-    /// Solves, starting from `z` where a start helps, and leaves the answer in `z`. Long work is given up where `control`
-    /// asks for it.
+    /// Solves, starting from `z` if the method uses a start, and writes the result to `z`. Stops early if `control`
+    /// asks to.
     fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report;
 
-    /// Which solvers were tried for the last problem, in order, and how each ended; empty where there is no choice.
+    /// The solvers tried for the last problem, in order, with their outcomes; empty if there is no choice.
     fn attempts(&self) -> &[Attempt] {
         &[]
     }

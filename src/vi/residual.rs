@@ -1,31 +1,31 @@
-//! How well a point solves an affine variational inequality over any set.
+//! The relative residual of a point for an affine variational inequality over any set.
 //!
-//! Components in intervals are judged by the natural map as it is. In a block the units of `z` and `w` come together,
-//! so there the natural map is taken with `s w` for `w`, where `s = |z| / (|q| + |A| |z|)`, and judged against `|z|`:
+//! Components in intervals are judged by the natural map itself. A block combines the units of `z` and `w`, so the
+//! natural map is taken with `s w` in place of `w`, where `s = |z| / (|q| + |A| |z|)`, and measured relative to `|z|`:
 //!
 //! ```text
 //! |z - P(z - s w)| <= tolerance |z|
 //! ```
 //!
-//! says that a change of `z` and one of `w`, each within the tolerance of its own size, make `z` a solution.
+//! means that a change of `z` and one of `w`, each within the tolerance of its own size, make `z` a solution.
 
 use super::{Accuracy, AffineVi};
 use problem::Workspace;
 
-/// A point below this fraction of what the data ask for is zero.
+/// A point below this fraction of the size that the data imply counts as zero.
 const NOTHING: f64 = 1e-13;
 
-/// Room for a measurement.
+/// Evaluator of residuals, with its workspace.
 #[derive(Debug, Default)]
 pub(super) struct Gauge {
-    /// `w` at the last point measured.
+    /// `w` at the last point.
     pub w: Vec<f64>,
     terms: Vec<f64>,
     work: Workspace,
 }
 
 impl Gauge {
-    /// Measures how well `z` solves the problem.
+    /// Evaluates the residuals of `z`.
     pub fn measure(&mut self, vi: &AffineVi<'_>, z: &[f64]) -> Accuracy {
         let Self { w, terms, work } = self;
         w.resize(z.len(), 0.0);

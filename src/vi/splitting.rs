@@ -4,8 +4,8 @@
 //! x = (I + S A)^-1 (y - S q),    z = P_K(2 x - y),    y <- y + z - x
 //! ```
 //!
-//! which converges for every monotone `A` wherever there is a solution, at a linear rate that may be slow (Lions and
-//! Mercier 1979, *Splitting algorithms for the sum of two nonlinear operators*). `S` is one positive scale a block.
+//! which converges for every monotone `A` if a solution exists, at a linear rate that may be slow (Lions and Mercier
+//! 1979, *Splitting algorithms for the sum of two nonlinear operators*). `S` is one positive scale for each block.
 
 use super::AffineVi;
 use nalgebra::DMatrix;
@@ -21,7 +21,7 @@ pub(super) struct Splitting {
 }
 
 impl Splitting {
-    /// Starts at `z`, where `w` belongs to it. `None` if `I + S A` is singular.
+    /// Starts at `z`, with its value `w`. `None` if `I + S A` is singular.
     pub fn new(vi: &AffineVi<'_>, scale: &[f64], z: &[f64], w: &[f64]) -> Option<Self> {
         let m = z.len();
         let resolvent = DMatrix::from_fn(m, m, |i, j| f64::from(i == j) + scale[i] * vi.matrix[(i, j)]);
@@ -30,7 +30,7 @@ impl Splitting {
         Some(Self { inverse, y, x: vec![0.0; m], work: Workspace::default() })
     }
 
-    /// Makes so many iterations and writes the last point, of `K`, into `z`.
+    /// Makes `times` iterations and writes the last point, in `K`, to `z`.
     pub fn iterate(&mut self, vi: &AffineVi<'_>, scale: &[f64], times: usize, z: &mut [f64]) {
         for _ in 0..times {
             self.x.fill(0.0);

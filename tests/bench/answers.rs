@@ -1,8 +1,8 @@
-//! Answers from a long result of 10^6 times and ten fields: `cargo bench --bench answers`.
+//! Responses with a long result of 10^6 times and ten fields: `cargo bench --bench answers`.
 //!
-//! First excerpts in every form, the time to the first byte and to the last of each, the least and the most of several rounds,
-//! beside what the machine takes to read a file of that size; then slow readers of the whole at once, and the most memory that
-//! the front held meanwhile; then a job that goes on from the end of the first.
+//! First, excerpts in every representation: the times to the first and to the last byte, the shortest and the longest
+//! of several rounds, and for comparison the time to read a file of that size. Then, concurrent slow readers of the
+//! whole result, and the peak memory of the front. Then, a job that continues the first one from its end.
 
 #[path = "../service/process.rs"]
 mod process;
@@ -76,7 +76,7 @@ fn main() {
     let mut readers: Vec<_> = readers.into_iter().map(|reader| (reader, vec![0; 4096])).collect();
     while begun.elapsed() < Duration::from_secs(20) {
         for (reader, piece) in &mut readers {
-            // A piece now and then: a reader that takes nothing is cut off.
+            // Read a piece now and then, since a client that reads nothing is cut off.
             let _ = reader.read(piece);
         }
         most = most.max(server.resident_kib());
@@ -95,7 +95,7 @@ fn main() {
     println!("continued in {:.1} ms", 1e3 * begun.elapsed().as_secs_f64());
 }
 
-/// What came of a request.
+/// The measurements of a response.
 struct Met {
     first: Duration,
     last: Duration,

@@ -1,5 +1,5 @@
-//! What a frictional contact problem costs: one contact exactly, three coupled contacts cold and warm, and problems of
-//! the FCLIB collection from rest. `cargo bench -p dvi-vi --bench coulomb`.
+//! Time to solve frictional contact problems: one contact in closed form, three coupled contacts with cold and warm
+//! starts, and problems of the FCLIB collection from zero. `cargo bench -p dvi-vi --bench coulomb`.
 
 #[path = "../fclib/collection.rs"]
 mod collection;
@@ -9,10 +9,10 @@ use dvi::problem::Control;
 use dvi::vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, solve_contact};
 use nalgebra::{Matrix3, SMatrix, Vector3};
 
-/// Problems that a bench goes through in turn, so that no branch predictor learns one by heart.
+/// The number of problems that a bench solves in turn, so that no branch predictor learns one of them.
 const PROBLEMS: usize = 64;
 
-/// The change of `q` from one problem to the next, as from one time step to the next.
+/// The change of `q` from one problem to the next, as between time steps.
 const CHANGE: f64 = 0.01;
 
 fn main() {
@@ -28,7 +28,7 @@ fn number(state: &mut u64) -> f64 {
     ((x ^ (x >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
 }
 
-/// Contacts that close, and stick or slip.
+/// A free velocity that closes the contact, with sticking or slipping friction.
 fn closing(state: &mut u64) -> Vector3<f64> {
     Vector3::new(-1.0 - number(state).abs(), 2.0 * number(state), 2.0 * number(state))
 }
@@ -50,7 +50,7 @@ fn one_contact(bencher: Bencher) {
     });
 }
 
-/// Three contacts of one body with six degrees of freedom: a tripod, singular.
+/// Three contacts of one body with six degrees of freedom: a tripod, with a singular Delassus operator.
 fn tripods() -> Vec<CoulombProblem> {
     let mut state = 2;
     let jacobian = SMatrix::<f64, 9, 6>::from_fn(|_, _| number(&mut state));

@@ -1,5 +1,5 @@
-//! A chain of diffusion, `x_i' = c (x_{i-1} - 2 x_i + x_{i+1})`, of up to 1e5 states: a whole run, beside what its
-//! factorisations and solutions cost alone. `cargo bench -p dvi-models --bench diffusion`.
+//! A diffusion chain, `x_i' = c (x_{i-1} - 2 x_i + x_{i+1})`, with up to 1e5 states: the time of a whole run, and of
+//! its factorisations and solves alone. `cargo bench -p dvi-models --bench diffusion`.
 
 use divan::{Bencher, black_box};
 use expression::Graph;
@@ -13,7 +13,7 @@ use radau::{Radau, RejectionCause, Settings, StageChoice, Switches, Tableau, Wor
 use std::f64::consts::PI;
 use vi::SolverKind;
 
-/// That of the program.
+/// The allocator of the program.
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
@@ -61,13 +61,13 @@ fn settings(n: usize) -> Settings {
     }
 }
 
-/// Two sine waves, of which the fast one dies out at once.
+/// Two sine waves, of which the fast one decays at once.
 fn start(n: usize) -> Vec<f64> {
     let x = |i: usize| (i + 1) as f64 / (n + 1) as f64;
     (0..n).map(|i| (PI * x(i)).sin() + (20.0 * PI * x(i)).sin()).collect()
 }
 
-/// A run to the end: what it counted, and how often a real system was solved for the error estimate.
+/// A run to the end: its work counters, and the number of real solves for the error estimate.
 fn integrate(problem: &mut Linear, x: &[f64]) -> (Work, u64) {
     let control = Control::new();
     let mut radau = Radau::new(problem, settings(x.len()), 0.0, x, END, &control).expect("a start");
@@ -96,7 +96,7 @@ fn matrices(n: usize) -> (SparseMatrix, SparseMatrix<Complex<f64>>) {
     (real.expect("places inside"), complex.expect("places inside"))
 }
 
-/// The factorisations and solutions of a run that counted so much, and nothing else.
+/// The factorisations and solves of a run with these counters, and nothing else.
 fn factor_and_solve(
     (real, complex): &(SparseMatrix, SparseMatrix<Complex<f64>>),
     (work, estimates): (Work, u64),

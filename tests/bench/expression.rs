@@ -33,7 +33,7 @@ impl System {
         Self { parameters: Vec::new(), rates: (1..=n).map(rate).collect() }
     }
 
-    /// The graph of the rates, then also of their derivatives row by row.
+    /// The graph of the rates, and if wanted of their derivatives row by row.
     fn outputs(&self, with_jacobian: bool) -> (Graph, Vec<Node>) {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         for &(name, value) in &self.parameters {
@@ -69,7 +69,7 @@ impl System {
 /// A right-hand side with its name.
 type Named = (&'static str, fn() -> System);
 
-/// The programs that are evaluated at the stages of a step.
+/// The programs evaluated at the stages of a step.
 const PROGRAMS: [Named; 7] = [
     ("van der Pol", System::van_der_pol),
     ("friction belt", || System::new(&[("c", 0.1)], &["y2", "-c*y2 - y1 - y3", "-(y2 - 0.5)"])),
@@ -86,7 +86,7 @@ fn at_stages() -> impl Iterator<Item = String> {
     programs.flat_map(|(name, _)| [3, 5, 7].map(|stages| format!("{name}, {stages} stages")))
 }
 
-/// Evaluates the rates of one of them at its stages, side by side or one after the other.
+/// Evaluates the rates of a program at its stages, in one batch or one after the other.
 fn evaluate_at_stages(bencher: Bencher, case: &str, side_by_side: bool) {
     let (name, stages) = case.rsplit_once(", ").expect("a program and stages");
     let stages: usize = stages[..1].parse().expect("a number of stages");
@@ -108,7 +108,7 @@ fn evaluate_at_stages(bencher: Bencher, case: &str, side_by_side: bool) {
     }
 }
 
-/// Shows allocations beside the times: evaluation makes none.
+/// Counts allocations in addition to times: evaluation makes none.
 #[global_allocator]
 static ALLOCATIONS: AllocProfiler = AllocProfiler::system();
 

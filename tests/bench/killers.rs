@@ -1,8 +1,9 @@
-//! Few words that declare much: what they take of the service while they are checked. `cargo bench --bench killers`.
+//! Short requests that declare a lot of work: the resources that the service needs to check them.
+//! `cargo bench --bench killers`.
 //!
-//! Beside each request, sent by four clients at once, stand the time until the last of them is answered, the slowest
-//! `GET /healthz` meanwhile, the most memory that the process held, and how often there was which answer: 200, the name of a
-//! problem, or none. No check and no solve may take longer than 20 seconds.
+//! Each request is sent by four clients at the same time. The table has the time until the last of them is answered,
+//! the slowest `GET /healthz` meanwhile, the peak memory of the process, and the count of each response: 200, the name
+//! of a problem, or none. No check and no solve may take longer than 20 seconds.
 
 #[path = "../service/process.rs"]
 mod process;
@@ -61,7 +62,7 @@ fn main() {
     }
 }
 
-/// What came of a request that several clients sent at once.
+/// The measurements of a request sent by several clients.
 struct Met {
     time: Duration,
     slowest: Duration,
@@ -98,7 +99,7 @@ fn meet(server: &Server, path: &str, text: &str) -> Met {
     })
 }
 
-/// An answer in a word.
+/// A response as one word.
 fn name(answer: Option<Answer>) -> String {
     match answer {
         None => "none".to_owned(),

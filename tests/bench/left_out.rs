@@ -1,9 +1,9 @@
-//! What is gained by parts that a problem does not need and that are not built (`diagnostics.left_out`): the same scene as it
-//! is, and with an inert stand-in that forces the part in. `cargo bench --bench left_out`.
+//! The time gained by parts that a problem does not need and that are not built (`diagnostics.left_out`): each system
+//! is solved as it is, and with an inert stand-in that forces the part in. `cargo bench --bench left_out`.
 //!
-//! The stand-ins change nothing: a variable that never leaves zero, a mass of two with twice the rates, friction and
-//! restitution of 1e-12, a term of 1e-300, an obstacle far below. The two runs take turns, and the last column says how far
-//! their ends lie apart.
+//! The stand-ins change nothing: a variable that stays at zero, a mass of two with twice the rates, friction and
+//! restitution of 1e-12, a term of 1e-300, an obstacle far below. The two runs take turns, and the last column is the
+//! difference of their final values.
 //!
 //! | forced in                                                             | times the run without |
 //! |-----------------------------------------------------------------------|-----------------------|
@@ -18,7 +18,7 @@ use dvi::specification::Specification;
 use serde_json::{Value, json};
 use std::time::Instant;
 
-/// Turns; the medians are told.
+/// The number of runs of each; the medians are printed.
 const TURNS: usize = 15;
 
 fn main() {
@@ -51,7 +51,7 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-/// What is left out, the scene as it is, and with the part forced in.
+/// The name of the part left out, the system as it is, and the system with the part forced in.
 fn scenes() -> [(&'static str, Value, Value); 9] {
     let van_der_pol = |factor: u32| {
         json!({"states": {"x": {"initial": 2, "rate": format!("{factor}*y")},

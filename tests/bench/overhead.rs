@@ -1,11 +1,12 @@
-//! What the service costs beside an echo of the same body: `cargo bench --bench overhead`, which drives both with `wrk`
-//! in turns, so that both see the same machine. A *repeated* text is answered as it was before; a *solve* is made of it at a glance
-//! all the same, as `Cache-Control: no-cache` asks; *other* ones have other numbers for the parameters of a structure that was
-//! seen before, and *new* ones are read anew; *queued* ones have a key, so that they wait for their turn; *stored* jobs are
-//! asynchronous: on the disk before they are answered. *Flush* is what one flush for each group of them would allow, a group
-//! being one job of each connection: their bytes are appended to a file and synced, again and again.
+//! The throughput of the service, compared with an echo of the same body: `cargo bench --bench overhead`, which drives
+//! both with `wrk` in turns, so that both see the same load of the machine. A *repeated* text gets its stored solution;
+//! a *solve* of the text is made inline all the same, as `Cache-Control: no-cache` asks; *other* texts have other
+//! parameter values in a structure seen before, and *new* ones are compiled afresh; *queued* ones have a key, so that
+//! they wait for their turn; *stored* jobs are asynchronous: on the disk before the response. *Flush* is the bound set
+//! by one disk flush per group of stored jobs, one job of each connection: their bytes are appended to a file and
+//! synced, again and again.
 //!
-//! *Unlogged* is a solve without its lines in the log. Words after `--` choose among these, and numbers among those of
+//! *Unlogged* is a solve without its log lines. Words after `--` select among these, and numbers select the numbers of
 //! connections.
 
 use axum::Router;
@@ -33,7 +34,7 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::reload;
 use tracing_subscriber::util::SubscriberInitExt;
 
-/// That of the program.
+/// The allocator of the program.
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
@@ -42,10 +43,10 @@ const BODY: &str =
 const SECONDS: u32 = 3;
 const ROUNDS: usize = 3;
 
-/// A solve for every request, whatever came before.
+/// A script that demands a solve for every request.
 const ANEW: &str = "wrk.headers[\"cache-control\"] = \"no-cache\"\n";
 
-/// Another value of the parameter for every request.
+/// A script with another parameter value for every request.
 const OTHER: &str = r#"
 local n = 0
 request = function()
@@ -53,7 +54,7 @@ request = function()
   return wrk.format(nil, nil, nil, (wrk.body:gsub('"k":1', '"k":1.' .. n)))
 end"#;
 
-/// Another rate for every request.
+/// A script with another rate for every request.
 const NEW: &str = r#"
 local n = 0
 request = function()
@@ -61,7 +62,7 @@ request = function()
   return wrk.format(nil, nil, nil, (wrk.body:gsub('k%*x', 'k*x*1.' .. n)))
 end"#;
 
-/// A key of its own for every request.
+/// A script with a new key for every request.
 const KEYS: &str = r#"
 local run, n = os.time(), 0
 request = function()
@@ -71,7 +72,7 @@ request = function()
 end"#;
 
 fn main() {
-    // As the program logs, so that what is measured is what it does.
+    // Log as the program does, so that the measurement includes it.
     let log = Log::start(std::io::stderr()).expect("a thread");
     let (filter, logged) = reload::Layer::new(LevelFilter::INFO);
     let lines = tracing_subscriber::fmt::layer().with_writer(move || log.line()).with_ansi(false);
@@ -135,12 +136,12 @@ fn main() {
             println!("{connections:>12} {name:>8} {p50:>10} {rate:>12.0} {cpu:>16.1}");
         }
     }
-    // It is in the temporary folder, where it may stay if it must.
+    // If it cannot be removed, it stays in the temporary folder.
     let _ = std::fs::remove_dir_all(folder);
     runtime.shutdown_background();
 }
 
-/// What `wrk` is to send.
+/// Writes a script for `wrk`.
 fn script(folder: &Path, name: &str, prefer: &str, more: &str) -> PathBuf {
     let path = folder.join(name).with_extension("lua");
     let headers =
@@ -150,10 +151,10 @@ fn script(folder: &Path, name: &str, prefer: &str, more: &str) -> PathBuf {
     path
 }
 
-/// The time of a flush of a group of so many jobs, and how many jobs a second that allows.
+/// The time of a flush of `group` jobs, and the resulting number of jobs per second.
 fn flushes(folder: &Path, group: usize) -> (f64, f64) {
     let mut file = std::fs::File::create(folder.join("flushes")).expect("a file");
-    // The rows of a job and its specification.
+    // The rows and specifications of the jobs.
     let bytes = vec![7; group * 1024];
     let (start, mut count) = (Instant::now(), 0_u32);
     while start.elapsed().as_secs() < u64::from(SECONDS) {
@@ -164,8 +165,7 @@ fn flushes(folder: &Path, group: usize) -> (f64, f64) {
     (seconds, group as f64 / seconds)
 }
 
-/// The processor time of this process and of its workers, which other work on the machine disturbs less than it does the
-/// clock.
+/// The CPU time of this process and of its workers, which other load on the machine disturbs less than elapsed time.
 fn cpu_seconds() -> f64 {
     let own = std::process::id();
     let processes = std::fs::read_dir("/proc").expect("Linux").filter_map(Result::ok);
@@ -199,7 +199,7 @@ fn start_echo(runtime: &Runtime) -> SocketAddr {
     let router = Router::new().route("/solve", post(async |body: Bytes| body));
     runtime.spawn(async move {
         while let Ok((stream, _)) = listener.accept().await {
-            // Nothing is measured before it is set.
+            // A failure shows when the connection is used.
             let _ = stream.set_nodelay(true);
             let router = router.clone();
             let service = service_fn(move |request: hyper::Request<Incoming>| router.clone().call(request));

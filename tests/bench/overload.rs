@@ -1,8 +1,9 @@
-//! Ten times more than the service can do, for a minute: `cargo bench --bench overload`; `SECONDS=5` before it for less.
+//! Ten times more load than the service can handle, for a minute: `cargo bench --bench overload`, or `SECONDS=5` for
+//! less.
 //!
-//! `wrk` sends jobs of some milliseconds as fast as it is answered, now and then one to be waited for. What must come of it:
-//! every answer is a result, an acceptance, or a refusal with a time to come back after; every job that was accepted is solved;
-//! and the memory of the program does not grow. Each is asserted but the last, which is printed as it goes.
+//! `wrk` sends jobs of some milliseconds as fast as it is answered, now and then a synchronous one. The requirements:
+//! every response is a result, an acceptance, or a refusal with a time to retry; every accepted job is solved; and the
+//! memory of the program does not grow. All but the last are asserted; the memory is printed during the run.
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -12,7 +13,7 @@ use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::Duration;
 
-/// What `wrk` does; at its end it says how often it was answered how.
+/// The script for `wrk`, which prints the count of each response at its end.
 const SCRIPT: &str = r#"
 local turn, results, acceptances, refusals, others = 0, 0, 0, 0, 0
 local body = '{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x + cos(300*t)"}}}},"time":{"end":10},"output":{"times":{"count":11}}}'
@@ -74,11 +75,11 @@ fn main() {
     assert!(solved >= results + acceptances, "an accepted job was not solved");
     assert_ended(&address);
     stop(server);
-    // It is in the temporary folder, where it may stay if it must.
+    // If it cannot be removed, it stays in the temporary folder.
     let _ = std::fs::remove_dir_all(folder);
 }
 
-/// Every job that is known has been solved, or was dismissed because `wrk` went away at its end.
+/// Asserts that every known job has been solved, or was dismissed because `wrk` went away at its end.
 fn assert_ended(address: &str) {
     let mut path = "/jobs?limit=1000".to_owned();
     loop {
@@ -93,12 +94,12 @@ fn assert_ended(address: &str) {
     }
 }
 
-/// The program, ended with the bench however that ends.
+/// The program, killed when it is dropped.
 struct Server(Child);
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // Fails if the program has ended by itself.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
@@ -125,14 +126,14 @@ fn stop(mut server: Server) {
     assert!(asked.success() && server.0.wait().expect("its end").success());
 }
 
-/// The memory that the program holds, in MiB.
+/// The resident memory of the program, in MiB.
 fn resident(server: &Server) -> f64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", server.0.id())).expect("Linux");
     let kib = status.lines().find_map(|line| line.strip_prefix("VmRSS:")?.split_whitespace().next()?.parse().ok());
     kib.map_or(f64::NAN, |kib: f64| kib / 1024.0)
 }
 
-/// A figure of `GET /metrics`, zero before it is first counted.
+/// The value of a metric in `GET /metrics`, zero if it has not been counted yet.
 fn figure(address: &str, name: &str) -> f64 {
     let (_, text) = get(address, "/metrics");
     let value = text.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(' ')?.parse().ok());

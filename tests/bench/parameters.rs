@@ -1,17 +1,17 @@
-//! What it takes to bind other values to the parameters of a problem, against reading it anew with these values: the diode
-//! bridge with its components as parameters, as matrices and as expressions, and a dense nonlinear system of 100 states.
-//! `cargo bench --bench parameters`.
+//! The time to bind new values to the parameters of a problem, against compiling it afresh with these values: the diode
+//! bridge with its components as parameters, as matrices and as expressions, and a dense nonlinear system of 100
+//! states. `cargo bench --bench parameters`.
 //!
-//! Told are the model alone (`with_parameters` of a model: what a sweep does for each member) and the specification with its
-//! checks at the start and its analysis, each against reading the text; and evaluations of rows and Jacobian, and reading, with
-//! the parameters as inputs against the same with numbers in their place.
+//! The table has the times for the model alone (`with_parameters` of a model, as used for each member of a sweep) and
+//! for the specification with its checks at the start and its analysis, each against compiling the text; and the times
+//! to evaluate rows and Jacobian, and to compile, with the parameters as inputs against numbers in their place.
 
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Turns; the medians are told.
+/// The number of runs of each; the medians are printed.
 const TURNS: usize = 31;
 
 fn main() {
@@ -65,7 +65,7 @@ fn seconds<T>(run: impl FnOnce() -> T) -> f64 {
     seconds
 }
 
-/// A thousand evaluations of rows and Jacobian.
+/// The time of a thousand evaluations of rows and Jacobian.
 fn evaluations(specification: &Specification) -> f64 {
     let model = specification.model().dvi().expect("a problem");
     let (structure, mut problem) = (model.structure(), model.problem());
@@ -86,7 +86,7 @@ fn median(mut times: Vec<f64>) -> f64 {
     times[times.len() / 2]
 }
 
-/// The document with its parameters, which are numbers, written into all expressions.
+/// The document with the values of its numeric parameters written into all expressions.
 fn folded(document: Value) -> Value {
     let problem = document["problem"].as_object().and_then(|problem| problem.values().next()).expect("a type");
     let parameters: Vec<(String, f64)> = problem["parameters"]
@@ -127,7 +127,7 @@ fn folded(document: Value) -> Value {
     document
 }
 
-/// Problems, each with the parameter that varies.
+/// The problems, each with the parameter that varies.
 fn problems() -> [(&'static str, Value, &'static str); 3] {
     let parameters = json!({"R": 1000, "C": 1e-6, "L": 0.01, "v0": 10});
     let time = json!({"end": 0.005});

@@ -1,6 +1,7 @@
-//! Clients that send nothing but hostile jobs, beside one that solves the belt: `cargo bench --bench siege` for ten minutes,
-//! `SECONDS=60` before it says otherwise. Told are the belts that failed, their latencies before and meanwhile, the most
-//! memory of the front, and what the others were answered. The front may not end, nor a belt fail.
+//! Clients that send only hostile jobs, beside one that solves the friction belt: `cargo bench --bench siege` for ten
+//! minutes, or `SECONDS=60`. The output has the number of failed belts, their latencies before and during the siege,
+//! the peak memory of the front, and the responses to the hostile clients. The front must not end, and no belt may
+//! fail.
 
 #[path = "../service/process.rs"]
 mod process;
@@ -18,10 +19,10 @@ const CLIENTS: usize = 8;
 /// The friction belt of the examples.
 const BELT: &str = include_str!("../../api/examples/friction_belt.json");
 
-/// The time that the belt is solved alone.
+/// The time for which the belt is solved without other load.
 const QUIET: Duration = Duration::from_secs(10);
 
-/// What asks for much in few words: memory, time, nodes, pairs, depth, and results that are too long; and what is none.
+/// Short requests for a lot of work: memory, time, nodes, pairs, depth, and long results; and invalid documents.
 fn hostile() -> Vec<(&'static str, String)> {
     let spheres = |count: usize| {
         json!({
@@ -108,16 +109,16 @@ fn main() {
     assert_eq!(beside.failed, 0);
 }
 
-/// How belts went.
+/// The results of the belts.
 struct Belts {
-    /// In milliseconds, the shortest first.
+    /// The latencies in milliseconds, in ascending order.
     times: Vec<f64>,
-    /// The slowest, with what the service says of their times.
+    /// The slowest latencies, each with the `Server-Timing` of the service.
     slowest: Vec<(f64, String)>,
     failed: usize,
 }
 
-/// Of so many it is told where their times went.
+/// The number of slowest belts whose timing is printed.
 const SLOWEST: usize = 20;
 
 impl Belts {
@@ -134,13 +135,13 @@ impl std::fmt::Display for Belts {
     }
 }
 
-/// The header with a new token.
+/// The authorization header with a new token.
 fn token(folder: &Folder, name: &str) -> String {
     let made = Command::new(DVI).args(["token", "create", "--name", name, "--data"]).arg(folder.path()).output();
     format!("authorization: Bearer {}\r\n", String::from_utf8_lossy(&made.expect("a token").stdout).trim())
 }
 
-/// Solves the belt ever anew.
+/// Solves the belt again and again.
 fn solve_belts(server: &Server, token: &str, time: Duration) -> Belts {
     let (start, mut belts) = (Instant::now(), Belts { times: Vec::new(), slowest: Vec::new(), failed: 0 });
     let headers = format!("{token}cache-control: no-cache\r\nprefer: wait=60\r\n");
@@ -161,7 +162,7 @@ fn solve_belts(server: &Server, token: &str, time: Duration) -> Belts {
     belts
 }
 
-/// Sends what is hostile, and cancels some of what was accepted; gives what it was answered, and how often.
+/// Sends hostile requests, and cancels some of the accepted jobs; returns the count of each response.
 fn besiege(
     server: &Server,
     token: &str,

@@ -1,5 +1,6 @@
-//! A thousand spheres settle in a box: time a step, depth of overlaps, residual of the contact law, over three seconds,
-//! each against its bar. `cargo bench --bench spheres -- 5` has five spheres a side instead of ten.
+//! A thousand spheres settle in a box: the time of a step, the depth of penetration and the residual of the contact
+//! law, over three seconds, each against its bound. `cargo bench --bench spheres -- 5` has five spheres a side instead
+//! of ten.
 //!
 //! The residual is the relative natural map of Coulomb's law,
 //! `|r - P_K(r - u - mu |u_t| n)|` over the largest of `|q|`, `|r|` and `|u|`.
@@ -12,7 +13,7 @@ use dvi::problem::Control;
 use heap::{H, RADIUS, SETTINGS};
 use std::time::Instant;
 
-/// What a step is to keep: milliseconds, the deepest overlap in radii, the residual.
+/// The bounds for a step: the time in milliseconds, the deepest penetration in radii, and the residual.
 const BARS: [f64; 3] = [30.0, 1e-4, 1e-6];
 
 fn main() {

@@ -1,4 +1,4 @@
-//! Small stiff problems of `tests/reference/smooth.json`, read, checked and solved from their text.
+//! Small stiff problems of `tests/reference/smooth.json`: the time to parse, check and solve each from its text.
 //! `cargo bench --bench stiff`.
 
 use divan::{Bencher, black_box};

@@ -1,5 +1,5 @@
-//! What one variational inequality costs, by solver and size: positive definite, nonsymmetric P, and degenerate
-//! contact problems of rank `m / 2`; over discs and cones as well. `cargo bench -p dvi-vi --bench vi`.
+//! Time to solve one variational inequality, by solver and size: positive definite, nonsymmetric P, and degenerate
+//! contact problems of rank `m / 2`; also over discs and cones. `cargo bench -p dvi-vi --bench vi`.
 
 use divan::{Bencher, black_box};
 use nalgebra::{DMatrix, DVector};
@@ -10,7 +10,7 @@ const SIZES: [usize; 7] = [2, 3, 6, 10, 50, 200, 500];
 
 const CONTACTS: [usize; 4] = [3, 9, 30, 150];
 
-/// Problems of one size that a bench goes through in turn, so that no branch predictor learns one by heart.
+/// The number of problems of one size that a bench solves in turn, so that no branch predictor learns one of them.
 const PROBLEMS: usize = 16;
 
 fn main() {
@@ -51,7 +51,7 @@ fn contact(m: usize, state: &mut u64) -> Problem {
     Problem { matrix: &j * j.transpose(), q: (j * v).as_slice().to_vec(), set: ConvexSet::nonnegative(m) }
 }
 
-/// Solves problems in turn, from zero or, `warm`, from their answers.
+/// Solves problems in turn, from zero or, if `warm`, from their solutions.
 fn run(bencher: Bencher, mut solver: impl ViSolver, family: fn(usize, &mut u64) -> Problem, m: usize, warm: bool) {
     let mut state = 1;
     let problems: Vec<_> = (0..PROBLEMS).map(|_| family(m, &mut state)).collect();
@@ -108,7 +108,7 @@ fn newton_nonsymmetric(bencher: Bencher, m: usize) {
     run(bencher, SemismoothNewton::new(m), nonsymmetric, m, false);
 }
 
-/// Discs and intervals in turn, three to a contact.
+/// Discs and intervals in turn, three variables to a contact.
 fn discs(m: usize, state: &mut u64) -> Problem {
     let mut problem = positive_definite(m, state);
     for contact in 0..m / 3 {
@@ -117,7 +117,7 @@ fn discs(m: usize, state: &mut u64) -> Problem {
     problem
 }
 
-/// Second-order cones of three.
+/// Second-order cones of dimension three.
 fn cones(m: usize, state: &mut u64) -> Problem {
     let mut problem = positive_definite(m, state);
     for contact in 0..m / 3 {

@@ -1,8 +1,8 @@
-//! Error against run time, in one run: stiff problems without variables and systems with switches, Radau IIA with its
-//! order chosen as it goes beside implicit Euler with the variational inequality at every step and no location of
-//! switches (the first-order time-stepping method).
+//! Error against run time, in one program: stiff problems without variables, and systems with switches; Radau IIA with
+//! adaptive order, beside implicit Euler with the variational inequality at every step and without event location (the
+//! first-order time-stepping method).
 //!
-//! `cargo bench --bench work_precision [-- NAME..]` prints a row a run, then the time at which each method reaches an
+//! `cargo bench --bench work_precision [-- NAME..]` prints a row per run, then the time in which each method reaches an
 //! error, interpolated between runs. Times are the least of several, in milliseconds.
 
 #[path = "../systems/reference.rs"]
@@ -14,21 +14,21 @@ use mimalloc::MiMalloc;
 use reference::{digits, example, read, switching};
 use serde_json::{Value, json};
 
-/// That of the program.
+/// The allocator of the program.
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
-/// A problem with its answer.
+/// A problem with its exact solution.
 struct Case {
     name: String,
     specification: Value,
-    /// What multiplies `rtol` to give `atol`.
+    /// The ratio of `atol` to `rtol`.
     atol_factor: f64,
-    /// States, their exact values at the end, and the least size that an error is measured by.
+    /// States, their exact final values, and the smallest scale by which an error is divided.
     end: Vec<(String, f64, f64)>,
 }
 
-/// An error and the time it took, in milliseconds.
+/// An error, and the run time in milliseconds.
 type Point = (f64, f64);
 
 fn smooth() -> Vec<Case> {
@@ -69,7 +69,7 @@ fn with_switches() -> Vec<Case> {
     systems.into_iter().map(case).collect()
 }
 
-/// Error and time of one run with this method.
+/// The error and the time of one run with this method.
 fn measure(case: &Case, method: Value) -> Option<(Point, u64)> {
     let mut document = case.specification.clone();
     document["method"] = method;
@@ -96,7 +96,8 @@ fn measure(case: &Case, method: Value) -> Option<(Point, u64)> {
     }
 }
 
-/// The time at which an error is reached: between the two runs around it, both logarithmic; the cheapest that does.
+/// The time at which an error is reached: log-log interpolation between the two runs around it; the least if several
+/// do.
 fn time_at(points: &[Point], target: f64) -> Option<f64> {
     let crossing = |pair: &[Point]| {
         let ((e0, t0), (e1, t1)) = (pair[0], pair[1]);

@@ -1,4 +1,4 @@
-//! Jobs that have ended, again and further.
+//! Retrying and continuing jobs that have ended.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, halving, instant, one_worker};
 use axum::http::StatusCode;
@@ -12,7 +12,7 @@ async fn post(site: &Site, path: &str, body: &str) -> Reply {
     Call::post(path, body.to_owned()).send(site).await
 }
 
-/// The path of a job that has ended, and its status.
+/// The path and the status of a job that was accepted, once it has ended.
 async fn accepted(site: &Site, reply: &Reply) -> (String, Value) {
     assert_eq!(reply.status, StatusCode::ACCEPTED, "{}", reply.text());
     let path = reply.header("location").to_owned();
@@ -26,7 +26,7 @@ async fn solved(site: &Site, document: &Value) -> (String, Value) {
 
 #[tokio::test]
 async fn a_job_that_failed_is_tried_again_as_another() {
-    // At a glance, and by its worker.
+    // Fails twice: in the inline solve and in the worker.
     let calls = AtomicUsize::new(0);
     let solver: Solver = Arc::new(move |_, _| {
         assert!(calls.fetch_add(1, Relaxed) > 1, "on purpose");
@@ -98,7 +98,7 @@ fn last(results: &Value, column: &str) -> f64 {
         .unwrap()
 }
 
-/// Solves a problem to the end, and in two parts, and asserts that the columns end alike.
+/// Solves a problem as a whole and in two parts, and asserts that the columns have the same final values.
 async fn assert_continues(problem: Value, method: Value, end: f64, columns: &[&str], tolerance: f64) {
     let site = Site::new(one_worker(), Arc::new(dvi::solve));
     let document = |end: f64| json!({"problem": problem, "method": method, "time": {"end": end}});
@@ -162,7 +162,7 @@ async fn charge_and_flux_go_on_in_a_circuit() {
 
 #[tokio::test]
 async fn a_relay_goes_on_across_its_switches_and_along_them() {
-    // It reaches its surface at about 1.3: the first half ends before that, and then while it slides.
+    // The surface is reached at about 1.3: the first part ends before that time, and then while the solution slides.
     let problem = json!({"filippov": {"states": {"x": {"initial": 1.2, "plus": "-1 + 0.2*y", "minus": "1 + 0.2*y"},
         "y": {"initial": 0.5, "plus": "cos(t) - 0.1*x", "minus": "cos(t) + 1"}}, "surface": "x"}});
     let method = json!({"rtol": 1e-9, "atol": 1e-10});
@@ -179,7 +179,8 @@ async fn a_relay_goes_on_across_its_switches_and_along_them() {
 
 #[tokio::test]
 async fn a_complementarity_system_goes_on_with_its_active_set() {
-    // A mass on a spring that meets a stiff one-sided spring at the origin: the first half ends within it, and without.
+    // A mass on a spring with a stiff one-sided spring at the origin: the first part ends in contact, and without
+    // contact.
     let problem = json!({"lcs": {"initial": ["0.2", "0"], "A": [[0, 1], [-1, -0.1]], "B": [[0], [1]], "C": [[1, 0]], "D": [[0.05]],
         "set": [{"box": {"of": ["z1"], "lower": 0}}]}});
     for end in [3.6, 6.0] {

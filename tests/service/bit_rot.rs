@@ -1,4 +1,4 @@
-//! Bits that a disk has changed: what they stood for is told as damaged, and never served as what was stored.
+//! Flipped bits on the disk: the affected data are reported as damaged, and never served as intact.
 
 use crate::harness::DECAY;
 use crate::process::{Folder, Server};
@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Flips of one bit; `DVI_FLIPS` asks for more.
+/// The number of flips of one bit each; `DVI_FLIPS` sets a larger one.
 const FLIPS: usize = 200;
 
-/// Flips between one start and the next.
+/// The number of flips between two starts.
 const AT_ONCE: usize = 10;
 
-/// What is asked of every job.
+/// The requests for every job.
 const PARTS: [&str; 3] = ["", "/specification", "/results"];
 
 #[test]
@@ -22,7 +22,7 @@ fn no_flipped_bit_is_served_as_truth() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);
     let accept = |k: usize| {
-        // Some results are files, and most are in the table.
+        // Every fifth result is long and so in a file; the others are in the table.
         let times = if k.is_multiple_of(5) { r#","output":{"times":{"count":5001}}"# } else { "" };
         let document =
             DECAY.replace("-x", &format!("-{}*x", 1 + k)).replace("\"time\"", "\"label\":\"a decay\",\"time\"");
@@ -64,7 +64,7 @@ fn no_flipped_bit_is_served_as_truth() {
             for (part, told) in PARTS.iter().zip(told) {
                 let answer = server.get(&format!("{path}{part}"));
                 match answer.status {
-                    // A job of which something is damaged says so.
+                    // The status of a job with damaged parts.
                     200 if answer.body.contains("damaged: ") && part.is_empty() => damaged += 1,
                     200 => {
                         assert_eq!(answer.body, *told, "round {round}: {path}{part} is wrong");
@@ -78,7 +78,7 @@ fn no_flipped_bit_is_served_as_truth() {
                 }
             }
         }
-        // It goes on working: what comes in now is solved, also where a page that is damaged was in the way of its row.
+        // The service still works: a new job is solved, even if a damaged page was in the way of its row.
         server.reaches(&server.accept(DECAY), &["successful"]);
         rebuilt += u32::from(!server.get("/metrics").body.contains("dvi_store_rebuilds_total 0\n"));
     }
@@ -118,15 +118,15 @@ fn damaged_results_stay_where_they_are_and_are_shown_again_when_they_are_put_bac
     assert_eq!(server.get(&path).json()["trusted"], true);
 }
 
-/// The bytes of a page of redb, and the first of one that holds rows.
+/// The size of a redb page in bytes, and the first byte of a leaf page.
 const PAGE: usize = 4096;
 const LEAF: u8 = 1;
 
-/// Leads the reader of pages astray which hold rows with these bytes, and says how many pages that were; `latest` jobs are on
-/// pages that are taken, or left out.
+/// Corrupts the leaf pages whose rows contain the bytes `held`, and returns the number of such pages; `latest` selects
+/// pages with the newest job, or without it.
 ///
-/// A leaf begins with its kind and, from the third byte, how many rows it has; then come the ends of their values, which are
-/// looked up without a doubt, and the names. One end is now beyond the page.
+/// A leaf begins with its kind and, from the third byte, the number of its rows; then come the end offsets of their
+/// values, which the library follows without checking, and the keys. One offset is set beyond the page.
 fn spoil(folder: &Folder, paths: &[String], held: &[u8], latest: bool) -> usize {
     let file = folder.path().join("jobs.redb");
     let mut pages = fs::read(&file).unwrap();
@@ -148,7 +148,7 @@ fn spoil(folder: &Folder, paths: &[String], held: &[u8], latest: bool) -> usize 
     spoiled
 }
 
-/// Solves the decay so often; gives the paths of the jobs and their states.
+/// Solves the decay problem `count` times; returns the paths and the states of the jobs.
 fn solve_many(server: &Server, count: usize) -> (Vec<String>, Vec<String>) {
     let paths: Vec<String> = (0..count).map(|_| server.accept(DECAY)).collect();
     paths.iter().for_each(|path| drop(server.reaches(path, &["successful"])));
@@ -156,7 +156,7 @@ fn solve_many(server: &Server, count: usize) -> (Vec<String>, Vec<String>) {
     (paths, told)
 }
 
-/// The files that were put aside.
+/// The damaged database files that rebuilds have kept.
 fn aside(folder: &Folder) -> Vec<PathBuf> {
     let names = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
     names.filter(|path| path.to_string_lossy().contains("jobs.redb.damaged-")).collect()
@@ -169,13 +169,13 @@ fn rows_on_a_page_over_which_its_reader_panics_are_set_aside_alone() {
     let (paths, told) = solve_many(&server, 60);
     assert!(server.stop().0.success());
     let spoiled = spoil(&folder, &paths, b"\"client\":", false);
-    // The start builds the database anew; the next one finds it so.
+    // The first start rebuilds the database, and the second finds it rebuilt.
     for start in 0..2 {
         let server = Server::start(&folder, &["--workers", "1"]);
         let answers: Vec<_> = paths.iter().map(|path| server.get(path)).collect();
         let whole =
             answers.iter().zip(&told).filter(|(answer, told)| answer.status == 200 && answer.body == **told).count();
-        // A row on either side of the end that leads astray.
+        // On each page, the rows on either side of the corrupted offset are lost.
         let lost = answers.iter().filter(|answer| answer.status != 200 || answer.body.contains("damaged: ")).count();
         println!("{whole} of {} rows are shown, {lost} are lost, after {spoiled} pages were spoiled", paths.len());
         assert_eq!(whole + lost, paths.len(), "{answers:?}");
@@ -208,7 +208,7 @@ fn a_damaged_page_of_specifications_is_healed_before_a_new_job_is_written_beside
     }
     let lost = paths.iter().filter(|path| server.get(&format!("{path}/specification")).status == 500).count();
     assert!((1..60).contains(&lost), "{lost} specifications are lost");
-    // What was there stays beside: the pages of the rows, up to those that were free at the end.
+    // The damaged file is kept: its pages of rows are compared, up to the free pages at the end.
     let kept = fs::read(&aside(&folder)[0]).unwrap();
     let is_same = |place: usize| kept.get(place..place + PAGE) == rotten.get(place..place + PAGE);
     let same = (0..kept.len()).step_by(PAGE).filter(|place| is_same(*place)).count();
@@ -219,7 +219,7 @@ fn a_damaged_page_of_specifications_is_healed_before_a_new_job_is_written_beside
     assert!(paths.iter().zip(&told).all(|(path, told)| server.get(path).body == *told));
 }
 
-/// The header of a file of redb: what it begins with, and where it says whether it was closed in order and how large its pages are.
+/// Offsets in the header of a redb file: the magic number, the flags of a clean shutdown, and the page size.
 const HEADER: [usize; 4] = [0, 8, 9, 13];
 
 #[test]
@@ -246,7 +246,7 @@ fn a_store_whose_header_is_damaged_is_built_anew_from_its_pages() {
     }
 }
 
-/// The kind of a page that leads to others; behind its head come a checksum and the number of each.
+/// The kind of a branch page; behind its head come, for each child, a checksum and the page number.
 const BRANCH: u8 = 2;
 const BRANCH_HEAD: usize = 8;
 const CHECKSUM: usize = 16;
@@ -259,7 +259,7 @@ fn pages_that_lead_in_a_circle_end_no_service() {
     let (paths, told) = solve_many(&server, 60);
     assert!(server.stop().0.success());
     let database = folder.path().join("jobs.redb");
-    // All that a branch leads to is the branch itself.
+    // Each branch page gets itself as all its children.
     let mut circles = fs::read(&database).unwrap();
     let mut count = 0;
     for (number, page) in circles.chunks_mut(PAGE).enumerate().skip(1) {
@@ -284,7 +284,7 @@ fn pages_that_lead_in_a_circle_end_no_service() {
     assert!(server.stop().0.success());
 }
 
-/// The files in a folder and below, by their names in it.
+/// All files in a folder and its subfolders, by relative path.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap() {
@@ -299,7 +299,7 @@ fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// A sequence that looks random (Steele, Lea & Flood 2014, "Fast splittable pseudorandom number generators").
+/// A pseudorandom sequence (Steele, Lea & Flood 2014, "Fast splittable pseudorandom number generators").
 struct Random(u64);
 
 impl Random {

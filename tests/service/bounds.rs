@@ -1,4 +1,4 @@
-//! What is refused when there is too much, and that nobody is starved.
+//! Bounds: requests beyond them are refused, and no client is starved.
 
 use crate::harness::{Arrival, Call, DECAY, Gate, Scripted, Site, count, instant, one_worker};
 use axum::body::Body;
@@ -81,7 +81,7 @@ async fn a_solve_that_would_take_too_much_memory_is_refused_with_what_it_would_t
         |count: u32| DECAY.replace("}}}},", &format!("}}}}}}}},\"output\":{{\"times\":{{\"count\":{count}}}}},"));
     let refused = Call::solve(with_times(400_000)).header("idempotency-key", "k").send(&site).await;
     let problem = refused.problem(422, "too-much-memory");
-    // 400,000 times and values of eight bytes.
+    // 400,000 times and as many values, of eight bytes each.
     let detail = problem["detail"].as_str().unwrap();
     assert!(detail.contains("6 MiB") && detail.contains("--memory-mib"), "{detail}");
     assert_eq!(site.get("/jobs").await.json()["jobs"], serde_json::json!([]));
@@ -154,7 +154,7 @@ async fn a_client_that_holds_every_worker_does_not_hold_up_another() {
     let site = Site::new(options, labelled_or_held(&gate));
     let held: Vec<_> = [site.accept(1).await, site.accept(1).await, site.accept(1).await].into();
     gate.entered(2).await;
-    // One after the other, though the first client holds both workers and waits for a third.
+    // They run one after the other, though the first client has jobs on both workers and a third one waiting.
     for client in [2, 2, 3] {
         let path = short(&site, client).await;
         assert_eq!(site.ended(&path).await["status"], "successful");
@@ -183,14 +183,14 @@ async fn a_long_job_of_a_client_who_has_none_runs_in_relief() {
     }
 }
 
-/// The path of a job of `client` that is not held.
+/// The path of a short job of `client`, which the gate does not hold.
 async fn short(site: &Site, client: u8) -> String {
     let document = DECAY.replacen('{', "{\"label\":\"short\",", 1);
     let call = Call::solve(document).client(client).header("prefer", "respond-async");
     call.send(site).await.header("location").to_owned()
 }
 
-/// A solver that is held by the gate, but where the specification says otherwise.
+/// A solver held by the gate, except for jobs labelled `short`.
 fn labelled_or_held(gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     let held = gate.solver();
     Arc::new(move |specification, control| match specification.label() {
@@ -211,7 +211,7 @@ async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
             site.runs(&held[held.len() - 1]).await;
         }
     }
-    // The others have had a slice each, made room, and are told as what they were.
+    // The other jobs have had a slice each, have yielded, and are still reported as accepted.
     gate.cancelled(2).await;
     for path in &held[2..] {
         let state = site.get(path).await.json();
@@ -222,7 +222,7 @@ async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
         assert_eq!(site.ended(&short).await["status"], "successful");
         assert!(site.get("/metrics").await.text().contains("dvi_jobs_long 2\n"));
     }
-    // Each goes on from its beginning when there is a place, and none is lost.
+    // Each starts again when a place is free, and none is lost.
     gate.let_through(4);
     for path in &held {
         assert_eq!(site.ended(path).await["status"], "successful");
@@ -254,7 +254,7 @@ async fn a_job_that_makes_room_is_seen_to_start_and_to_switch_once() {
     let words = told.text().split("\"status\":\"").skip(1).filter_map(|rest| rest.split('"').next());
     let states = ["accepted", "running", "successful"];
     let seen: Vec<_> = words.map(|word| states.iter().position(|state| *state == word)).collect();
-    // Looks may come too late for a state, and never see one twice.
+    // Polling may miss a state, but must not see one twice.
     assert!(seen.is_sorted() && seen.last() == Some(&Some(2)), "{}", told.text());
 }
 

@@ -1,4 +1,4 @@
-//! What protects the service from pages of other sites, and its users from what it gives them.
+//! Protection of the service against pages of other sites, and of its users against content of responses.
 
 use crate::harness::{Call, DECAY, Site, instant, one_worker};
 use axum::http::StatusCode;

@@ -1,4 +1,4 @@
-//! `POST /check`: what a specification comes to, without a job.
+//! `POST /check`: the summary or the errors of a specification, without a job.
 
 use crate::harness::{Call, Gate, Site, one_worker};
 use axum::http::StatusCode;

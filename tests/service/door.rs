@@ -1,7 +1,7 @@
-//! How the service is reached: pages of other origins, a path of its own behind a proxy, tokens that end, a log.
+//! Access to the service: pages of other origins, a path prefix behind a proxy, tokens that expire, and the access log.
 
 use crate::harness::{Call, DECAY, Gate, Site, instant, one_worker};
-use crate::process::{DVI, Folder, PATIENCE, send};
+use crate::process::{DVI, Folder, RESPONSE_TIMEOUT, send};
 use axum::http::StatusCode;
 use dvi::service::Options;
 use dvi::service::access::{Scope, create, revoke};
@@ -132,12 +132,12 @@ async fn streams_end_with_their_token() {
     revoke(folder.path(), number(&revoked)).unwrap();
     let lasts = streams.pop().unwrap();
     for stream in streams {
-        let told = timeout(PATIENCE, stream).await.unwrap().unwrap().unwrap().to_bytes();
+        let told = timeout(RESPONSE_TIMEOUT, stream).await.unwrap().unwrap().unwrap().to_bytes();
         assert!(!String::from_utf8_lossy(&told).contains("event: done"));
     }
     assert!(!lasts.is_finished());
     gate.let_through(3);
-    let told = timeout(PATIENCE, lasts).await.unwrap().unwrap().unwrap().to_bytes();
+    let told = timeout(RESPONSE_TIMEOUT, lasts).await.unwrap().unwrap().unwrap().to_bytes();
     assert!(String::from_utf8_lossy(&told).contains("event: done"));
 }
 
@@ -150,7 +150,7 @@ async fn tokens_that_cannot_be_read_are_the_fault_of_the_service() {
     let check = || Call::check(DECAY).header("authorization", &bearer).send(&site);
     let file = folder.path().join("tokens.json");
     let kept = fs::read(&file).unwrap();
-    // A folder cannot be read as a file, whoever asks: not even by root, for whom modes mean nothing.
+    // A folder in place of the file is unreadable even for root, to whom modes do not apply.
     fs::remove_file(&file).unwrap();
     fs::create_dir(&file).unwrap();
     tokio::time::sleep(Duration::from_millis(300)).await;
@@ -167,7 +167,7 @@ async fn tokens_that_cannot_be_read_are_the_fault_of_the_service() {
 fn a_token_belongs_to_whom_the_folder_belongs() {
     let folder = Folder::new();
     fs::create_dir_all(folder.path()).unwrap();
-    // Only root can give a folder away; everybody else makes tokens that are theirs already.
+    // Only root can give a folder away; for other users, the owner is right anyway.
     let given = std::os::unix::fs::chown(folder.path(), Some(65_532), Some(65_532)).is_ok();
     if given {
         create(folder.path(), "anna", &[Scope::Read], None).unwrap();
@@ -176,11 +176,11 @@ fn a_token_belongs_to_whom_the_folder_belongs() {
     }
 }
 
-/// The program, with a log that is read.
+/// The program with its log read by the test.
 #[test]
 fn a_request_and_its_job_have_a_line_each_joined_by_their_ids_and_without_secrets() {
     let folder = Folder::new();
-    // Before the service starts, which looks for new tokens now and then.
+    // Before the service starts, since it reads new tokens with a delay.
     fs::create_dir_all(folder.path()).unwrap();
     let token = create(folder.path(), "anna", &[Scope::Submit, Scope::Read], None).unwrap().to_string();
     let mut child = Command::new(DVI)
@@ -217,7 +217,7 @@ fn a_request_and_its_job_have_a_line_each_joined_by_their_ids_and_without_secret
     let mut told = String::new();
     log.read_to_string(&mut told).unwrap();
     child.wait().unwrap();
-    assert!(start.elapsed() < PATIENCE);
+    assert!(start.elapsed() < RESPONSE_TIMEOUT);
     let lines: Vec<Value> = told.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let of = |target: &str| {
         lines.iter().filter(|line| line["target"] == target).map(|line| &line["fields"]).collect::<Vec<_>>()

@@ -1,4 +1,4 @@
-//! Jobs that outlive the process: what was accepted is there after a kill, and ends once.
+//! Durable jobs: admitted jobs survive a kill of the process, and end once.
 
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server, send};
@@ -13,7 +13,7 @@ fn oscillator(end: u32) -> String {
     )
 }
 
-/// An end that no solve of these tests reaches.
+/// An end time that no solve of these tests reaches.
 const ENDLESS: u32 = 100_000_000;
 
 #[test]
@@ -54,7 +54,7 @@ fn a_signal_to_stop_leaves_what_runs_and_what_waits_to_the_next_start() {
     assert!(status.success(), "{told}");
 
     let server = Server::start(&folder, &["--workers", "2"]);
-    // A stop that was asked for is not held against a job.
+    // A regular stop is not counted as a crash of the job.
     assert_eq!(server.reaches(&running, &["running"])["attempt"], 1);
     server.reaches(&waiting, &["successful"]);
 }
@@ -73,7 +73,7 @@ fn who_waits_when_the_service_stops_is_told_where_to_ask_later() {
             }
         }
     });
-    // The same key finds the job that the other waits for, whoever of the two came first.
+    // The key finds the job that the other request waits for, whichever of the two came first.
     let asynchronous = format!("{keyed}prefer: respond-async\r\n");
     let path = loop {
         let answer = server.send("POST", "/solve", &asynchronous, &oscillator(ENDLESS));
@@ -136,7 +136,7 @@ fn a_job_that_was_cancelled_or_deleted_stays_so_after_a_kill() {
 fn the_past_is_kept_within_its_bounds_on_the_disk_too() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1", "--express", "0", "--kept-jobs", "2"]);
-    // Results of more than 64 KiB, which are files.
+    // Results of more than 64 KiB, which are stored in files.
     let long = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1},
         "output":{"times":{"count":5001}}}"#;
     let paths: Vec<String> = (0..4).map(|_| server.accept(long)).collect();

@@ -1,4 +1,4 @@
-//! Jobs as they go: streams of server-sent events.
+//! Streams of server-sent events.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, count, instant, one_worker};
 use axum::body::HttpBody;
@@ -11,7 +11,7 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What a browser makes of a stream: name, id and data of every event.
+/// The name, id and data of every event of a stream, parsed as a browser does.
 fn parsed(text: &str) -> Vec<(String, u64, Value)> {
     let mut events = Vec::new();
     for block in text.split("\n\n").filter(|block| !block.is_empty() && *block != ":") {
@@ -32,7 +32,7 @@ fn stick(k: u32) -> Event {
     Event { t: f64::from(k), kind: EventKind::Stick, of: format!("foot {k}") }
 }
 
-/// A solver that sticks `n` times and is then held by the gate.
+/// A solver that reports `n` stick events and is then held by the gate.
 fn sticking(n: u32, gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     let solver = gate.solver();
     Arc::new(move |specification, control| {
@@ -41,7 +41,7 @@ fn sticking(n: u32, gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     })
 }
 
-/// Lets the solve in hand through when its stream has been looked at.
+/// Lets the current solve pass, after its stream has been polled.
 async fn let_through_later(gate: Arc<Gate>) {
     tokio::time::sleep(Duration::from_millis(500)).await;
     gate.let_through(1);

@@ -1,4 +1,4 @@
-//! A page for every code of the program.
+//! Explanations: every code of the program has a page.
 
 use crate::harness::{Call, Site, instant, one_worker};
 use dvi::explanation::{Page, find, pages};
@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-/// The sources of the program without its tests, comments, command line and page.
+/// The sources of the program without tests, comments, the commands and the web page.
 fn sources(folder: &Path, found: &mut Vec<String>) {
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -25,8 +25,8 @@ fn sources(folder: &Path, found: &mut Vec<String>) {
     }
 }
 
-/// The text up to the end of the expression with which it begins: to a bracket that it does not open, or, unless it is the
-/// body of a function, to a comma or semicolon outside of brackets.
+/// The expression at the beginning of `text`: up to an unmatched closing bracket or, unless it is the body of a
+/// function, to a comma or semicolon outside of brackets.
 fn expression(text: &str, is_body: bool) -> &str {
     let (mut depth, mut quoted, mut escaped) = (0, false, false);
     for (at, c) in text.char_indices() {
@@ -49,14 +49,14 @@ fn expression(text: &str, is_body: bool) -> &str {
     text
 }
 
-/// What stands there as a code: a word between quotes and nothing else.
+/// The code at the beginning of `text`: a string literal that is a single word.
 fn code(text: &str) -> Option<&str> {
     let (word, _) = text.trim_start().strip_prefix('"')?.split_once('"')?;
     let is_code = !word.is_empty() && word.bytes().all(|c| c.is_ascii_lowercase() || c == b'_');
     is_code.then_some(word)
 }
 
-/// Codes as arguments of what makes errors: the words alone between its commas.
+/// Collects codes passed as arguments to functions that make errors: arguments that are a string literal alone.
 fn among_arguments<'t>(text: &'t str, opener: &str, codes: &mut BTreeSet<&'t str>) {
     for rest in text.split(opener).skip(1) {
         let mut rest = rest;
@@ -73,7 +73,7 @@ fn among_arguments<'t>(text: &'t str, opener: &str, codes: &mut BTreeSet<&'t str
     }
 }
 
-/// Codes as values: at the beginning of an expression, of a branch, an arm or a pair in it.
+/// Collects codes returned as values: at the beginning of an expression, of a branch, a match arm or a pair in it.
 fn as_values<'t>(text: &'t str, opener: &str, is_body: bool, codes: &mut BTreeSet<&'t str>) {
     for rest in text.split(opener).skip(1) {
         let value = expression(rest, is_body);
@@ -105,7 +105,7 @@ fn every_code_in_the_sources_has_a_page() {
     let mut texts = Vec::new();
     sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut texts);
     let codes = codes_of_sources(&texts);
-    // What the search must find, each by another way of writing codes.
+    // Examples that the search must find, one for each way of writing codes.
     for known in [
         "unknown_key",
         "wrong_arity",

@@ -1,4 +1,5 @@
-//! A disk that is full, or gone, and comes back: nothing is lost, jobs can be deleted meanwhile, and nobody starts anything anew.
+//! A disk that is full, or removed, and comes back: nothing is lost, jobs can be deleted meanwhile, and no restart is
+//! needed.
 
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
@@ -9,14 +10,14 @@ use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// A service must be well again after so long.
+/// The time within which the service must have recovered.
 const HEALED: Duration = Duration::from_secs(10);
 
 /// A harmonic oscillator that runs until it is cancelled.
 const ENDLESS: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"v"},"v":{"initial":0,"rate":"-x"}}}},
     "time":{"end":100000000}}"#;
 
-/// Rounds of a full disk; `DVI_FULL_DISKS` asks for more.
+/// The number of rounds with a full disk; `DVI_FULL_DISKS` sets a larger one.
 const ROUNDS: usize = 3;
 
 #[test]
@@ -38,10 +39,10 @@ fn a_full_disk_heals_and_nothing_is_lost() {
         server.reaches(&blocker, &["running"]);
         let waiting = [&long, DECAY].map(|document| server.accept(document));
         fill(&disk.join("filler"));
-        // As many as still find room in the database, which then fails.
+        // Jobs that still fit into free pages of the database, until it fails.
         let late: Vec<_> = until_full(&server);
         server.send("POST", &format!("{blocker}/cancel"), "", "");
-        // What was accepted is solved, and shown from memory.
+        // Admitted jobs are solved, and their results are served from memory.
         for path in waiting.iter().chain(&late) {
             server.reaches(path, &["successful"]);
             assert_eq!(server.get(&format!("{path}/results")).status, 200);
@@ -64,7 +65,7 @@ fn a_full_disk_heals_and_nothing_is_lost() {
         let [first, second] = waiting;
         server.get(&old).problem(404, "no-such-job");
         kept.push((second.clone(), server.get(&format!("{second}/results")).body));
-        // The large ones of earlier rounds make room.
+        // Deleting the large jobs of earlier rounds makes room.
         kept.push((first.clone(), server.get(&format!("{first}/results")).body));
         for path in &late {
             assert_eq!(server.get(&format!("{path}/specification")).status, 200);
@@ -73,7 +74,7 @@ fn a_full_disk_heals_and_nothing_is_lost() {
     }
     println!("well again after {slowest:?} at most");
 
-    // A copy of a process that stands still is what a crash would have left.
+    // A copy of the folder of a stopped process is what a crash would leave.
     let copy = Folder::new();
     signal(&server, "STOP");
     copy_folder(&disk, copy.path());
@@ -95,7 +96,7 @@ fn a_folder_that_is_removed_is_noticed_and_so_is_its_return() {
     server.get("/readyz").problem(503, "unwritable");
     server.send("POST", "/solve", "prefer: respond-async\r\n", DECAY).problem(503, "unwritable");
     assert_eq!(server.send("POST", "/solve", "", DECAY).status, 200);
-    // Another in its place is another.
+    // A new folder of this name is not the folder of the service.
     fs::create_dir(folder.path()).unwrap();
     server.get("/readyz").problem(503, "unwritable");
     fs::remove_dir(folder.path()).unwrap();
@@ -133,7 +134,7 @@ fn a_disk_full_of_jobs_heals_when_they_are_deleted() {
     server.reaches(&after, &["successful"]);
 }
 
-/// Posts jobs of 200 KiB until there is no room for one more.
+/// Posts jobs of 200 KiB until one is refused for want of room.
 fn until_full(server: &Server) -> Vec<String> {
     let document = format!("{DECAY}{}", " ".repeat(200 << 10));
     let mut accepted = Vec::new();
@@ -147,7 +148,8 @@ fn until_full(server: &Server) -> Vec<String> {
     }
 }
 
-/// A service whose folder is a disk of 16 MiB, which nobody else sees and which goes with it; nothing where that is not allowed.
+/// A service whose folder is a private mount of a disk of 16 MiB, removed with the service; `None` where mounting is
+/// not allowed.
 fn on_a_small_disk(folder: &Folder) -> Option<Server> {
     fs::create_dir_all(folder.path()).unwrap();
     let mount = "mount -t tmpfs -o size=16m none \"$1\"";
@@ -163,7 +165,7 @@ fn on_a_small_disk(folder: &Folder) -> Option<Server> {
     Some(Server::of(inside(&serve).arg(DVI)).unwrap())
 }
 
-/// Writes until there is no room.
+/// Writes until the disk is full.
 fn fill(path: &Path) {
     let mut file = File::create(path).unwrap();
     while file.write_all(&[1; 4096]).is_ok() {}

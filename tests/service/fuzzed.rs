@@ -1,4 +1,4 @@
-//! A short form of `cargo bench --bench fuzz`.
+//! A short run of `cargo bench --bench fuzz`.
 
 use crate::messages;
 

@@ -1,4 +1,4 @@
-//! Requests without a socket, and solvers whose course a test decides.
+//! Requests without a socket, and solvers controlled by a test.
 
 use axum::Router;
 use axum::body::{Body, Bytes, HttpBody};
@@ -22,10 +22,10 @@ use std::time::{Duration, Instant};
 use tokio::sync::watch;
 use tower::ServiceExt;
 
-/// A specification that is correct.
+/// A correct specification: exponential decay.
 pub const DECAY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
 
-/// The answer of the solvers of this module: `x(0) = 1`, `x(1) = 0.5`.
+/// The solution returned by the solvers of this module: `x(0) = 1`, `x(1) = 0.5`.
 pub fn halving(status: Status) -> Solution {
     let fields = vec![Field { name: "x".to_owned(), values: vec![1.0, 0.5] }];
     let trajectory = Trajectory { t: vec![0.0, 1.0], fields, events: vec![] };
@@ -51,8 +51,8 @@ pub fn halving(status: Status) -> Solution {
     }
 }
 
-/// Workers on threads of this process, which call a solver whose course a test decides. What they say to the front goes
-/// through pipes, as between processes.
+/// A launcher of workers on threads of this process, with a solver controlled by a test. They talk to the front through
+/// pipes, as processes do.
 pub fn threads(solver: Solver) -> Launcher {
     Arc::new(move || {
         let ((input, orders), (reports, output)) = (io::pipe()?, io::pipe()?);
@@ -62,12 +62,12 @@ pub fn threads(solver: Solver) -> Launcher {
     })
 }
 
-/// A solver that answers at once.
+/// A solver that returns at once.
 pub fn instant() -> Solver {
     Arc::new(|_, _| halving(Status::Completed))
 }
 
-/// Bounds with one worker, whoever holds it.
+/// Options with one worker in all.
 pub fn one_worker() -> Options {
     Options { workers: NonZeroUsize::MIN, express: 0, relief: 0, ..Options::default() }
 }
@@ -76,7 +76,7 @@ pub fn count(n: usize) -> NonZeroUsize {
     NonZeroUsize::new(n).unwrap()
 }
 
-/// A solver that holds every solve until it is let through, or cancelled.
+/// A gate that holds every solve until the solve is let through or cancelled.
 pub struct Gate {
     open: Mutex<usize>,
     opened: Condvar,
@@ -93,7 +93,7 @@ impl Gate {
     pub fn solver(self: &Arc<Self>) -> Solver {
         let gate = Arc::clone(self);
         Arc::new(move |_, control| {
-            // Whoever has but a glance does not wait at a gate.
+            // An inline solve, recognised by its short deadline, does not wait at the gate.
             if control.deadline().is_some_and(|deadline| deadline < Instant::now() + Duration::from_millis(10)) {
                 return halving(Status::Stopped);
             }
@@ -122,18 +122,18 @@ impl Gate {
         self.opened.notify_all();
     }
 
-    /// Returns when `n` solves have begun since the start.
+    /// Waits until `n` solves have begun since the start.
     pub async fn entered(&self, n: usize) {
         self.entered.subscribe().wait_for(|entered| *entered >= n).await.unwrap();
     }
 
-    /// Returns when `n` solves have been cancelled since the start.
+    /// Waits until `n` solves have been cancelled since the start.
     pub async fn cancelled(&self, n: usize) {
         self.cancelled.subscribe().wait_for(|cancelled| *cancelled >= n).await.unwrap();
     }
 }
 
-/// A service, and its router.
+/// A service and its router.
 pub struct Site {
     pub service: Service,
     pub router: Router,
@@ -150,14 +150,14 @@ impl Site {
         Call::new("GET", path).send(self).await
     }
 
-    /// Accepts the decay for `client` and gives the path of the job.
+    /// Posts the decay problem for `client` as an asynchronous job, and returns its path.
     pub async fn accept(&self, client: u8) -> String {
         let reply = Call::solve(DECAY).client(client).header("prefer", "respond-async").send(self).await;
         assert_eq!(reply.status, StatusCode::ACCEPTED, "{:?}", reply.json());
         reply.header("location").to_owned()
     }
 
-    /// Returns when the worker of the job at `path` has reported a step.
+    /// Waits until the worker of the job at `path` has reported a step.
     pub async fn reported(&self, path: &str) {
         let start = Instant::now();
         while self.get(path).await.json()["steps"] == 0 {
@@ -166,7 +166,7 @@ impl Site {
         }
     }
 
-    /// Returns when the job at `path` is told as one that runs.
+    /// Waits until the job at `path` is reported as running.
     pub async fn runs(&self, path: &str) {
         let start = Instant::now();
         while self.get(path).await.json()["status"] != "running" {
@@ -175,7 +175,7 @@ impl Site {
         }
     }
 
-    /// The state of the job at `path`, when it has ended.
+    /// The status of the job at `path`, once it has ended.
     pub async fn ended(&self, path: &str) -> Value {
         let id = path.rsplit('/').next().unwrap().parse().unwrap();
         self.service.jobs().find(id).unwrap().settled().await;
@@ -183,7 +183,7 @@ impl Site {
     }
 }
 
-/// A request in the making.
+/// A request under construction.
 pub struct Call(Request<Body>);
 
 impl Call {
@@ -214,12 +214,12 @@ impl Call {
         self
     }
 
-    /// As the owner of the job that the path names, unless it is as somebody else.
+    /// Sends the request for the owner of the job in its path, unless another client is set.
     pub async fn send(self, site: &Site) -> Reply {
         self.by_owner(site).send_to(site.router.clone()).await
     }
 
-    /// The same; the body of the answer is not read.
+    /// Sends the request likewise, and returns the unread body of the response.
     pub async fn body(self, site: &Site) -> Body {
         site.router.clone().oneshot(self.by_owner(site).0).await.unwrap().into_body()
     }
@@ -242,7 +242,7 @@ impl Call {
     }
 }
 
-/// An answer, read to its end.
+/// A response, read to its end.
 #[derive(Debug)]
 pub struct Reply {
     pub status: StatusCode,
@@ -263,7 +263,7 @@ impl Reply {
         std::str::from_utf8(&self.body).unwrap()
     }
 
-    /// Asserts that the answer is this problem, in the form of RFC 9457, and gives its members.
+    /// Asserts that the response is this problem, in the form of RFC 9457, and returns its members.
     #[track_caller]
     pub fn problem(&self, status: u16, slug: &str) -> Value {
         let problem = self.json();
@@ -278,14 +278,14 @@ impl Reply {
     }
 }
 
-/// What a body does next.
+/// A step of a scripted body.
 pub enum Arrival {
     Piece(String),
     Broken,
     Never,
 }
 
-/// A body of unknown length that does what is written, from the last to the first.
+/// A body of unknown length that performs its steps from the last to the first.
 pub struct Scripted(pub Vec<Arrival>);
 
 impl HttpBody for Scripted {

@@ -1,5 +1,5 @@
-//! Clients that mean no good, met by the program itself: whatever they send, it answers them or cuts them off, and the
-//! next client finds it well.
+//! Hostile clients of the program itself: whatever they send, they are answered or cut off, and the next client finds
+//! the service well.
 
 use crate::harness::DECAY;
 use crate::process::{Folder, Server};
@@ -8,7 +8,7 @@ use std::io::{Read, Write};
 use std::net::{Shutdown, TcpStream};
 use std::time::Duration;
 
-/// As many as a test of this asks for, and as the system lets one process hold.
+/// The number of connections: as many as the test needs, or as the limit of open files allows.
 fn most_connections() -> usize {
     let limits = fs::read_to_string("/proc/self/limits").unwrap();
     let files = limits.lines().find_map(|line| line.strip_prefix("Max open files")).unwrap();
@@ -23,11 +23,11 @@ fn assert_well(server: &Server) {
     assert_eq!((answer.status, &answer.json()["status"]), (200, &"completed".into()), "{}", answer.body);
 }
 
-/// Sends bytes as they are, and gives what comes back until the service closes.
+/// Sends bytes as they are, and returns what the service sends until it closes the connection.
 fn exchange(server: &Server, bytes: &[u8]) -> String {
     let mut stream = TcpStream::connect(server.address()).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-    // Whoever is refused early may find the connection closed while it still writes.
+    // The connection of a client that is refused early may be closed while it still writes.
     let _ = stream.write_all(bytes);
     read(&mut stream)
 }
@@ -81,7 +81,7 @@ fn a_client_that_closes_its_half_has_gone_and_its_solve_with_it() {
     while !server.get("/metrics").body.contains("dvi_jobs_running 1\n") {
         std::thread::sleep(Duration::from_millis(5));
     }
-    // From here this is not to be told from the end of a connection.
+    // The service cannot distinguish a half-closed connection from a closed one.
     stream.shutdown(Shutdown::Write).unwrap();
     assert_eq!(read(&mut stream), "");
     assert_well(&server);

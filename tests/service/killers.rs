@@ -1,5 +1,4 @@
-//! Short requests that declare or imply a great deal: the service goes on answering others, within the memory that it may
-//! take.
+//! Short requests that declare or imply a lot of work: the service keeps answering other clients, within its memory.
 
 use crate::harness::{Call, Site, count, one_worker};
 use crate::process::{Folder, Server};
@@ -11,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// A heat equation above an obstacle in a cube, with so many elements in each direction: some 200 bytes.
+/// A heat equation above an obstacle in a cube with `elements` elements in each direction, in some 200 bytes.
 fn cube(elements: u32) -> String {
     format!(
         r#"{{"problem":{{"obstacle":{{"domain":{{"x":[0,1],"y":[0,1],"z":[0,1]}},"elements":{elements},"diffusion":"1+x*y",
@@ -19,7 +18,7 @@ fn cube(elements: u32) -> String {
     )
 }
 
-/// Spheres that all lie in one place, which every one of them touches the others in.
+/// Spheres in one place, so that each touches all others.
 fn coincident(spheres: usize) -> String {
     let sphere = r#"{"shape":{"sphere":{"radius":1}},"density":1}"#;
     let bodies = vec![sphere; spheres].join(",");
@@ -61,7 +60,7 @@ fn few_words_that_declare_much_keep_nobody_waiting() {
         assert_eq!(checks, [200; 5]);
     });
     println!("the slowest answer took {slowest:?}; {} MiB at most", most >> 10);
-    // A machine that others use as well may take a second by itself.
+    // A busy machine may take a second by itself.
     assert!(slowest < Duration::from_secs(5), "{slowest:?}");
     assert!(most < 1 << 20, "{most} KiB");
 }
@@ -83,7 +82,7 @@ async fn contacts_that_would_take_too_much_memory_are_refused_before_they_do() {
 async fn a_check_takes_no_longer_than_a_job_may() {
     let options = Options { wall_seconds: NonZeroU64::MIN, ..one_worker() };
     let site = Site::new(options, Arc::new(dvi::solve));
-    // 9,000 spheres in a row of boxes that overlap and surfaces that do not: forty million pairs to look at.
+    // 9,000 spheres in a row whose bounding boxes overlap and whose surfaces do not: forty million pairs to examine.
     let along = |k: u32| f64::from(k) * 1e-6;
     let sphere = |k: u32| {
         let (x, y) = (along(k), if k.is_multiple_of(2) { 0.0 } else { 1.9 });
@@ -107,7 +106,7 @@ async fn a_check_takes_no_longer_than_a_job_may() {
 fn a_worker_is_free_soon_after_its_job_of_many_contacts_is_deleted() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);
-    // Within the memory that a job may take, and far from solved when it is deleted.
+    // Within the memory limit of a job, and still far from its end when it is deleted.
     let path = server.accept(&coincident(120));
     server.reaches(&path, &["running"]);
     thread::sleep(Duration::from_millis(500));

@@ -1,5 +1,5 @@
-//! Kills at any moment, of the service, of its workers, of both at once, while it starts and while jobs are deleted: what was
-//! accepted is there, once, with its own result; what was deleted is gone.
+//! Kills at any moment: of the service, of its workers, of both, during a start, and during deletions. Every admitted
+//! job exists once, with its own results; deleted jobs are gone.
 
 use crate::harness::DECAY;
 use crate::process::{Answer, DVI, Folder, Server, send};
@@ -10,32 +10,32 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// Kills; `DVI_KILLS` asks for more.
+/// The number of kills; `DVI_KILLS` sets a larger one.
 const KILLS: u32 = 40;
 
-/// Kills between two looks at all jobs that are known.
+/// The number of kills between two checks of all known jobs.
 const BETWEEN: u32 = 500;
 
-/// Longer than any job waits on a busy machine, with those before it.
+/// Longer than the queueing and solving time of any job on a busy machine.
 const SETTLED: Duration = Duration::from_secs(300);
 
-/// What is known of a job that was posted.
+/// A job as its client knows it.
 #[derive(Default)]
 struct Posted {
-    /// Its path, once that was told.
+    /// Its path, if the client received it.
     path: Option<String>,
-    /// It was asked to be deleted, and that was confirmed.
+    /// Whether its deletion was confirmed, if it was requested.
     deleted: Option<bool>,
 }
 
-/// What became of jobs.
+/// The numbers of jobs by outcome.
 #[derive(Debug, Default)]
 struct Tally {
     successful: u32,
     deleted: u32,
-    /// Its worker was killed, which its state says.
+    /// Jobs that failed because their worker was killed.
     killed: u32,
-    /// Set aside, after it was met at work by several kills.
+    /// Jobs set aside after they were running at several kills.
     poisoned: u32,
 }
 
@@ -64,7 +64,7 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
                 _ => server.child.kill().unwrap(),
             }
             if kill % 5 == 1 {
-                // The service goes on: so do its clients, for a moment.
+                // Only a worker was killed: the clients go on for a moment.
                 thread::sleep(Duration::from_millis(20));
             }
             stop.store(true, Relaxed);
@@ -78,7 +78,7 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
             job.deleted = Some(confirmed);
         }
         if kill % 5 != 1 {
-            // As whoever starts it anew does.
+            // Reap the process, as a service manager does before it restarts the service.
             server.child.wait().unwrap();
             if kill % 5 == 3 {
                 kill_a_start(&folder, Duration::from_micros(random.u64(..60_000)));
@@ -99,13 +99,13 @@ fn no_kill_of_the_service_or_its_workers_loses_doubles_or_spoils_a_job() {
     assert!(check.status.success(), "{}", String::from_utf8_lossy(&check.stdout));
 }
 
-/// A service that forgets nothing by itself.
+/// Starts a service that expires no jobs.
 fn serve(folder: &Folder) -> Server {
     let many = "1000000";
     Server::start(folder, &["--workers", "2", "--kept-jobs", many, "--queue", many, "--client-share", many])
 }
 
-/// Posts jobs, each under its number, until it is stopped; gives the paths that it was told.
+/// Posts jobs, each under its number as the key, until stopped; returns the paths in the responses.
 fn post_until(stop: &AtomicBool, address: &str, first: u32) -> Vec<(u32, Option<String>)> {
     let mut told = Vec::new();
     for k in first.. {
@@ -122,8 +122,8 @@ fn accepted(answer: &Answer) -> String {
     answer.field("location").unwrap().to_owned()
 }
 
-/// Posts the `k`th decay under the key `k`; nothing if the service goes away. Every third result is large enough for a file, and
-/// every fourth takes some time.
+/// Posts the decay problem of number `k` under the key `k`; `None` if the service goes away. Every third result is long
+/// enough for a file, and every fourth solve takes some time.
 fn post(address: &str, k: u32) -> Option<Answer> {
     let headers = format!("prefer: respond-async\r\nidempotency-key: {k}\r\n");
     let mut document = DECAY.replace("-x", &format!("-{}*x", rate(k)));
@@ -136,12 +136,12 @@ fn post(address: &str, k: u32) -> Option<Answer> {
     send(address, "POST", "/solve", &headers, &document)
 }
 
-/// A rate of its own for each job, by which its result is told from others.
+/// The decay rate of job `k`, which identifies its results.
 fn rate(k: u32) -> f64 {
     1.0 + f64::from(k % 1000) / 1000.0
 }
 
-/// Deletes jobs until it is stopped; gives those that it tried, and whether that was confirmed.
+/// Deletes jobs until stopped; returns those that were tried, and whether the deletion was confirmed.
 fn delete_until(stop: &AtomicBool, address: &str, victims: Vec<String>) -> Vec<(String, bool)> {
     let unstopped = victims.into_iter().take_while(|_| !stop.load(Relaxed));
     let delete = |path: String| {
@@ -151,7 +151,7 @@ fn delete_until(stop: &AtomicBool, address: &str, victims: Vec<String>) -> Vec<(
     unstopped.map(delete).collect()
 }
 
-/// The paths of jobs that nobody has tried to delete.
+/// The paths of jobs whose deletion was not requested.
 fn known(jobs: &HashMap<u32, Posted>) -> impl Iterator<Item = String> + '_ {
     jobs.values().filter(|job| job.deleted.is_none()).filter_map(|job| job.path.clone())
 }
@@ -159,12 +159,12 @@ fn known(jobs: &HashMap<u32, Posted>) -> impl Iterator<Item = String> + '_ {
 fn kill_worker(server: &Server, random: &mut fastrand::Rng) {
     let workers = server.workers();
     if let Some(pid) = random.choice(&workers) {
-        // It may have gone meanwhile.
+        // The worker may have ended meanwhile.
         let _ = Command::new("kill").args(["-9", &pid.to_string()]).stderr(Stdio::null()).status();
     }
 }
 
-/// Starts the service and kills it before, while or after it takes up what it finds.
+/// Starts the service and kills it before, during or after the recovery of its jobs.
 fn kill_a_start(folder: &Folder, life: Duration) {
     let mut start = Command::new(DVI)
         .args(["serve", "--listen", "127.0.0.1:0", "--workers", "2", "--data"])
@@ -177,7 +177,7 @@ fn kill_a_start(folder: &Folder, life: Duration) {
     start.wait().unwrap();
 }
 
-/// Looks at every job that is known, and forgets it.
+/// Checks every known job, and removes it from `jobs`.
 fn settle(server: &Server, jobs: &mut HashMap<u32, Posted>, tally: &mut Tally) {
     let (mut numbers, start) = (HashMap::new(), Instant::now());
     for (k, job) in jobs.drain() {
@@ -187,7 +187,7 @@ fn settle(server: &Server, jobs: &mut HashMap<u32, Posted>, tally: &mut Tally) {
                 assert!(status == 404 || (status == 200 && !confirmed), "job {k} was deleted, and is {status}");
                 tally.deleted += u32::from(status == 404);
             }
-            // What was being accepted at the kill may be known or not; asked again, it is there once.
+            // A job being admitted at the kill may exist or not; posted again under its key, it exists once.
             Posted { path, .. } => {
                 let again = accepted(&post(&server.address, k).expect("an answer"));
                 assert!(path.is_none_or(|path| path == again), "job {k} is {again} now");

@@ -1,4 +1,4 @@
-//! The service as its clients see it: without a socket where none is needed, over one where it is the matter.
+//! The service as its clients see it: without a socket where none is needed, otherwise over a socket.
 
 mod again;
 mod apart;
@@ -14,7 +14,6 @@ mod events;
 mod explanations;
 mod full_disk;
 mod fuzzed;
-mod glance;
 mod guide;
 mod harness;
 mod hostile;
@@ -35,6 +34,7 @@ mod refusals;
 mod remote;
 mod results;
 mod solve;
+mod solve_inline;
 #[cfg(feature = "otlp")]
 mod spans;
 mod store;

@@ -1,10 +1,10 @@
-//! The figures of the service.
+//! The metrics of the service.
 
 use crate::harness::{Call, DECAY, Gate, Site, halving, one_worker};
 use dvi::solution::{Failure, Status, ViCounts};
 use std::sync::Arc;
 
-/// The value of the one line that begins so.
+/// The value on the only line that begins with `name`.
 #[track_caller]
 fn value(text: &str, name: &str) -> f64 {
     let lines: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix(name)?.strip_prefix(' ')).collect();
@@ -72,7 +72,7 @@ async fn the_figures_of_one_service_are_not_those_of_another() {
     assert!(!other.get("/metrics").await.text().contains("dvi_solves_total{"));
 }
 
-/// A service with a solve behind it, so that every figure has been counted once, and what it tells.
+/// The metrics of a service after a few solves, so that every metric has been counted at least once.
 async fn told() -> String {
     let solver: dvi::service::jobs::Solver = Arc::new(|specification, _| {
         let mut solution = halving(Status::Completed);
@@ -82,7 +82,7 @@ async fn told() -> String {
     });
     let site = Site::new(one_worker(), solver);
     Call::solve(DECAY).send(&site).await;
-    // Its worker is lost.
+    // This solve loses its worker.
     Call::solve(DECAY.replacen('{', "{\"label\":\"panics\",", 1)).send(&site).await.problem(500, "defect");
     site.get("/metrics").await.text().to_owned()
 }

@@ -1,4 +1,4 @@
-//! The description of the interface, and the interface.
+//! The API and its description agree.
 
 use crate::harness::{Call, Site, instant, one_worker};
 use axum::http::StatusCode;

@@ -1,4 +1,4 @@
-//! The program as a process that can be met over HTTP, and started again on the same folder.
+//! The program as a process that is used over HTTP, and restarted on the same folder.
 
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -8,13 +8,13 @@ use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;
 
-/// The program.
+/// The path of the program.
 pub const DVI: &str = env!("CARGO_BIN_EXE_dvi");
 
-/// Longer than any answer takes on a busy machine.
-pub const PATIENCE: Duration = Duration::from_secs(60);
+/// Longer than any response takes on a busy machine.
+pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// A folder of its own, removed at the end.
+/// A temporary folder, removed when it is dropped.
 pub struct Folder(PathBuf);
 
 impl Folder {
@@ -35,38 +35,38 @@ impl Drop for Folder {
     }
 }
 
-/// A running `dvi serve`, killed at the end if it still runs.
+/// A running `dvi serve`, killed when it is dropped.
 pub struct Server {
     pub child: Child,
     pub address: String,
-    /// The limits of its workers, as its log says them.
+    /// The limits in force on its workers, according to its log.
     pub confined_to: String,
-    /// Its log until it served.
+    /// Its log up to the line that reports the address.
     pub beginning: String,
     pub log: BufReader<ChildStderr>,
 }
 
 impl Server {
-    /// Starts on `folder`, with more arguments.
+    /// Starts the service on `folder`, with further arguments.
     pub fn start(folder: &Folder, arguments: &[&str]) -> Self {
         Self::start_at("127.0.0.1:0", folder, arguments)
     }
 
-    /// The same, to listen on `listen`.
+    /// Starts the service on `folder`, listening on `listen`.
     pub fn start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Self {
         Self::try_start_at(listen, folder, arguments).unwrap_or_else(|told| panic!("no service: {told}"))
     }
 
-    /// The same, or what it said before it ended.
+    /// Starts the service, or returns its log if it ended.
     pub fn try_start_at(listen: &str, folder: &Folder, arguments: &[&str]) -> Result<Self, String> {
         let mut command = Command::new(DVI);
         command.args(["serve", "--listen", listen, "--log-format", "json", "--data"]).arg(folder.path());
         Self::of(command.args(arguments))
     }
 
-    /// What `command` starts, or what it said before it ended.
+    /// The service started by `command`, or its log if it ended.
     pub fn of(command: &mut Command) -> Result<Self, String> {
-        // Lines for requests would fill a pipe that nobody reads.
+        // Without the lines of requests, which would fill the pipe that nobody reads.
         command.env("RUST_LOG", "info,dvi::request=off,dvi::job=off");
         let mut child = command.stderr(Stdio::piped()).spawn().unwrap();
         let log = BufReader::new(child.stderr.take().unwrap());
@@ -78,7 +78,7 @@ impl Server {
             if server.log.read_line(&mut told).unwrap() == 0 {
                 return Err(told);
             }
-            // What the runtime says before it aborts is no JSON.
+            // Messages of the Rust runtime before an abort are not JSON.
             let Ok(entry) = serde_json::from_str::<Value>(&told[before..]) else { continue };
             let field = |name: &str| entry["fields"][name].as_str().unwrap_or_default().to_owned();
             (server.address, server.confined_to) = (field("address"), field("confined_to"));
@@ -87,14 +87,14 @@ impl Server {
         Ok(server)
     }
 
-    /// The memory that it holds.
+    /// The resident memory of the service, in KiB.
     pub fn resident_kib(&self) -> u64 {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
         line.trim_end_matches("kB").trim().parse().unwrap()
     }
 
-    /// The answer to a request, or nothing if the server went away.
+    /// The response to a request; `None` if the service went away.
     pub fn try_send(&self, method: &str, path: &str, headers: &str, body: &str) -> Option<Answer> {
         send(&self.address, method, path, headers, body)
     }
@@ -115,11 +115,11 @@ impl Drop for Server {
     }
 }
 
-/// The answer of the server at `address` to a request, or nothing if it went away. In HTTP/1.0, whose bodies come in one
-/// piece.
+/// The response of the service at `address`; `None` if it went away. The request is HTTP/1.0, so that the body comes in
+/// one piece.
 pub fn send(address: &str, method: &str, path: &str, headers: &str, body: &str) -> Option<Answer> {
     let mut stream = TcpStream::connect(address).ok()?;
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(RESPONSE_TIMEOUT)).unwrap();
     let length = body.len();
     let head = format!("{method} {path} HTTP/1.0\r\nhost: localhost\r\n{headers}");
     write!(stream, "{head}content-length: {length}\r\n\r\n{body}").ok()?;
@@ -132,7 +132,7 @@ pub fn send(address: &str, method: &str, path: &str, headers: &str, body: &str) 
     answer.is_whole().then_some(answer)
 }
 
-/// An answer, read to its end.
+/// A response, read to its end.
 #[derive(Debug)]
 pub struct Answer {
     pub status: u16,
@@ -141,13 +141,13 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Whether the body has the length that was announced, if one was.
+    /// Whether the body has the announced length, if one was announced.
     fn is_whole(&self) -> bool {
         let announced = self.field("content-length").and_then(|length| length.parse().ok());
         announced.is_none_or(|length: usize| length == self.body.len())
     }
 
-    /// A field of the head.
+    /// A header field.
     pub fn field(&self, name: &str) -> Option<&str> {
         let lines = self.head.lines().filter_map(|line| line.split_once(": "));
         lines.filter(|(key, _)| key.eq_ignore_ascii_case(name)).map(|(_, value)| value).next()

@@ -1,7 +1,7 @@
 //! The program: exit codes, streams, signals.
 
 use crate::harness::DECAY;
-use crate::process::{PATIENCE, send};
+use crate::process::{RESPONSE_TIMEOUT, send};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Child, ChildStdin, Command, Output, Stdio};
@@ -23,7 +23,7 @@ fn run(arguments: &[&str], input: &str) -> Output {
 }
 
 fn give(mut stdin: ChildStdin, input: &str) {
-    // A program that has seen enough closes its end.
+    // Fails if the program has closed its standard input.
     let _ = stdin.write_all(input.as_bytes());
 }
 
@@ -41,7 +41,8 @@ fn a_solve_writes_its_result_and_nothing_else() {
     assert_eq!(result["status"], "completed");
 }
 
-/// A harmonic oscillator by implicit steps of half a unit of time: of its energy, which is constant, a hundredth is left.
+/// A harmonic oscillator with implicit steps of half a time unit, which leave a hundredth of its energy, a constant of
+/// the exact solution.
 const COARSE: &str = r#"{"problem":{"mechanical":{"coordinates":{"q":{"initial":1}},"mass":[[1]],"potential":"q^2/2"}},
 "time":{"end":10},"method":{"step":0.5}}"#;
 
@@ -189,7 +190,7 @@ fn a_flag_without_sense_is_told_with_what_to_write_instead() {
         let told = String::from_utf8(dvi(&["serve"]).env(variable, value).output().unwrap().stderr).unwrap();
         assert!(told.contains(&format!("environment variable {variable}")), "{told}");
     }
-    // Whoever writes 1 for yes is understood.
+    // The value 1 of an environment variable means yes.
     let asks = dvi(&["serve", "--ephemeral", "--listen", "no address"]).env("DVI_ASK_TOKENS", "1").output().unwrap();
     let told = String::from_utf8(asks.stderr).unwrap();
     assert!(told.contains("--listen") && !told.contains("ask-tokens"), "{told}");
@@ -291,7 +292,7 @@ fn a_log_that_nobody_reads_holds_up_no_request() {
             break address.to_owned();
         }
     };
-    // An id as long as it may be makes long lines; the pipe and the room behind it hold some thousand of them.
+    // Ids of the longest accepted length make long lines; the pipe and the buffer behind it hold some thousand of them.
     let id = "x".repeat(128);
     let get = |path: &str| send(&address, "GET", path, &format!("x-request-id: {id}\r\n"), "").expect("an answer");
     let lost = || {
@@ -301,7 +302,7 @@ fn a_log_that_nobody_reads_holds_up_no_request() {
     };
     let start = Instant::now();
     while lost() == 0 {
-        assert!(start.elapsed() < PATIENCE, "the log is read by somebody");
+        assert!(start.elapsed() < RESPONSE_TIMEOUT, "the log is read by somebody");
         (0..200).for_each(|_| assert_eq!(get("/methods").status, 200));
     }
     let before = lost();
@@ -312,7 +313,7 @@ fn a_log_that_nobody_reads_holds_up_no_request() {
     let start = Instant::now();
     assert_eq!(child.wait().unwrap().code(), Some(0));
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
-    // What the pipe still has begins with whole lines.
+    // The rest of the pipe begins with whole lines.
     let mut rest = Vec::new();
     log.read_to_end(&mut rest).unwrap();
     let rest = String::from_utf8_lossy(&rest);
@@ -331,7 +332,7 @@ fn an_address_that_is_taken_is_named() {
     assert!(String::from_utf8(output.stderr).unwrap().contains(&address));
 }
 
-/// A harmonic oscillator over ten million periods and more: its trajectory takes some hundred MiB.
+/// A harmonic oscillator over more than ten million periods, whose trajectory takes some hundred MiB.
 const LONG: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"v"},"v":{"initial":0,"rate":"-x"}}}},
 "time":{"end":100000000},"label":"long"}"#;
 
@@ -345,7 +346,7 @@ fn a_solve_within_its_memory_is_the_same_in_every_form() {
         if format == "json" {
             let [plain, confined] = [plain, confined].map(|output| {
                 let mut result: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-                // Times are measured in it.
+                // The diagnostics contain times.
                 result.as_object_mut().unwrap().remove("diagnostics");
                 result
             });

@@ -1,4 +1,4 @@
-//! `GET /readyz`: whether a load balancer should send work here.
+//! `GET /readyz`: whether a load balancer should send work to the service.
 
 use crate::harness::{Call, DECAY, Site, halving, one_worker, threads};
 use dvi::service::Service;
@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-/// The answer of `/readyz` once it has this status.
+/// The response of `/readyz`, once it has this status.
 async fn becomes(site: &Site, status: u16) -> crate::harness::Reply {
     let start = Instant::now();
     loop {
@@ -38,7 +38,7 @@ async fn a_service_that_cannot_start_workers_is_not_ready_until_it_can() {
     let site = Site { service, router };
     becomes(&site, 200).await;
     refused.store(true, Relaxed);
-    // The one worker is lost over it.
+    // The only worker is lost over this job.
     Call::solve(DECAY.replacen('{', "{\"label\":\"panics\",", 1)).send(&site).await.problem(500, "defect");
     let reply = becomes(&site, 503).await;
     reply.problem(503, "no-workers");

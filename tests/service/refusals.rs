@@ -1,4 +1,4 @@
-//! Requests that are wrong in themselves.
+//! Invalid requests.
 
 use crate::harness::{Call, DECAY, Site, instant, one_worker};
 use axum::http::StatusCode;

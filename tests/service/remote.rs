@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Output, Stdio};
 
-/// A service of its own, ended with the test.
+/// A service, ended with the test.
 struct Serving {
     process: Child,
     url: String,
@@ -32,7 +32,7 @@ impl Serving {
 
 impl Drop for Serving {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // Fails if the service has ended by itself.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }
@@ -46,7 +46,7 @@ fn solve(url: &str, format: &str, specification: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // A program that cannot understand its command line has ended without reading.
+    // Fails if the program has rejected its command line and ended without reading.
     let _ = child.stdin.take().unwrap().write_all(specification.as_bytes());
     child.wait_with_output().unwrap()
 }
@@ -67,7 +67,7 @@ fn a_server_solves_as_the_program_does() {
 #[test]
 fn a_solve_that_ends_early_has_its_own_exit_code_in_every_form() {
     let serving = Serving::start();
-    // x = 1/(1 - t): there is nothing beyond t = 1.
+    // The solution x = 1/(1 - t) blows up at t = 1.
     let explosive = DECAY.replace("\"-x\"", "\"x^2\"").replace("\"end\":1", "\"end\":2");
     for format in ["json", "csv"] {
         let output = serving.solve(format, &explosive);
@@ -86,7 +86,7 @@ fn the_errors_that_a_server_finds_are_told_with_their_places() {
 
 #[test]
 fn a_server_that_is_not_there_is_named() {
-    // The near end of a connection: nobody listens there, and nobody else is given it as long as it is held.
+    // The local port of a connection: nobody listens there, and nobody else gets it while the connection is open.
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let held = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
     let deaf = held.local_addr().unwrap();

@@ -1,4 +1,4 @@
-//! Results in every form, in part, compressed, and not sent twice.
+//! Results in every representation, in part, compressed, and with conditional requests.
 
 use crate::harness::{Call, DECAY, Reply, Site, halving, one_worker};
 use arrow_array::cast::AsArray;
@@ -10,7 +10,7 @@ use dvi::solution::{Field, Status};
 use std::io::Read;
 use std::sync::Arc;
 
-/// A service whose every solution has `t = 0, 1, .., n - 1`, `x = t^2` and `i(R1,a) = -t`.
+/// A service all of whose solutions are `t = 0, 1, .., n - 1`, `x = t^2` and `i(R1,a) = -t`.
 async fn squares(n: u32) -> (Site, String) {
     let solver: dvi::service::jobs::Solver = Arc::new(move |_, _| {
         let mut solution = halving(Status::Completed);

@@ -1,4 +1,4 @@
-//! `POST /solve`: the answer in time, or a monitor.
+//! `POST /solve`: results within the wait, or a monitor.
 
 use crate::harness::{Call, DECAY, Gate, Site, count, halving, instant, one_worker};
 use axum::http::StatusCode;

@@ -1,4 +1,4 @@
-//! `dvi store check`: what is whole, what is damaged, and what is left alone.
+//! `dvi store check` and `dvi store repair`: intact, damaged and busy stores.
 
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
@@ -25,7 +25,7 @@ fn a_store_is_left_alone_while_it_is_in_use_and_what_is_damaged_is_named() {
     assert!(told(&used.stderr).contains("in use by another process; check a copy of it"), "{used:?}");
     server.kill();
 
-    // Not closed in order, and not changed by the look.
+    // The database was not closed properly, and the check does not change it.
     let database = folder.path().join("jobs.redb");
     let before = fs::read(&database).unwrap();
     let whole = check(&folder);

@@ -1,6 +1,6 @@
-//! What the tests of the service do with the program beside meeting it: end it, wait for its jobs, read its answers closely.
+//! Functions for tests of the service program: to stop it, to wait for its jobs, and to examine its responses.
 
-use crate::process::{Answer, DVI, Folder, PATIENCE, Server};
+use crate::process::{Answer, DVI, Folder, RESPONSE_TIMEOUT, Server};
 use serde_json::Value;
 use std::fs;
 use std::io::Read;
@@ -9,18 +9,18 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 impl Server {
-    /// Where it listens.
+    /// The address on which it listens.
     pub fn address(&self) -> &str {
         &self.address
     }
 
-    /// Ends it without a word, as a crash does.
+    /// Kills the process, as a crash does.
     pub fn kill(mut self) {
         self.child.kill().unwrap();
         self.child.wait().unwrap();
     }
 
-    /// The processes that it has started.
+    /// The child processes of the service.
     pub fn workers(&self) -> Vec<u32> {
         let parent = format!("PPid:\t{}\n", self.child.id());
         let processes = fs::read_dir("/proc").unwrap();
@@ -32,7 +32,7 @@ impl Server {
         workers
     }
 
-    /// Asks it to stop, and gives how it did and what it said.
+    /// Asks the service to stop; returns its exit status and its log.
     pub fn stop(mut self) -> (ExitStatus, String) {
         let sent = Command::new("kill").args(["-s", "TERM", &self.child.id().to_string()]).status().unwrap();
         assert!(sent.success());
@@ -41,14 +41,14 @@ impl Server {
         (self.child.wait().unwrap(), told)
     }
 
-    /// Accepts `document` as an asynchronous job and gives its path.
+    /// Posts `document` as an asynchronous job, and returns its path.
     pub fn accept(&self, document: &str) -> String {
         let answer = self.send("POST", "/solve", "prefer: respond-async\r\n", document);
         assert_eq!(answer.status, 202, "{}", answer.body);
         answer.header("location")
     }
 
-    /// The state of the job at `path`, as soon as it is one of these.
+    /// The status of the job at `path`, once it is one of `states`.
     pub fn reaches(&self, path: &str, states: &[&str]) -> Value {
         let start = Instant::now();
         loop {
@@ -56,7 +56,7 @@ impl Server {
             if states.iter().any(|name| state["status"] == *name) {
                 return state;
             }
-            assert!(start.elapsed() < PATIENCE, "{states:?} is not reached: {state}");
+            assert!(start.elapsed() < RESPONSE_TIMEOUT, "{states:?} is not reached: {state}");
             thread::sleep(Duration::from_millis(2));
         }
     }
@@ -67,14 +67,14 @@ impl Answer {
         self.field(name).unwrap_or_else(|| panic!("no {name} in {self:?}")).to_owned()
     }
 
-    /// Asserts that the answer is this problem.
+    /// Asserts that the response is this problem.
     #[track_caller]
     pub fn problem(&self, status: u16, slug: &str) {
         assert_eq!((self.status, &self.json()["type"]), (status, &format!("/problems/{slug}").into()), "{self:?}");
     }
 }
 
-/// What `dvi token` says of `folder`.
+/// The output of `dvi token` for `folder`.
 pub fn dvi_token(folder: &Folder, arguments: &[&str]) -> Output {
     Command::new(DVI).arg("token").args(arguments).arg("--data").arg(folder.path()).output().unwrap()
 }

@@ -1,4 +1,4 @@
-//! Who may do what: tokens, their scopes, and other clients' jobs.
+//! Access control: tokens, their scopes, and jobs of other clients.
 
 use crate::harness::{Call, DECAY, Gate, Site, count, instant, one_worker};
 use crate::process::{Folder, Server};
@@ -156,7 +156,7 @@ async fn accept(site: &Site, token: &str) -> String {
     reply.header("location").to_owned()
 }
 
-/// Returns when a check under `token` is answered with `status`.
+/// Waits until a check under `token` is answered with `status`.
 async fn becomes(site: &Site, token: &str, status: StatusCode) {
     let start = Instant::now();
     while bearing(Call::check(DECAY), token).send(site).await.status != status {

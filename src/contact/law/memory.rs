@@ -1,34 +1,34 @@
-//! The memory that the law takes for the contacts of an island, known before anything of it is assembled. `W` has a block
-//! for every two contacts on one body, so that it grows with the square of the contacts of that body.
+//! Memory estimate of the contact law for one island, known before assembly. `W` has a block for every pair of contacts
+//! on one body, so that it grows with the square of the number of contacts of that body.
 
 use super::{Cone, MOST_FACTORISED};
 use nalgebra::{Matrix3, Vector3};
 
-/// What the contacts of one island come to.
+/// The size of the contact problem of one island.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Size {
-    /// How many there are.
+    /// The number of contacts.
     pub contacts: usize,
-    /// Blocks of `W`, as they are assembled.
+    /// The number of assembled blocks of `W`.
     pub blocks: usize,
-    /// The set that friction is taken from, where there is friction.
+    /// The admissible set of friction; `None` without friction.
     pub friction: Option<Cone>,
 }
 
-/// A block with its column. `W` is held where it was assembled, by the problem, by the problem in units of its own, and
-/// as sweeps read it.
+/// Bytes of a block with its column index; and the copies of `W`: as assembled, in the problem, in the scaled problem,
+/// and in the layout of the sweeps.
 const BLOCK: usize = size_of::<Matrix3<f64>>() + size_of::<usize>();
 const COPIES: usize = 4;
-/// A block on its way into the matrix.
+/// Bytes of a block during assembly.
 const ENTRY: usize = size_of::<(usize, usize, Matrix3<f64>)>();
-/// Vectors of impulses and velocities: data, iterates, and those that sweeps are accelerated with.
+/// Vectors of impulses and velocities: data, iterates, and the history of the acceleration of sweeps.
 const VECTORS: usize = 40;
-/// Dense matrices of Newton's method and of ADMM, each with its factors, and those of complementary pivoting.
+/// Dense matrices of Newton's method and of ADMM, each with its factors; and those of complementary pivoting.
 const DENSE: usize = 4;
 const PIVOTED: usize = 2;
 
 impl Size {
-    /// The bytes that solving for the impulses takes.
+    /// Bytes needed to solve for the impulses.
     pub fn bytes(&self) -> usize {
         let blocks = self.blocks.saturating_mul(COPIES * BLOCK + ENTRY);
         let vectors = self.contacts.saturating_mul(VECTORS * size_of::<Vector3<f64>>());
@@ -38,7 +38,7 @@ impl Size {
     fn dense_numbers(&self) -> usize {
         let square = |n: usize| n.saturating_mul(n);
         match self.friction {
-            // The impulse along the normal, one to each corner, and the slip.
+            // Unknowns of a contact: the normal impulse, one impulse for each corner, and the slip.
             Some(Cone::Polyhedral(corners)) => PIVOTED * square(self.contacts.saturating_mul(corners + 2)),
             // A single contact is solved in closed form.
             _ if self.contacts < 2 => 0,

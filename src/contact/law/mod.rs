@@ -1,5 +1,6 @@
 //! The law of impact and friction for all contacts of one step, at the level of velocities. With impulses `r` and
-//! relative velocities `u` in contact coordinates (normal, first tangent, second tangent), and the Delassus operator `W`,
+//! relative velocities `u` in contact coordinates (normal, first tangent, second tangent), and the Delassus operator
+//! `W`,
 //!
 //! ```text
 //! u+ = W r + u_free,    0 <= r_n  _|_  u_n+ - w >= 0,    r_t in mu r_n B,    -u_t+ normal to mu r_n B at r_t
@@ -8,14 +9,14 @@
 //! where `B` is the unit disk or a polygon in it. The target `w` of the normal velocity is
 //!
 //! - `-e u_n-` for a contact that closes within the step and had approached with `u_n- < 0` (Moreau 1988, on Newton's
-//!   law: for one `e` and no friction `v+ = P - e N`, with `v- = P + N` split by the cone of admissible velocities and its
-//!   polar, so that no energy is added whatever the number of contacts);
-//! - `-gap/h` otherwise, for a gap that is open: the contact may close and no more (Stewart and Trinkle 1996). A negative
-//!   gap is not pushed out: that would add energy.
+//!   law: for one `e` and no friction `v+ = P - e N`, with `v- = P + N` split by the cone of admissible velocities and
+//!   its polar, so that no energy is added whatever the number of contacts);
+//! - `-gap/h` otherwise, for an open gap: the contact may close but not penetrate (Stewart and Trinkle 1996). A
+//!   negative gap is not pushed out: that would add energy.
 //!
 //! With different `e`, or with friction, Newton's law may add energy (Kane and Levinson 1985). The contacts dissipate
-//! `-<r, u+ + u->/2`; where that comes out negative, impulses are moved on a straight line towards those of `e = 0`, which
-//! never add any (Stewart 2000, section 3), until they add none. The line lies in the friction cones, as they are convex.
+//! `-<r, u+ + u->/2`; if that is negative, impulses are moved on a straight line towards those of `e = 0`, which never
+//! add energy (Stewart 2000, section 3), until they add none. The line lies in the friction cones, which are convex.
 
 mod memory;
 mod polyhedral;
@@ -32,62 +33,63 @@ use problem::Control;
 use vi::Outcome;
 use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, Evidence, Limits};
 
-/// The set that friction is taken from, for `mu r_n = 1`.
+/// The admissible set of friction impulses, for `mu r_n = 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Cone {
     /// The unit disk: Coulomb's law itself.
     Quadratic,
-    /// A regular polygon with so many corners, the first in the direction of the first tangent; two are a segment, for
-    /// motion in a plane.
+    /// A regular polygon with this number of corners, the first in the direction of the first tangent; two corners are
+    /// a segment, for motion in a plane.
     Polyhedral(usize),
 }
 
 /// The contacts of one step.
 #[derive(Clone, Copy, Debug)]
 pub struct Contacts<'a> {
-    /// `W`, in 3 x 3 blocks; a direction in which a contact cannot slip has any positive diagonal and zeros beside it.
+    /// `W`, in 3 x 3 blocks; a direction in which a contact cannot slip has any positive diagonal entry and zeros in
+    /// its row and column.
     pub delassus: &'a BlockMatrix,
     /// `u_free`, the velocities at the end of the step without impulses.
     pub free: &'a [Vector3<f64>],
-    /// `u-`, the velocities at its beginning.
+    /// `u-`, the velocities at the beginning of the step.
     pub before: &'a [Vector3<f64>],
-    /// The gaps at its beginning.
+    /// The gaps at the beginning of the step.
     pub gap: &'a [f64],
     /// The coefficients of friction.
     pub mu: &'a [f64],
     /// The coefficients of restitution, from 0 to 1.
     pub restitution: &'a [f64],
-    /// The sets that friction is taken from.
+    /// The admissible sets of friction.
     pub cone: &'a [Cone],
     /// The step size.
     pub h: f64,
 }
 
-/// How a law was solved.
+/// Result and cost of solving the law.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Report {
-    /// How the last problem ended.
+    /// The outcome of the last problem.
     pub outcome: Outcome,
-    /// The solver that answered.
+    /// The solver that found the solution.
     pub solver: &'static str,
-    /// Problems solved.
+    /// The number of problems solved.
     pub solves: u64,
-    /// Pivots or iterations in all.
+    /// The total number of pivots or iterations.
     pub iterations: u64,
-    /// What is left of the law, relative to the larger of velocities and impulses.
+    /// The residual of the law, relative to the larger of velocities and impulses.
     pub residual: f64,
-    /// The part of the restitution that was applied: below one where the whole would have added energy.
+    /// The fraction of the restitution that was applied: below one if the whole would have added energy.
     pub restitution: f64,
 }
 
 impl Report {
-    /// The report of a law that was solved after another: its own, with the work of both.
+    /// Adds the work of an earlier solve to the report.
     #[must_use]
     pub fn after(self, earlier: &Self) -> Self {
         Self { solves: self.solves + earlier.solves, iterations: self.iterations + earlier.iterations, ..self }
     }
 
-    /// The report of a step that takes two laws to be solved: that of the worse.
+    /// Combines the reports of two laws that a step needs: outcome, residual and restitution are those of the worse.
     #[must_use]
     pub fn beside(self, other: &Self) -> Self {
         let worse = if other.outcome != Outcome::Solved { other } else { &self };
@@ -100,7 +102,7 @@ impl Report {
     }
 }
 
-/// The solvers of the law, with their room.
+/// The solvers of the law, with their workspace.
 #[derive(Debug)]
 pub struct Law {
     coulomb: Coulomb,
@@ -111,26 +113,26 @@ pub struct Law {
     inelastic: Vec<Vector3<f64>>,
 }
 
-/// A residual above this is no solution.
+/// Largest relative residual of a solution.
 pub const UNSOLVED: f64 = 1e-6;
 
-/// Iterations of the slowest solver: a step that is not solved in so many is better told than waited for.
+/// Iteration limit of the slowest solver: a step that needs more is reported as unsolved.
 const MOST_ITERATIONS: usize = 3_000;
 
-/// Above so many contacts in one island a factorisation takes seconds.
+/// Largest number of contacts in one island for a dense factorisation; larger ones take seconds.
 const MOST_FACTORISED: usize = 600;
 
-/// Above so many contacts without friction sweeps and sparse factors cost less than dense pivots.
+/// Largest number of frictionless contacts for dense pivoting; above it sweeps and sparse factors cost less.
 const MOST_PIVOTED: usize = 100;
 
-/// The set of a contact that can slip in one direction alone.
+/// The admissible set of a contact that can slip in one direction only.
 const SEGMENT: Cone = Cone::Polyhedral(2);
 
 /// Energy below this fraction of `sum |r| |u|` is rounding.
 const ROUNDING: f64 = 1e-13;
 
 impl Law {
-    /// Solvers that reach this relative residual.
+    /// Allocates solvers for this relative residual.
     pub fn new(tolerance: f64) -> Self {
         Self {
             coulomb: Coulomb::new(Limits {
@@ -147,7 +149,7 @@ impl Law {
         }
     }
 
-    /// Finds the impulses, starting from those in `r`. A report with `Solved` is to be trusted; any other is no answer.
+    /// Computes the impulses, starting from those in `r`. Only a report with [`Outcome::Solved`] is a solution.
     pub fn impulses(&mut self, contacts: &Contacts<'_>, r: &mut [Vector3<f64>], control: &Control) -> Report {
         let mut report = Report {
             outcome: Outcome::Solved,
@@ -203,7 +205,8 @@ impl Law {
             if over || (0..r.len()).any(|k| faceted(k) && contacts.cone[k] != SEGMENT) {
                 return;
             }
-            // Contacts that share a slip have bases that are singular but for rounding; a segment is a disk too.
+            // Contacts with dependent slip directions have bases that are singular up to rounding. In one direction a
+            // disk is a segment, so the solver for disks takes over.
             r.fill(Vector3::zeros());
             report.solves += 1;
         }
@@ -222,7 +225,7 @@ impl Law {
         }
     }
 
-    /// Moves impulses that add energy towards inelastic ones.
+    /// Moves impulses that add energy towards the inelastic ones, until they add none.
     fn spend_no_more_than_there_is(
         &mut self,
         contacts: &Contacts<'_>,
@@ -239,7 +242,7 @@ impl Law {
         inelastic.clear();
         inelastic.extend_from_slice(r);
         self.solve(contacts, &mut inelastic, report, control);
-        // Along the line dissipation is a concave parabola, known by three of its points.
+        // Along the line the dissipation is a concave parabola, determined by three points.
         let (start, _) = contacts.dissipation(&inelastic);
         let least = start.min(0.0);
         let middle: Vec<Vector3<f64>> = inelastic.iter().zip(&*r).map(|(a, b)| 0.5 * (a + b)).collect();
@@ -273,12 +276,12 @@ impl Contacts<'_> {
         self.restitution[k] > 0.0 && self.before[k].x < 0.0
     }
 
-    /// Whether it closes within the step if it moves with normal velocity `u_n`.
+    /// Whether contact `k` closes within the step if it moves with normal velocity `u_n`.
     fn closes(&self, k: usize, u_n: f64) -> bool {
         self.gap[k] <= 0.0 || self.gap[k] + self.h * u_n < 0.0
     }
 
-    /// `-<r, u+ + u->/2`, and the size of its terms.
+    /// The dissipation `-<r, u+ + u->/2`, and the size of its terms.
     fn dissipation(&self, r: &[Vector3<f64>]) -> (f64, f64) {
         (0..r.len()).fold((0.0, 0.0), |(sum, size), k| {
             let (after, before) = (self.after(k, r), self.before[k]);

@@ -7,9 +7,9 @@
 //! 0 <= lambda  _|_  mu c_n - 1^T beta       >= 0
 //! ```
 //!
-//! A contact without friction has `c_n` alone. Impulses and velocities of each contact are in its own unit, `D W D` and
-//! `D q` with impulses `D^-1 r`, as beside `W`, whose size is that of an inverse mass, `mu` and ones are pure numbers. `D` are
-//! powers of two, so that nothing is rounded.
+//! A contact without friction has `c_n` alone. Each contact is scaled by its own unit, `D W D` and `D q` with impulses
+//! `D^-1 r`: `W` has the size of an inverse mass, whereas `mu` and the ones are pure numbers. `D` holds powers of two,
+//! so that scaling is exact.
 
 use super::{Cone, Contacts, Report};
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -20,17 +20,17 @@ use vi::{AffineVi, Lemke, Outcome, ViSolver};
 #[derive(Debug)]
 pub struct Polyhedral {
     solver: Lemke,
-    /// For each unknown its contact, and what it is.
+    /// The contact and the kind of each unknown.
     unknowns: Vec<(usize, Unknown)>,
-    /// `D`, one a contact.
+    /// `D`, one entry for each contact.
     units: Vec<f64>,
-    /// The solution of the last problem, from which the next is started.
+    /// The solution of the last problem, the starting point of the next.
     z: Vec<f64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Unknown {
-    /// `c_n` or a component of `beta`, with the impulse of one unit of it.
+    /// `c_n` or a component of `beta`, with the direction of its impulse.
     Impulse(Vector3<f64>),
     /// `lambda`.
     Slip,
@@ -89,7 +89,7 @@ impl Polyhedral {
                 r[k] += direction * (*z * self.units[k]);
             }
         }
-        // Velocities that cancel leave rounding of those before.
+        // Include the velocities before the step: where they cancel, their rounding remains.
         let before = contacts.before.iter().zip(&self.units).map(|(u, unit)| u.amax() * unit);
         let terms = q.iter().chain(&self.z).map(|x| x.abs()).chain(before);
         let size = terms.fold(f64::MIN_POSITIVE, f64::max);
@@ -128,7 +128,7 @@ fn unit(diagonal: &Matrix3<f64>) -> f64 {
     if exponent.is_finite() { exponent.exp2() } else { 1.0 }
 }
 
-/// Corner `i` of a regular polygon; those on the axes without rounding, so that opposite ones cancel.
+/// Corner `i` of a regular polygon; corners on the axes are exact, so that opposite ones cancel.
 fn corner(i: usize, corners: usize) -> Vector3<f64> {
     let (quarters, rest) = (4 * i / corners, 4 * i % corners);
     let angle = std::f64::consts::FRAC_PI_2 * rest as f64 / corners as f64;

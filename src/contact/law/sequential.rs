@@ -1,20 +1,20 @@
-//! Impacts one after the other: of the contacts that are closed and approach, the fastest is struck by Newton's law with
-//! the others left alone, until none approaches. It is what a row of balls does whose shocks run through it one by one
-//! (the cradle), where the simultaneous law gives every ball a share at once. Between two contacts with `e < 1` strikes may
-//! follow each other without end; what is left after a bound is for the simultaneous law.
+//! Sequential impacts: of the closed contacts that approach, the fastest is struck by Newton's law with the others left
+//! alone, until none approaches. It is the behaviour of a row of balls through which shocks run one by one (Newton's
+//! cradle), where the simultaneous law gives every ball a share at once. Between two contacts with `e < 1` strikes may
+//! follow each other without end; beyond a limit the remaining approach is left to the simultaneous law.
 
 use super::Contacts;
 use nalgebra::Vector3;
 use vi::coulomb::solve_contact;
 
-/// Strikes for each contact before the rest is left to the simultaneous law.
+/// Largest number of strikes per contact; the simultaneous law takes over from there.
 const STRIKES: usize = 1000;
 
-/// A velocity this small against those before is none.
+/// Approach velocities below this fraction of the largest velocity before the impacts are treated as zero.
 const ROUNDING: f64 = 1e-13;
 
-/// The impulses of the strikes, at the velocities before the step, and how many strikes there were. Friction acts in each
-/// strike by the law of one contact, with a disk.
+/// The impulses of the strikes, from the velocities before the step, and the number of strikes. Friction in each strike
+/// is that of a single contact with a disk.
 pub fn sequential(contacts: &Contacts<'_>) -> (Vec<Vector3<f64>>, usize) {
     let n = contacts.gap.len();
     let mut r = vec![Vector3::zeros(); n];
@@ -27,7 +27,7 @@ pub fn sequential(contacts: &Contacts<'_>) -> (Vec<Vector3<f64>>, usize) {
         let q = Vector3::new((1.0 + contacts.restitution[k]) * u[k].x, u[k].y, u[k].z);
         let Some(strike) = solve_contact(contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };
         r[k] += strike;
-        // W is symmetric up to rounding: its row k is its column k.
+        // W is symmetric up to rounding: row k equals column k.
         for (l, block) in contacts.delassus.row(k) {
             u[l] += block.transpose() * strike;
         }

@@ -87,8 +87,8 @@ fn balls_struck_one_after_the_other_hand_the_blow_to_the_last() {
     assert!(v[..4].iter().all(|v| v.abs() < 1e-15) && (v[4] - 1.0).abs() < 1e-15, "{v:?}");
 }
 
-/// A rod that strikes a rough floor with one end while it turns: Kane and Levinson's example, in which Newton's law with
-/// Coulomb friction adds energy, over many angles and spins.
+/// A rod that strikes a rough floor with one end while it turns: Kane and Levinson's example, in which Newton's law
+/// with Coulomb friction adds energy, over many angles and spins.
 #[test]
 fn no_energy_is_added_where_newtons_law_would_add_some() {
     let mut limited = 0;
@@ -142,7 +142,7 @@ fn an_open_gap_may_close_and_no_more() {
     let mut r = [Vector3::zeros()];
     Law::new(1e-12).impulses(&contacts, &mut r, &Control::new());
     assert!((contacts.gap[0] + contacts.h * contacts.after(0, &r).x).abs() < 1e-15);
-    // With restitution the whole approach is turned round.
+    // With restitution the velocity of approach is reversed.
     let contacts = Contacts { restitution: &[0.5], ..contacts };
     Law::new(1e-12).impulses(&contacts, &mut r, &Control::new());
     assert!((contacts.after(0, &r).x - 1.5).abs() < 1e-15);
@@ -183,7 +183,7 @@ fn polygons_with_more_corners_come_to_the_disk() {
 
 #[test]
 fn a_block_on_two_corners_whose_slips_differ_by_rounding_is_struck_by_the_law() {
-    // Corners at (-b, -h) and (b, -h), or above the centre as those of a pendulum are, of a block that is tilted.
+    // The corners of a tilted block at (-b, -h) and (b, -h), or above its centre as those of a pendulum.
     let (b, h, mu) = (0.1649, 0.3317, 0.1);
     let inertia = (b * b + h * h) / 3.0;
     for digits in 4..16 {

@@ -1,37 +1,38 @@
-//! What depends on time explicitly, within a step that does not look for it: a force, a belt or a floor that acts for a
-//! moment, between all points at which the step was made.
+//! Bursts: explicit dependence on time that a step has missed, such as a force, a belt or a floor that acts for a
+//! moment between all points at which the step was evaluated.
 //!
-//! So forces, drift and bias are enclosed over the times of a step, with coordinates and velocities as they are in the
-//! middle of each of its parts, and a part is halved where an enclosure is much wider than what is seen at its ends and in
-//! its middle, or where that is not nearly straight. The parts that are left are those in which forces are looked at: where
-//! the slopes of the polynomial are not the rates there, the step went over a burst and is made anew, up to where that
-//! begins.
+//! Forces, drift and bias are enclosed over the times of a step, with coordinates and velocities frozen at the middle
+//! of each of its parts. A part is halved where an enclosure is much wider than the values at its ends and its middle,
+//! or where these are not nearly on a line. Forces are then compared in the resulting parts: where the slopes of the
+//! collocation polynomial differ from the accelerations, the step went over a burst and is repeated up to its
+//! beginning.
 
 use super::hidden::{HALVINGS, Hidden, NEXT};
 use super::smooth_phase::SmoothPhase;
 use numerics::{Interval, is_seen};
 
-/// Parts of one step; a part that is left undecided then is as wide as it is.
+/// Largest number of parts of one step; beyond it undecided parts are not halved further.
 const MOST_PARTS: usize = 400;
 
-/// The smallest part of a step.
+/// The shortest part, relative to the step.
 const SMALLEST: f64 = 1e-9;
 
-/// Slopes in the middle of a part are off by this many tolerances, over its length, where a burst was not seen: the
-/// polynomial has rates to one order less than its ends.
+/// A burst was missed if slopes of velocities in the middle of a part differ from the accelerations by more than this
+/// many tolerances, over the length of the part: the derivative of the polynomial is one order less accurate than its
+/// end values.
 const OFF: f64 = 10.0;
 
-/// The parts of a step.
+/// A partition of a step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Parts {
-    /// Where they end, but for the last.
+    /// The times at which parts end, except for the last.
     pub ends: Vec<f64>,
-    /// Whether each shows what acts in it.
+    /// Whether the points of every part represent the dependence on time within it.
     pub are_decided: bool,
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Parts a step so that what depends on time shows in each.
+    /// Partitions a step so that the dependence on time shows at the points of each part.
     pub(super) fn parts_in_time(&mut self, begin: f64, end: f64) -> Parts {
         let mut parts = Parts { ends: Vec::new(), are_decided: true };
         if !self.located.structure.depends_on_time {
@@ -59,8 +60,8 @@ impl SmoothPhase<'_, '_> {
         parts
     }
 
-    /// What forces, drift and bias may be off by over a step: the forces as they change velocities by their tolerances,
-    /// drift as velocities themselves.
+    /// Tolerances of forces, drift and bias over a step: that of a force is the one that changes velocities by their
+    /// tolerance, that of drift the tolerance of velocities.
     fn tolerances_in_time(&mut self, begin: f64, end: f64) -> Vec<f64> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -77,7 +78,7 @@ impl SmoothPhase<'_, '_> {
         forces.chain(drift).chain(bias).collect()
     }
 
-    /// Whether what is seen at the ends and in the middle of a part tells what acts within.
+    /// Whether the values at the ends and the middle of a part represent the dependence on time within it.
     fn shows(&mut self, (a, b): (f64, f64), x: &[f64], allowed: &[f64]) -> bool {
         let (q, v) = x.split_at(x.len() / 2);
         let mut enclosed = vec![Interval::LINE; allowed.len()];
@@ -94,7 +95,7 @@ impl SmoothPhase<'_, '_> {
         (0..allowed.len()).all(|i| is_seen(enclosed[i], [first[i].lo, middle[i].lo, last[i].lo], allowed[i]))
     }
 
-    /// A burst that the last step went over, in one of its parts.
+    /// Finds a burst that the last step missed, in one of its parts.
     pub(super) fn burst(&mut self, begin: f64, end: f64) -> Option<Hidden> {
         let mut from = begin;
         let ends = self.parts.ends.clone();
@@ -109,7 +110,8 @@ impl SmoothPhase<'_, '_> {
         None
     }
 
-    /// Whether the slopes of velocities at a time are off by this multiple of their tolerances over a length of time.
+    /// Whether the slopes of velocities at `t` differ from the accelerations by more than `multiple` tolerances over
+    /// `length`.
     fn is_off(&mut self, t: f64, length: f64, multiple: f64) -> bool {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -120,7 +122,7 @@ impl SmoothPhase<'_, '_> {
         (0..n).any(|i| (slopes[n + i] - self.watch.a[i]).abs() * length > multiple * tolerances[i])
     }
 
-    /// How far a step may go that was found to be off at a time.
+    /// The cut of a step whose slopes were found to be off at the time `seen`.
     fn before(&mut self, begin: f64, seen: f64, length: f64) -> Hidden {
         let (mut clear, mut off) = (begin, seen);
         for _ in 0..HALVINGS {
@@ -131,7 +133,7 @@ impl SmoothPhase<'_, '_> {
             let side = if self.is_off(middle, length, 1.0) { &mut off } else { &mut clear };
             *side = middle;
         }
-        // What the step misses may begin before it shows.
+        // The burst may begin before the slopes show it.
         let until = (clear - (seen - clear)).max(begin);
         Hidden { until, next: NEXT * (seen - until) }
     }

@@ -1,11 +1,12 @@
-//! Whether closed contacts go on as they do between the points at which a step has been looked at: normal forces stay positive
-//! and friction below its bound, by the [enclosure](super::enclosed_forces) of both, and slips go on, by theirs or by
+//! Screening of closed contacts between the points at which a step was evaluated: normal forces stay positive and
+//! friction below its bound, by the [enclosure](super::enclosed_forces) of both; slips continue, by an enclosure or by
+//! the lower bound
 //!
 //! ```text
 //! u_t(middle) - |u_t'| length/2
 //! ```
 //!
-//! or the value at one end where the rate has one sign. A part of the step that is left open is halved.
+//! or the value at one end where the rate has one sign. An undecided part of the step is halved.
 
 use super::hidden::{MOST_PARTS, lowest};
 use super::mode::Status;
@@ -15,14 +16,15 @@ use super::smooth_phase::SmoothPhase;
 use numerics::Interval;
 
 impl SmoothPhase<'_, '_> {
-    /// Whether the monitors of closed contacts are proven to stay positive over the step, or else a time at which one is
-    /// violated.
+    /// Whether the monitors of closed contacts are proven to stay positive over the step; otherwise a time at which one
+    /// is violated, if one was found.
     pub(super) fn forces_within(&mut self, begin: f64, end: f64) -> (bool, Option<f64>) {
         if !self.mode.iter().any(|status| status.is_closed()) {
             return (true, None);
         }
         let levels = self.levels(begin);
-        // What a force does in a moment before the step ends is the event that ends it, or none that times tell apart.
+        // Parts this short are not screened: a violation there belongs to the event that ends the step, or lies below
+        // the resolution of time.
         let smallest = (SMALLEST * (end - begin)).max(ROUNDING_OF_TIME * end.abs());
         let mut parts = vec![(begin, end)];
         let mut enclosed = 0;
@@ -43,14 +45,15 @@ impl SmoothPhase<'_, '_> {
         (true, None)
     }
 
-    /// To where the monitors of closed contacts may fall: to their noise, or to where the step begins if that is below.
+    /// The lowest admissible values of the monitors: zero, or the value at the beginning of the step if that is
+    /// negative, less a multiple of their noise.
     fn levels(&mut self, begin: f64) -> Vec<f64> {
         let mut monitors = Vec::new();
         self.monitors_at(begin, &mut monitors);
         monitors.iter().map(|monitor| monitor.value.min(0.0) - NOISE * monitor.noise).collect()
     }
 
-    /// Whether a monitor of a closed contact is violated at a time.
+    /// Whether a monitor of a closed contact is below its level at `t`.
     fn is_mode_violated(&mut self, t: f64, levels: &[f64]) -> bool {
         let mut monitors = Vec::new();
         self.monitors_at(t, &mut monitors);
@@ -62,12 +65,12 @@ impl SmoothPhase<'_, '_> {
     fn are_forces_proven(&mut self, a: f64, b: f64, levels: &[f64]) -> bool {
         let slips = self.mode.iter().any(|status| matches!(status, Status::Slip(_)));
         let [mut first, mut middle, mut last] = [const { Vec::new() }; 3];
-        // Of the other monitors enclosures tell all.
+        // Slips need values at the ends; the other monitors are decided by enclosures alone.
         if slips {
             self.monitors_at(a, &mut first);
             self.monitors_at(b, &mut last);
         }
-        // Settled there last, about which the equations are enclosed.
+        // Evaluate the middle last: the enclosure is about the point of the last evaluation.
         self.monitors_at(0.5 * (a + b), &mut middle);
         let x = self.ranges(a, b);
         let mut m = vec![0.0; x.len()];

@@ -1,12 +1,13 @@
-//! Forces of closed contacts and accelerations between the points of a step, enclosed. With `a` and `lambda` those of a point
-//! `m` in the box, elsewhere in it
+//! Enclosures of the forces of closed contacts and of accelerations between the points of a step. Let `a` and `lambda`
+//! be those of a point `m` in a box of times and states. Elsewhere in the box
 //!
 //! ```text
 //! M da - G dlambda = r = f + G lambda - M a,    C da = w = -gamma - C a,
 //! ```
 //!
-//! so that `(da, dlambda)` is `K_m^-1 (r, w)`, linear in what intervals hold, but for `K_m^-1 (K - K_m) (da, dlambda)`: of second
-//! order where the box is narrow, and nothing where masses and directions are the same all over it.
+//! With the matrix `K` of this system, and `K_m` that of the point `m`, `(da, dlambda)` is `K_m^-1 (r, w)`, linear in
+//! the enclosed quantities, up to the remainder `K_m^-1 (K - K_m) (da, dlambda)`. The remainder is of second order in
+//! the width of the box, and zero if masses and directions are constant in the box.
 
 use super::mode::Status;
 use super::mode_equations::{ModeEquations, Solved};
@@ -15,41 +16,42 @@ use numerics::{Interval, variation};
 use problem::{DynamicsRange, SensitivityRange};
 use std::ops::Range;
 
-/// The factor by which changes of the matrix `K` may feed back on the accelerations and multipliers that they multiply. The sum of
-/// all further terms is at most `1/(1 - factor)` times the first of them, which any factor below one bounds; at a half, by
-/// twice that. Nearer to one the bound would be too wide to prove anything; nearer to zero parts of a step would be halved,
-/// which halves the factor, although their forces are known well enough.
+/// Largest factor by which changes of the matrix `K` may feed back on accelerations and multipliers. The sum of all
+/// further terms is at most `1/(1 - factor)` times the first of them, finite for any factor below one; for one half it
+/// is twice the first term. Close to one the bound would be too wide to prove anything; for a small limit parts of a
+/// step would be halved, which halves the factor, although their forces are known well enough.
 const FEEDBACK: f64 = 0.5;
 
-/// What is known over a box.
+/// Enclosures over a box of times and states.
 pub(super) struct Forces {
     /// Accelerations.
     pub a: Vec<Interval>,
-    /// Multipliers of all rows of `J`; those of sliding friction are left out.
+    /// Multipliers of all rows of `J`; those of sliding friction are not updated.
     pub lambda: Vec<Interval>,
     /// Masses, forces, bias, drift and directions.
     pub dynamics: DynamicsRange,
 }
 
 impl Forces {
-    /// The slip of contact `k` in a direction, where velocities are `v`.
+    /// The slip of contact `k` in a direction, with velocities `v`.
     pub fn slip(&self, equations: &ModeEquations, k: usize, v: &[Interval], direction: Vector2<f64>) -> Interval {
         self.along(&self.dynamics.drift, v, equations.shape().tangents(k), direction)
     }
 
-    /// The rate of the slip of contact `k` in a direction that stays.
+    /// The rate of the slip of contact `k` in a constant direction.
     pub fn slip_rate(&self, equations: &ModeEquations, k: usize, direction: Vector2<f64>) -> Interval {
         self.along(&self.dynamics.bias, &self.a, equations.shape().tangents(k), direction)
     }
 
-    /// `d^T (free + J x)` for some rows of `J`: a velocity with drift and velocities, its rate with bias and accelerations.
+    /// `d^T (free + J x)` for some rows of `J`: the slip with drift and velocities, the slip rate with bias and
+    /// accelerations.
     fn along(&self, free: &[Interval], x: &[Interval], rows: Range<usize>, direction: Vector2<f64>) -> Interval {
         let terms = rows.zip(direction.iter());
         sum(terms.map(|(row, d)| Interval::point(*d) * (free[row] + product(self.dynamics.row(row), x))))
     }
 }
 
-/// `K_m^-1`, by its blocks: accelerations and multipliers by forces and by biases.
+/// `K_m^-1` in blocks: accelerations and multipliers by forces and by biases.
 pub(super) struct Inverse {
     a_by_r: DMatrix<f64>,
     a_by_w: DMatrix<f64>,
@@ -66,7 +68,7 @@ impl Inverse {
         Self { a_by_r, a_by_w: &solved.y * &solved.inverse, l_by_r, l_by_w: solved.inverse.clone() }
     }
 
-    /// `(da, dlambda)` for right sides in intervals.
+    /// `(da, dlambda)` for interval right-hand sides.
     fn apply(&self, r: &[Interval], w: &[Interval]) -> (Vec<Interval>, Vec<Interval>) {
         let of = |by_r: &DMatrix<f64>, by_w: &DMatrix<f64>, i: usize| {
             let along_r = sum(r.iter().enumerate().map(|(j, r)| Interval::point(by_r[(i, j)]) * *r));
@@ -76,8 +78,8 @@ impl Inverse {
         (a, (0..w.len()).map(|i| of(&self.l_by_r, &self.l_by_w, i)).collect())
     }
 
-    /// The terms of `-da_i/dx_j`, as factors and the derivatives that they multiply: those by `x_j` of `M a - f - G lambda` and,
-    /// in the held `rows`, of `C a + gamma`. There are `count` components of `x`.
+    /// The terms of `-da_i/dx_j`, as pairs of a factor and a derivative by `x_j`: derivatives of `M a - f - G lambda`
+    /// and, in the held `rows`, of `C a + gamma`. `x` has `count` components.
     fn terms_of_slope(
         &self,
         (i, j): (usize, usize),
@@ -99,8 +101,8 @@ impl Solved {
 }
 
 impl ModeEquations {
-    /// Accelerations and multipliers over a box of times and of `x`, about the point `m` in it at which the equations of the mode
-    /// were solved last; `None` where they are not known over the box, or multipliers are not unique.
+    /// Encloses accelerations and multipliers over a box of times and states, about the point `m` of the last
+    /// evaluation; `None` if they are not bounded over the box, or multipliers are not unique.
     pub(super) fn enclose(&mut self, t: Interval, x: &[Interval], m: &[f64]) -> Option<Forces> {
         let n = self.shape().coordinates;
         let (q, v) = x.split_at(n);
@@ -114,7 +116,7 @@ impl ModeEquations {
         let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &directions)).collect();
         let inverse = solved.whole_inverse();
         let (mut da, mut dl) = inverse.apply(&r, &w);
-        // `K_m^-1 (K - K_m) (da, dlambda)`, the first of the further terms and, applied again, those that follow.
+        // The remainder `K_m^-1 (K - K_m) (da, dlambda)`; applied again, the terms of higher order.
         let feed = |da: &[Interval], dl: &[Interval]| {
             let of_mass = |i: usize, j: usize| dynamics.mass[i * n + j] - Interval::point(solved.matrix[(i, j)]);
             let r: Vec<Interval> = (0..n)
@@ -155,9 +157,9 @@ impl ModeEquations {
         Some(Forces { a, lambda, dynamics })
     }
 
-    /// Encloses the derivatives of accelerations by `x` over a box, row by row: `-K_m^-1` times those of `M a - f - G lambda` and
-    /// of `C a + gamma`, with the point `m` in the box at which the equations of the mode were settled last. Products of changes
-    /// of `M`, of directions and of slips with changes of `a` and `lambda` are left out. False where the
+    /// Encloses the derivatives of accelerations by `x` over a box, row by row: `-K_m^-1` times those of
+    /// `M a - f - G lambda` and of `C a + gamma`, with the point `m` of the last evaluation in the box. Products of
+    /// changes of `M`, of directions and of slips with changes of `a` and `lambda` are neglected. False if the
     /// equations have no unique solution.
     pub(super) fn enclose_slopes(&mut self, t: Interval, x: &[Interval], slopes: &mut [Interval]) -> bool {
         let (a, lambda) = (self.a.clone(), self.lambda.clone());
@@ -172,8 +174,8 @@ impl ModeEquations {
         true
     }
 
-    /// For each derivative of accelerations by `x`, the sums of the [`variation`]s of its terms between three successive points,
-    /// with `K_m`, accelerations and multipliers of the middle one, at which the equations of the mode were settled last.
+    /// For each derivative of accelerations by `x`, sums the [`variation`]s of its terms over three successive points,
+    /// with `K_m`, accelerations and multipliers of the middle point, at which the equations were evaluated last.
     pub(super) fn vary_slopes(&mut self, times: [f64; 3], x: &[f64], variations: &mut [(f64, f64)]) {
         let (a, lambda, count) = (self.a.clone(), self.lambda.clone(), x.len() / 3);
         let mut at = 0;
@@ -197,7 +199,7 @@ impl ModeEquations {
         }
     }
 
-    /// `r` and `w` over the box, where directions of slip do not turn as
+    /// `r` and `w` over the box; if slip directions are constant, by the mean value theorem
     ///
     /// ```text
     /// r = r(t, m) - (d(M a - f - G lambda)/dx) (x - m),    w = w(t, m) - (d(C a + gamma)/dx) (x - m)
@@ -211,7 +213,7 @@ impl ModeEquations {
         directions: &[Vec<Interval>],
     ) -> (Vec<Interval>, Vec<Interval>) {
         let turns = directions.iter().any(|direction| direction.len() > 1);
-        // A mean value tells nothing across a jump.
+        // The mean value theorem does not hold across a jump.
         if turns || self.problem().may_jump(t, x) {
             return self.residuals_of(dynamics, directions);
         }
@@ -233,7 +235,7 @@ impl ModeEquations {
         (r, w)
     }
 
-    /// `r` and `w` of what intervals hold.
+    /// `r` and `w` by interval evaluation.
     fn residuals_of(&self, dynamics: &DynamicsRange, directions: &[Vec<Interval>]) -> (Vec<Interval>, Vec<Interval>) {
         let n = self.shape().coordinates;
         let rows = self.rows();
@@ -251,7 +253,8 @@ impl ModeEquations {
         ((0..n).map(of_balance).collect(), rows.iter().map(of_row).collect())
     }
 
-    /// What the multiplier of a held row pushes: the row, and with the normal of a contact that slides its friction.
+    /// The generalised force of a unit multiplier of a held row: the row and, for the normal of a sliding contact, its
+    /// friction.
     fn push_of(&self, row: usize, dynamics: &DynamicsRange, directions: &[Vec<Interval>]) -> Vec<Interval> {
         let shape = self.shape();
         let mut push = dynamics.row(row).to_vec();
@@ -265,7 +268,7 @@ impl ModeEquations {
         push
     }
 
-    /// The directions of the contacts that slide over the box, empty of the others; `None` where one may turn by any angle.
+    /// The slip directions of sliding contacts over the box, empty for the others; `None` if one may turn by any angle.
     fn directions_over(&self, dynamics: &DynamicsRange, v: &[Interval]) -> Option<Vec<Vec<Interval>>> {
         let shape = self.shape();
         let of_contact = |k: usize| {

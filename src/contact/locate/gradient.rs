@@ -1,18 +1,20 @@
-//! Gaps without a gradient where they close, such as powers of a distance: there is no direction to push in.
+//! Gaps whose gradient vanishes where they close, such as powers of a distance: the impulse has no direction.
 
 use super::{EventDriven, State};
 use problem::Constraints;
 
-/// A gap has no gradient where it closes if its gradient is this many times as large beside that place, by what the tolerances
-/// leave coordinates open and by [`BEYOND`] times what the gap is off zero, to first order: below that it has at least half its
-/// size, and a direction, wherever within the tolerances the gap closes. The gradient of a power `y^p` with `p >= 2`, found off
-/// its zero by however much, grows by `(1 + BEYOND/p)^(p - 1) >= 2`.
+/// A gap has no gradient where it closes if its gradient grows by this factor at a small distance from there: the
+/// distance within the tolerances of the coordinates, extended by [`BEYOND`] times the first-order distance of the gap
+/// from its zero. With less growth the gradient keeps at least half its size, and a direction, wherever within the
+/// tolerances the gap closes. The gradient of a power `y^p` with `p >= 2` grows by `(1 + BEYOND/p)^(p - 1) >= 2`
+/// whatever its distance from the zero.
 const GRADIENT_GROWTH: f64 = 2.0;
 const BEYOND: f64 = 2.0;
 
 impl EventDriven<'_> {
-    /// Whether the gradient of the gap of contact `k`, which closes, vanishes within the tolerances of the coordinates. These give
-    /// coordinates of different units one size, and no other gap with the same zero differs, such as a function of a distance.
+    /// Whether the gradient of the gap of contact `k`, which closes, vanishes within the tolerances of the coordinates.
+    /// The tolerances scale coordinates of different units, so that gaps with equal zeros, such as functions of a
+    /// distance, compare alike.
     pub(super) fn is_gradient_lost(&mut self, k: usize) -> bool {
         let State { t, q, .. } = &self.state;
         let row = self.structure.normal(k);

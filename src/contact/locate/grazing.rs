@@ -1,36 +1,38 @@
-//! Contacts that graze: a gap that comes down to zero with hardly any speed.
+//! Grazing contacts: gaps that come down to zero with almost no normal velocity.
 //!
-//! A gap is known to a part `eps` of how far it was open since its last contact. Where it turns back, or closes, within that
-//! of zero, its contact may as well have been missed, or met, with a speed of up to `sqrt(2 a eps)`, with the acceleration `a`
-//! of the gap; what follows is right to the root of the tolerance alone, and a switch of impacts may be on either side
-//! (Nordmark 1991, *Non-periodic motion caused by grazing incidence in an impact oscillator*).
+//! A gap is known to within `eps`, a fraction of its largest opening since the last contact. If it turns back, or
+//! closes, within `eps` of zero, an impact with a velocity of up to `sqrt(2 a eps)` may have been missed or made in
+//! error, where `a` is the acceleration of the gap. The subsequent motion is accurate to the square root of the
+//! tolerance only, and the sequence of impacts may change (Nordmark 1991, *Non-periodic motion caused by grazing
+//! incidence in an impact oscillator*).
 
 use super::mode::Status;
 use super::monitors::Ending;
 use super::smooth_phase::SmoothPhase;
 use radau::ALLOWED;
 
-/// Halvings of the time at which a gap turns back.
+/// Bisections for the time at which a gap turns back.
 const HALVINGS: usize = 40;
 
 /// A contact that grazed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grazed {
-    /// When.
+    /// The time.
     pub t: f64,
-    /// Which.
+    /// The index of the contact.
     pub contact: usize,
-    /// What its normal velocity may be off by, in units of its tolerance.
+    /// The possible error of its normal velocity, in units of the tolerance.
     pub change: f64,
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Looks for contacts that graze between two times of the last step; `ending` is that of the mode at the second, if it ends.
+    /// Records contacts that graze between two times of the last step; `ending` is the end of the mode at `end`, if
+    /// any.
     pub(super) fn note_grazing(&mut self, begin: f64, end: f64, ending: Option<Ending>) {
         let open: Vec<usize> = (0..self.mode.len()).filter(|&k| self.mode[k] == Status::Open).collect();
         for k in open {
             let (first, last) = (self.gap_at(k, begin), self.gap_at(k, end));
-            // From where it comes down.
+            // The height from which the gap comes down.
             let mut highest = self.located.highest[k].or_wider(&first);
             let closes = ending == Some(Ending::Impact(k));
             let (t, nearest) = if closes {
@@ -56,7 +58,7 @@ impl SmoothPhase<'_, '_> {
         }
     }
 
-    /// Where the gap of contact `k` turns back.
+    /// The time and the gap at which the gap of contact `k` turns back.
     fn nearest(&mut self, k: usize, begin: f64, end: f64) -> (f64, Gap) {
         let (mut falls, mut rises) = (begin, end);
         for _ in 0..HALVINGS {
@@ -86,34 +88,34 @@ impl SmoothPhase<'_, '_> {
     }
 }
 
-/// A gap at a time, with its first two derivatives and the tolerance on the first.
+/// A gap at one time, with its first two derivatives and the tolerance of the first.
 #[derive(Clone, Copy, Debug)]
 struct Gap {
     gap: f64,
     speed: f64,
     acceleration: f64,
     tolerance: f64,
-    /// Its gradient, in units of the absolute tolerances of the coordinates.
+    /// The size of its gradient, in units of the absolute tolerances of the coordinates.
     gradient: f64,
 }
 
-/// How far a gap was open.
+/// The largest opening of a gap.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Opening {
     /// The largest gap.
     gap: f64,
-    /// The largest quotient of the gap and its gradient: a distance, whatever function of it the gap is.
+    /// The largest quotient of the gap and its gradient: a distance, independent of the function of it that the gap is.
     distance: f64,
 }
 
 impl Opening {
-    /// The larger of this and a gap.
+    /// The larger of the opening and a gap.
     fn or_wider(self, gap: &Gap) -> Self {
         Self { gap: self.gap.max(gap.gap), distance: self.distance.max(gap.gap / gap.gradient) }
     }
 
-    /// How far it was open, in units of the gap where it has this gradient: the gap, but not where its gradient was many times
-    /// as large.
+    /// The opening in units of the gap at a place with this gradient: the largest gap, or less if its gradient was many
+    /// times as large there.
     fn height(self, gradient: f64) -> f64 {
         self.gap.min(self.distance * gradient)
     }

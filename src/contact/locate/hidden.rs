@@ -1,10 +1,10 @@
-//! Gaps and joints between the points at which a step has been evaluated.
+//! Hidden violations: gaps and joints between the points at which a step was evaluated.
 //!
-//! Where a body rests, or moves at constant speed, the error estimate of a step is zero whatever its length. A floor that rises
-//! for a moment, or a bump that is narrow beside the length of the path, may then lie between all points of the step. So gaps and
-//! joints are enclosed over the whole step, in interval arithmetic over the time and the ranges of the collocation polynomials,
-//! and the parts are halved where the enclosure leaves a violation open. A violation that is found cuts the step. Where a plain
-//! enclosure is too wide, an open gap has the lower bound
+//! If a body rests, or moves at constant speed, the error estimate of a step is zero whatever its length. A floor that
+//! rises for a moment, or a bump that is narrow compared with the path, may then lie between all points of the step.
+//! Gaps and joints are therefore enclosed over the whole step, in interval arithmetic over the time and the ranges of
+//! the collocation polynomials, and undecided parts are halved. A violation cuts the step. Where a plain enclosure is
+//! too wide, an open gap has the lower bound
 //!
 //! ```text
 //! gap(middle) - |gap'| length/2
@@ -16,43 +16,43 @@
 use super::smooth_phase::SmoothPhase;
 use numerics::Interval;
 
-/// Parts of one step that are enclosed for what is held: it is held by the equations, and seldom proven to be.
+/// Largest number of parts enclosed for held constraints: the equations keep them, but enclosures seldom prove it.
 const MOST_HELD: usize = 64;
 
-/// Parts of one step that are enclosed; what is undecided then is no violation that was found.
+/// Largest number of parts of one step; a step with parts undecided by then is not proven free of violations.
 pub(super) const MOST_PARTS: usize = 200;
 
-/// Halvings of the time at which a violation begins.
+/// Bisections for the time at which a violation begins.
 pub(super) const HALVINGS: usize = 24;
 
-/// The part of the way to a violation that the next step takes.
+/// First step after a cut, as a fraction of the distance to the violation.
 pub(super) const NEXT: f64 = 0.25;
 
-/// The part of the tolerance at which a violation begins: what comes before it is smooth to the end of the step.
+/// Fraction of the tolerance at which a violation begins: the motion before it is smooth up to the end of the cut step.
 const FAINT: f64 = 1e-3;
 
-/// A violation between the points of a step.
+/// The cut of a step with a violation between its points.
 pub(super) struct Hidden {
-    /// Up to when the step may go.
+    /// The time at which to cut the step.
     pub until: f64,
-    /// The step to go on with.
+    /// The size of the next step.
     pub next: f64,
 }
 
-/// What the enclosure of a step tells.
+/// Result of enclosing gaps and joints over a step.
 pub(super) enum Enclosed {
     /// No open gap closes.
     Proven,
-    /// No violation was found, and none is excluded.
+    /// No violation was found, but none is excluded.
     Undecided,
-    /// There is one.
+    /// A violation was found.
     Violated(Hidden),
-    /// There is one from the beginning of the step on.
+    /// A violation was found that lasts from the beginning of the step.
     Missed,
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Whether a joint or a gap is violated within the last step, beyond the tolerances of its coordinates.
+    /// Looks for a violation of a joint or a gap within the last step, beyond the tolerances of the coordinates.
     pub(super) fn hidden(&mut self, begin: f64, end: f64) -> Enclosed {
         let structure = &self.located.structure;
         if structure.joints + structure.contacts.len() == 0 {
@@ -81,7 +81,7 @@ impl SmoothPhase<'_, '_> {
             }
             let most = if open { MOST_PARTS } else { MOST_HELD };
             if enclosed + parts.len() < most && a < middle && middle < b {
-                // The widest first: those of one size are looked at in the order of time.
+                // Take the widest part first, and the earliest among parts of one width.
                 parts.insert(0, (middle, b));
                 parts.insert(0, (a, middle));
                 parts.sort_by(|x, y| (x.1 - x.0).total_cmp(&(y.1 - y.0)));
@@ -92,12 +92,13 @@ impl SmoothPhase<'_, '_> {
         if is_proven { Enclosed::Proven } else { Enclosed::Undecided }
     }
 
-    /// Whether a joint or a gap is held at zero.
+    /// Whether the equations of the mode hold a joint or a gap at zero.
     fn is_held(&self, row: usize) -> bool {
         row.checked_sub(self.located.structure.joints).is_none_or(|k| self.mode[k].is_closed())
     }
 
-    /// By how much joints and gaps may be off: what the step began with, and a part of the tolerances of its coordinates.
+    /// Tolerances of joints and gaps: their values at the beginning of the step, plus a fraction of the coordinates'
+    /// tolerances.
     fn tolerances_of_rows(&mut self, begin: f64, part: f64) -> Vec<f64> {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -110,7 +111,7 @@ impl SmoothPhase<'_, '_> {
         rows.map(|(row, value)| held(row, *value) + part * constraints.size(row, &tolerances)).collect()
     }
 
-    /// Whether an open gap may be negative between two times, and whether what is held may be off.
+    /// Whether an open gap may be negative between two times, and whether a held joint or gap may be off zero.
     fn undecided(&mut self, a: f64, b: f64, tolerances: &[f64]) -> (bool, bool) {
         let n = self.located.structure.coordinates;
         let (t, x) = (Interval::new(a, b), self.ranges(a, b));
@@ -119,7 +120,7 @@ impl SmoothPhase<'_, '_> {
         self.watch.problem().enclose_positions(t, q, &mut values);
         let off = |row: &usize| values[*row].lo < -tolerances[*row] || !values[*row].defined;
         let (held, open): (Vec<usize>, Vec<usize>) = (0..values.len()).partition(|&row| self.is_held(row));
-        // What is affine and held at the ends is held on all of the polynomial.
+        // Affine constraints that hold at the ends hold on the whole polynomial.
         let is_affine = self.located.structure.affine_constraints;
         let held = !is_affine && held.iter().any(|row| off(row) || values[*row].hi > tolerances[*row]);
         let open: Vec<usize> = open.into_iter().filter(off).collect();
@@ -142,7 +143,7 @@ impl SmoothPhase<'_, '_> {
         values
     }
 
-    /// A joint or a gap that is off at a time.
+    /// Finds a joint or a gap that is violated at `t`.
     fn violated(&mut self, t: f64, tolerances: &[f64]) -> Option<usize> {
         let values = self.positions_at(t, tolerances.len());
         (0..values.len()).find(|&row| {
@@ -151,8 +152,8 @@ impl SmoothPhase<'_, '_> {
         })
     }
 
-    /// How far a step may go that has a violation of this row at `t`: past where an open gap closes, which the search then
-    /// finds; ahead of where a held one is left.
+    /// The cut of a step with a violation of `row` at `t`: behind the closing of an open gap, which the search then
+    /// locates; ahead of the time at which a held row is lost.
     fn beginning(&mut self, begin: f64, t: f64, row: usize, tolerances: &[f64]) -> Option<Hidden> {
         let (mut clear, mut off) = (begin, t);
         for _ in 0..HALVINGS {
@@ -163,7 +164,7 @@ impl SmoothPhase<'_, '_> {
             let side = if self.violated(middle, tolerances).is_some() { &mut off } else { &mut clear };
             *side = middle;
         }
-        // Accelerations begin before the gap does: as far ahead of its beginning as it was found behind that.
+        // Accelerations begin before the violation shows: cut as far ahead of its beginning as it was found behind.
         let ahead = (clear - (t - clear)).max(0.5 * (begin + clear));
         let until = if self.is_held(row) { ahead } else { off };
         let next = NEXT * (t - clear);
@@ -171,8 +172,8 @@ impl SmoothPhase<'_, '_> {
     }
 }
 
-/// A lower bound of a quantity over a length of time, from its values at the beginning, in the middle and at the end and an
-/// enclosure of its rate.
+/// A lower bound of a quantity over an interval of time, from its values at the beginning, the middle and the end and
+/// an enclosure of its rate.
 pub(super) fn lowest([begin, middle, end]: [f64; 3], rate: Interval, length: f64) -> f64 {
     match () {
         () if !rate.defined => f64::NEG_INFINITY,

@@ -1,14 +1,14 @@
-//! What acts on the way, by quadrature along the collocation polynomial.
+//! Impulses and work over a step, by quadrature along the collocation polynomial.
 //!
-//! Where nothing moves steps are long, and forces may vary within one as they like. So a part is halved until the rule of
-//! Gauss and Legendre with five nodes, of order ten, agrees with that on three of its nodes, of order four: if the latter
-//! is wrong by `d`, the former is by about `d^(10/4)`.
+//! Where nothing moves, steps are long and forces may vary within one arbitrarily. A part is therefore halved until the
+//! Gauss-Legendre rule with five nodes, of order ten, agrees with the rule on three of its nodes, of order four: if the
+//! latter has an error of `d`, the former has one of about `d^(10/4)`.
 
 use super::smooth_phase::SmoothPhase;
 use crate::delassus::dot;
 use nalgebra::Vector3;
 
-/// Nodes and weights of Gauss and Legendre on `[0, 1]`, and the weights of the rule on the first, third and fifth.
+/// Gauss-Legendre nodes and weights on `[0, 1]`, and the weights of the rule on the first, third and fifth node.
 const NODES: [f64; 5] =
     [0.046_910_077_030_668_004, 0.230_765_344_947_158_45, 0.5, 0.769_234_655_052_841_5, 0.953_089_922_969_332];
 const WEIGHTS: [f64; 5] = [
@@ -20,17 +20,17 @@ const WEIGHTS: [f64; 5] = [
 ];
 const OF_THREE: [f64; 5] = [0.202_964_438_547_983_2, 0.0, 0.594_071_122_904_033_6, 0.0, 0.202_964_438_547_983_2];
 
-/// The ratio of the orders of the rules, inverted.
+/// The inverse ratio of the orders of the two rules.
 const ORDERS: f64 = 0.4;
 
-/// The part of the tolerance that quadrature may take.
+/// The share of the relative tolerance left to quadrature.
 const SHARE: f64 = 0.1;
 
-/// The smallest part that is halved, and how many there may be.
+/// The smallest part that is halved, relative to the interval, and the largest number of parts.
 const SMALLEST: f64 = 1e-9;
 const MOST_PARTS: usize = 4096;
 
-/// Impulses of contacts, what friction dissipates, the work of forces and of drives; or the rates of these.
+/// Impulses of contacts, dissipation by friction, and the work of forces and of drives; or the rates of these.
 #[derive(Clone, Debug)]
 pub(super) struct Integrals {
     pub impulses: Vec<Vector3<f64>>,
@@ -59,7 +59,7 @@ impl Integrals {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// What acts between two times within the last step.
+    /// Impulses and work between two times within the last step.
     pub(super) fn integrals(&mut self, begin: f64, end: f64) -> Integrals {
         let contacts = self.located.structure.contacts.len();
         let mut sum = Integrals::none(contacts);
@@ -80,7 +80,7 @@ impl SmoothPhase<'_, '_> {
                 sizes.iter_mut().zip(rates.sizes()).for_each(|(sum, size)| *sum += weight * (b - a) * size);
             }
             let [impulses, energy] = error.sizes();
-            // A velocity is known to its absolute tolerance.
+            // Velocities have an absolute tolerance.
             let rough = impulses > tolerance * sizes[0] || energy > tolerance * sizes[1] + atol * sizes[0];
             let middle = 0.5 * (a + b);
             if rough && b - a > least && a < middle && middle < b && passed + parts.len() < MOST_PARTS {

@@ -1,12 +1,14 @@
-//! Impacts located: smooth motion by Radau IIA, a [mode](Status) at a time, cut where the mode ends.
+//! Event-driven integration (Acary and Brogliato 2008, *Numerical Methods for Nonsmooth Dynamical Systems*): smooth
+//! motion by Radau IIA, one [mode](Status) at a time, cut where the mode ends.
 //!
-//! - A mode ends where a gap closes, a contact pulls, sticks no more or ceases to slip. The time is found on the
+//! - A mode ends at an impact, a detachment, a stick-slip or a slip-stick transition. The time is found on the
 //!   collocation polynomial and refined by solving the step anew up to it, so that it has the order of the method.
-//! - Where contacts approach each other, the law of impact acts at once.
-//! - The next mode is read off a step at the level of velocities, so short that only directions count, with the same law:
-//!   no mode is guessed, and where forces alone have no solution (Painleve 1895) or have too many, impulses decide.
-//! - Where impacts accumulate (Zeno), an impact without restitution is what they come to.
-//! - Where no mode goes on, steps of time stepping do, until one does again.
+//! - Where contacts approach each other, the law of impact acts instantaneously.
+//! - The next mode is read off a probe: a step at the level of velocities, with the law of contact, so short that only
+//!   directions count. No mode is guessed, and where forces alone have no solution (Painleve 1895) or several, impulses
+//!   decide.
+//! - Where impacts accumulate (Zeno), they are replaced by their limit, one impact without restitution.
+//! - Where no mode is found, time stepping goes on until one is.
 
 mod bursts;
 mod closed;
@@ -42,65 +44,67 @@ const ROUNDING: f64 = 1e-11;
 /// Relative slip tolerance: a contact sticks if its slip is below this fraction of the velocity change in the probe.
 const STICK_TOL: f64 = 1e-7;
 
-/// Slack in the friction bound, relative to `mu r_n`, below which a contact slips although others could hold for it.
+/// Slack in the friction bound, relative to `mu r_n`, below which a contact whose friction reached the bound slips;
+/// with more slack in the probe, redundant contacts take over its load.
 const FRICTION_SLACK: f64 = 1e-4;
 
-/// Impacts of one contact that follow each other in less than this fraction of the longest time between two of them
-/// accumulate: what energy they have left is below rounding.
+/// Impacts of one contact accumulate if they follow each other within this fraction of the longest time between two of
+/// them: the remaining energy is below rounding.
 const ZENO: f64 = 1e-10;
 
-/// Times below this multiple of the rounding of the clock are not told apart.
+/// Intervals of time below this multiple of the rounding of the clock count as zero.
 const ROUNDING_OF_TIME: f64 = 1e3 * f64::EPSILON;
 
-/// What a step over what cannot be located is longer than the probe that has found no mode, or than the step before that
-/// was not enough; and the longest, in units of the probe: forces change velocities by `1e-3` of their terms.
+/// Time stepping without a mode: the growth of steps, relative to the probe that found no mode or to the step before;
+/// and the longest step, in units of the probe: forces change velocities by `1e-3` of their terms.
 const GROWTH: f64 = 4.0;
 const LONGEST_PASS: f64 = 1e4;
 
-/// The first step where there was no probe, as a fraction of the time that is left.
+/// The first step of time stepping without a mode if there was no probe, as a fraction of the remaining time.
 const UNPROBED: f64 = 1e-9;
 
-/// Events at one time after which time stepping goes on.
+/// Number of events at one time after which time stepping takes over.
 const MAX_EVENTS_AT_ONE_TIME: usize = 8;
 
-/// A run with located impacts: what lasts from mode to mode.
+/// An event-driven run: the data that last from mode to mode.
 pub struct EventDriven<'p> {
     /// Steps at the level of velocities.
     pub step: VelocityStep<'p>,
-    /// Where it has come to.
+    /// The current state.
     pub state: State,
-    /// Where the last step began.
+    /// The state at the beginning of the last step.
     pub last: State,
     /// Impulses of each contact since the start.
     pub impulses: Vec<Vector3<f64>>,
-    /// Their values where the last step began.
+    /// Impulses at the beginning of the last step.
     pub impulses_before: Vec<Vector3<f64>>,
-    /// Where the energy went.
+    /// The balance of energy.
     pub energy: Energy,
-    /// Where it had gone where the last step began.
+    /// The balance of energy at the beginning of the last step.
     pub energy_before: Energy,
-    /// What happened in the last step.
+    /// Events of the last step.
     pub new_events: Vec<ContactEvent>,
-    /// Steps made.
+    /// The number of steps.
     pub accepted: u64,
-    /// Steps made by time stepping.
+    /// The number of steps by time stepping.
     pub passes: u64,
-    /// Times at which impacts accumulated.
+    /// The number of accumulations of impacts.
     pub accumulations: u64,
-    /// How far joints and gaps were off.
+    /// The largest violations of joints and gaps.
     pub violations: Violations,
-    /// What accumulations were passed over.
+    /// The accumulation of impacts that took the most energy, if any.
     pub passed: Option<Passed>,
-    /// What the enclosures of steps told of events within.
+    /// Counts of steps by the result of their enclosures.
     pub screening: Screening,
-    /// The contact that grazed with the largest consequence.
+    /// The grazing contact with the largest consequence, if any.
     pub grazed: Option<Grazed>,
-    /// How far each gap was open since its last contact.
+    /// The largest opening of each gap since its last contact.
     highest: Vec<Opening>,
-    /// What each contact does; `None` where time stepping is to go on.
+    /// The status of each contact; `None` where time stepping takes over.
     mode: Option<Vec<Status>>,
-    /// The force on each contact from which those of the mode are the nearest, where they are not unique: the normal force
-    /// of the law; its friction too, where a share of friction has turned out to be too large.
+    /// Reference forces on contacts: where multipliers are not unique, those nearest to the reference are used. It is
+    /// the normal force of the probe; with its friction too after a stick-slip transition, where the share of friction
+    /// was too large.
     loads: Vec<Vector3<f64>>,
     structure: MechanicalStructure,
     constraints: Constraints,
@@ -108,40 +112,41 @@ pub struct EventDriven<'p> {
     /// The longest time between two impacts of each contact.
     longest_flight: Vec<f64>,
     radau: radau::Settings,
-    /// The last step of Radau IIA, for the next mode to begin with.
+    /// The last step size of Radau IIA, the first of the next mode.
     h: Option<f64>,
-    /// The next step of time stepping; zero after smooth motion.
+    /// The next step size of time stepping; zero after smooth motion.
     pass: f64,
     stalls: usize,
     end: f64,
 }
 
-/// Steps of smooth motion, by what enclosures told of events within them.
+/// Steps of smooth motion, by the result of enclosing events within them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Screening {
     /// Steps proven free of events.
     pub proven: u64,
-    /// Steps that are neither proven free of events nor seen to have one.
+    /// Steps that are neither proven free of events nor found to have one.
     pub undecided: u64,
     /// Steps with a violation that could not be located.
     pub missed: u64,
 }
 
-/// An accumulation of impacts that was passed over by one without restitution.
+/// An accumulation of impacts that was replaced by one impact without restitution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Passed {
-    /// When.
+    /// The time.
     pub t: f64,
-    /// The contact that came back.
+    /// The index of the contact with the repeated impacts.
     pub contact: usize,
-    /// The energy that was taken.
+    /// The energy that the replacement took.
     pub energy: f64,
-    /// Whether nothing takes energy in the contact, so that its impacts have no limit.
+    /// Whether restitution is 1: its impacts do not lose energy, and have no limit.
     pub is_elastic: bool,
 }
 
 impl<'p> EventDriven<'p> {
-    /// Prepares a run from `state` to `end`: strikes what approaches, and finds the first mode.
+    /// Prepares a run from `state` to `end`: applies the law of impact to contacts that approach, and selects the first
+    /// mode.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
@@ -197,7 +202,7 @@ impl<'p> EventDriven<'p> {
         self.state.t >= self.end
     }
 
-    /// Goes on after the end of a mode.
+    /// Handles the end of a mode: applies the law of impact, records events, and selects the next mode.
     fn switch_mode(&mut self, ending: Ending, control: &Control) -> Result<(), ContactError> {
         self.stalls = if self.state.t > self.last.t { 0 } else { self.stalls + 1 };
         let before = self.mode.take().unwrap_or_default();
@@ -205,7 +210,7 @@ impl<'p> EventDriven<'p> {
         if self.stalls > MAX_EVENTS_AT_ONE_TIME {
             return Ok(());
         }
-        // What was held has drifted by the tolerance, which is not to pass for a slip.
+        // Remove the drift of held constraints, which is not to be taken for a slip.
         let mut kept = before.clone();
         if let Ending::SlipToStick(k) = ending {
             kept[k] = Status::Stick;
@@ -223,7 +228,7 @@ impl<'p> EventDriven<'p> {
                     let lost = self.energy.lost_in_impacts;
                     self.velocity_step(0.0, Forces::Inelastic, control)?;
                     self.note_passed(k, self.energy.lost_in_impacts - lost);
-                    // What closes in no time has no rebound.
+                    // A contact that closes again at the same time has no rebound.
                     let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
                     let resting: Vec<usize> = (0..self.structure.contacts.len()).filter(rests).collect();
                     self.bring_to_rest(&resting)?;
@@ -244,7 +249,7 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    /// Keeps the accumulation that took the most energy, one of contacts that take none before others.
+    /// Records the accumulation that took the most energy; contacts with restitution 1 come before others.
     fn note_passed(&mut self, contact: usize, energy: f64) {
         let is_elastic = self.structure.contacts[contact].restitution == 1.0;
         let passed = Passed { t: self.state.t, contact, energy, is_elastic };
@@ -253,18 +258,19 @@ impl<'p> EventDriven<'p> {
         }
     }
 
-    /// Whether contact `k`, which closes, has come back in no time, or from no more than rounding of its gap.
+    /// Whether impacts of contact `k`, which closes, accumulate: it returned in no time, or from a height within the
+    /// rounding of its gap.
     fn accumulates(&self, k: usize) -> bool {
         let State { t, q, v } = &self.state;
         let passed = t - self.last_impact[k];
         let terms = self.constraints.size(self.structure.normal(k), q);
         let height = 0.25 * passed * self.normal(k, v).abs();
-        // Impacts that give all back follow each other fast, but have no limit.
+        // Impacts with restitution 1 may follow each other fast, but have no limit.
         let zeno = if self.structure.contacts[k].restitution == 1.0 { 0.0 } else { ZENO * self.longest_flight[k] };
         passed < zeno.max(ROUNDING_OF_TIME * t.abs()) || height <= 4.0 * f64::EPSILON * terms
     }
 
-    /// The law of impact for all contacts that are closed, if any of them approaches; whether one does.
+    /// Applies the law of impact to all closed contacts if one of them approaches; returns whether one does.
     fn apply_impact_law(&mut self, control: &Control) -> Result<bool, ContactError> {
         self.evaluate_constraints();
         let State { t, v, .. } = &self.state;
@@ -288,33 +294,34 @@ impl<'p> EventDriven<'p> {
         Ok(true)
     }
 
-    /// Lets contacts rest, also on surfaces that move or are curved: what velocity they have left is rounding.
+    /// Brings contacts to rest in the normal direction, also on moving or curved surfaces: the remaining velocity is
+    /// rounding.
     fn bring_to_rest(&mut self, contacts: &[usize]) -> Result<(), ContactError> {
         let mut mode = vec![Status::Open; self.structure.contacts.len()];
-        contacts.iter().for_each(|&k| mode[k] = Status::Smooth);
+        contacts.iter().for_each(|&k| mode[k] = Status::Frictionless);
         self.project_onto_constraints(&mode)
     }
 
-    /// What the tolerances on velocities leave open of a slip.
+    /// The tolerance of the slip of contact `k` that follows from the tolerances of velocities.
     fn tolerance_of_slip(&self, k: usize, constraints: &Constraints, v: &[f64]) -> f64 {
         let tolerances = self.radau.tolerances(v.len(), v);
         self.structure.tangents(k).map(|row| constraints.size(row, &tolerances)).fold(0.0, f64::max)
     }
 
-    /// The tolerances of the slips of all contacts at rest.
+    /// The slip tolerances of all contacts, at zero velocity.
     fn tolerances_of_slips(&mut self) -> Vec<f64> {
         self.evaluate_constraints();
         let none = vec![0.0; self.structure.coordinates];
         (0..self.structure.contacts.len()).map(|k| self.tolerance_of_slip(k, &self.constraints, &none)).collect()
     }
 
-    /// Takes drift out of what the mode holds.
+    /// Projects the state onto the constraints that the mode holds.
     fn project_onto_constraints(&mut self, mode: &[Status]) -> Result<(), ContactError> {
         let rows = held(&self.structure, mode);
         if rows.is_empty() { Ok(()) } else { self.step.project(&mut self.state, &rows) }
     }
 
-    /// A step at the level of velocities, or an impact with `h = 0`, that is part of the trajectory.
+    /// Makes a step at the level of velocities, or an impact with `h = 0`, as part of the trajectory.
     fn velocity_step(&mut self, h: f64, forces: Forces, control: &Control) -> Result<(), ContactError> {
         let h = h.min(self.end - self.state.t);
         let State { t, q, v } = &self.state;
@@ -327,7 +334,7 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    /// One step of time stepping where no mode is known, and a look for one.
+    /// Makes one step of time stepping where no mode is known, and tries to select one.
     fn step_over(&mut self, control: &Control) -> Result<(), ContactError> {
         self.begin();
         let left = self.end - self.state.t;
@@ -344,7 +351,7 @@ impl<'p> EventDriven<'p> {
         self.select_mode(None, control)
     }
 
-    /// Notes where a step begins.
+    /// Saves the state, impulses and energy at the beginning of a step.
     fn begin(&mut self) {
         self.last.clone_from(&self.state);
         self.impulses_before.clone_from(&self.impulses);
@@ -365,12 +372,13 @@ impl<'p> EventDriven<'p> {
         self.constraints.velocity(self.structure.normal(k), v)
     }
 
-    /// What is rounding in the normal velocity of a contact.
+    /// The rounding error of the normal velocity of a contact.
     fn rounding(&self, k: usize, v: &[f64]) -> f64 {
         ROUNDING * self.constraints.terms(self.structure.normal(k), v)
     }
 
-    /// Finds the mode in which motion goes on, and puts `q` and `v` exactly on what it holds.
+    /// Selects the mode of the continued motion by a probe, and projects `q` and `v` onto its constraints; leaves no
+    /// mode if there is none.
     fn select_mode(&mut self, ending: Option<Ending>, control: &Control) -> Result<(), ContactError> {
         self.mode = None;
         self.evaluate_constraints();
@@ -384,7 +392,7 @@ impl<'p> EventDriven<'p> {
             let (h, probed) = match self.step.probe(&self.state, (of_v, self.end - self.state.t), &candidates, control)
             {
                 Ok(Some(found)) => found,
-                // Friction that drives a contact into what it slides on, or a law without a solution at this scale.
+                // Painleve's paradox, or a law without a solution at this scale.
                 Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),
                 Err(error) => return Err(error),
             };
@@ -403,10 +411,10 @@ impl<'p> EventDriven<'p> {
 
     fn status(&self, k: usize, probed: &Probed, ending: Option<Ending>) -> Status {
         if self.structure.contacts[k].slips == 0 {
-            return Status::Smooth;
+            return Status::Frictionless;
         }
         let tangent = |u: &Vector3<f64>| Vector2::new(u.y, u.z);
-        // A contact that breaks slips, unless others can hold for it.
+        // A contact at its friction bound slips, unless redundant contacts take over its load.
         let most = self.structure.contacts[k].mu * probed.r.x;
         if let Some(Ending::StickToSlip(contact, direction)) = ending
             && contact == k

@@ -1,29 +1,29 @@
-//! What each contact does while motion is smooth.
+//! Contact modes: the status of each contact in smooth motion.
 
 use nalgebra::Vector2;
 use problem::MechanicalStructure;
 
-/// The state of one contact.
+/// The status of one contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Status {
-    /// It carries nothing.
+    /// Open; no force.
     Open,
-    /// Closed; nothing resists slip.
-    Smooth,
-    /// Closed; it does not slip.
+    /// Closed, without friction.
+    Frictionless,
+    /// Closed and sticking.
     Stick,
-    /// Closed; it slips in this direction. In a plane the direction is kept, in space it follows the slip.
+    /// Closed and slipping in this direction. The direction is constant in a plane; in 3D it follows the slip.
     Slip(Vector2<f64>),
 }
 
 impl Status {
-    /// Whether it carries a normal force.
+    /// Whether the contact is closed and may carry a normal force.
     pub fn is_closed(self) -> bool {
         self != Self::Open
     }
 }
 
-/// The rows of `J` that are held: joints, normals of closed contacts, tangents of those that stick.
+/// The rows of `J` held by a mode: joints, normals of closed contacts, tangents of sticking ones.
 pub fn held(structure: &MechanicalStructure, mode: &[Status]) -> Vec<usize> {
     let closed = (0..mode.len()).filter(|&k| mode[k].is_closed()).map(|k| structure.normal(k));
     let stuck = (0..mode.len()).filter(|&k| mode[k] == Status::Stick).flat_map(|k| structure.tangents(k));

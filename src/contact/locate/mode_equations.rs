@@ -1,19 +1,22 @@
-//! Smooth motion in one mode, as an ordinary differential equation: with the held rows `C` of `J`, and `G` their
-//! transposes with the friction of sliding contacts added to their normals (`lambda_t = -mu lambda_n d`),
+//! Smooth motion in one mode as an ordinary differential equation, by reduction of the index. Let `C` be the held rows
+//! of `J`, and `G` their transposes with the friction of sliding contacts added to their normals
+//! (`lambda_t = -mu lambda_n d`). Then
 //!
 //! ```text
 //! M a = f + G lambda,    C a + gamma = 0
 //! ```
 //!
-//! determine accelerations and multipliers at each `(t, q, v)`: the hidden constraint of index three taken twice
-//! differentiated, so that `lambda` has the accuracy of `q` and `v`. Drift is taken out where a mode begins.
+//! determine accelerations and multipliers at each `(t, q, v)`: the constraints of index three are differentiated
+//! twice, so that `lambda` has the accuracy of `q` and `v`. Drift off the constraints is projected out where a mode
+//! begins.
 //!
-//! A slip in space has the direction `d` of `u_t + eps d_0`, with the direction `d_0` of the mode and the tolerance `eps` on
-//! slips: one that begins at rest begins in that of the mode, and turns at a finite rate.
+//! A slip in 3D has the direction `d` of `u_t + eps d_0`, with the direction `d_0` of the mode and the tolerance `eps`
+//! of slips: a slip from rest begins in the direction of the mode, and turns at a finite rate.
 //!
-//! Where held rows depend on each other, a body on more feet than it needs, `a` is one and `lambda` are many. Taken are
-//! those nearest to some loads `l` in the metric of `sum (lambda_n - l_n)^2/l_n + |lambda_t - l_t|^2/(mu l_n)`: with normal
-//! forces of the law of contact for `l`, each foot gives the same share of its friction, so that none slips before all must.
+//! With redundant constraints, such as a body on more feet than it needs, `a` is unique but `lambda` is not. The
+//! multipliers nearest to reference loads `l` are selected, in the metric of
+//! `sum (lambda_n - l_n)^2/l_n + |lambda_t - l_t|^2/(mu l_n)`: if `l` are the normal forces of the law of contact, all
+//! feet use the same fraction of their friction bound, so that none slips before all must.
 
 use super::enclosed_forces::Inverse;
 use super::mode::{Status, held};
@@ -23,20 +26,21 @@ use numerics::Interval;
 use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
 use std::cell::OnceCell;
 
-/// A pivot below this fraction of the largest is that of rows that depend on each other.
+/// Rank tolerance: a pivot below this fraction of the largest indicates dependent rows.
 const DEPENDENT: f64 = 1e-11;
 
-/// Rows that depend on each other where a mode begins, on what it holds, do so until a pivot is as large as this: they
-/// depend on each other there alone, and on the way singular values are the drift from there, squared.
+/// Rank tolerance for rows that were dependent where the mode began: they count as independent once a pivot exceeds
+/// this fraction of the largest. They are dependent on the constraint manifold only; off it singular values are of the
+/// size of the drift squared.
 const RISEN: f64 = 1e-6;
 
-/// A velocity that forces change by less than this part of what they would without what is held is held itself.
+/// A velocity counts as constrained if forces change it by less than this fraction of their effect without constraints.
 const CONSTRAINED_TOL: f64 = 1e-9;
 
-/// Shares of the largest force are told apart down to this one.
+/// Smallest weight of a contact in the metric, as a fraction of the largest load.
 const LEAST_SHARE: f64 = 1e-6;
 
-/// Iterations of the singular value decomposition, far more than it takes.
+/// Iteration limit of the singular value decomposition, far above its need.
 const ITERATIONS: usize = 10_000;
 
 /// The equations of one mode.
@@ -49,9 +53,9 @@ pub struct ModeEquations {
     least: Vec<f64>,
     rows: Vec<usize>,
     metric: Metric,
-    /// The rank of what is held where the mode began.
+    /// The rank of the held rows where the mode began.
     rank: Option<usize>,
-    /// The factors of the last place.
+    /// The factors at the last evaluation.
     last: Option<Solved>,
     constraints: Constraints,
     mass: DMatrix<f64>,
@@ -64,7 +68,7 @@ pub struct ModeEquations {
     pub lambda: Vec<f64>,
 }
 
-/// `M^-1` and `(C M^-1 G)^-1`, with what they were computed from.
+/// `M^-1` and `(C M^-1 G)^-1`, with the matrices from which they were computed.
 pub(super) struct Solved {
     pub matrix: DMatrix<f64>,
     pub mass: Cholesky<f64, Dyn>,
@@ -73,14 +77,14 @@ pub(super) struct Solved {
     /// `M^-1 G`.
     pub y: DMatrix<f64>,
     pub inverse: DMatrix<f64>,
-    /// What the loads add where multipliers are not unique, to `a` and to `lambda`.
+    /// The contribution of the reference loads to `a` and `lambda`, where multipliers are not unique.
     pub shift: Option<(DVector<f64>, DVector<f64>)>,
-    /// The inverse of the whole matrix, computed when it is first asked for.
+    /// The inverse of the whole matrix, computed on first use.
     pub whole_inverse: OnceCell<Inverse>,
 }
 
 impl Solved {
-    /// Factorises at one place; what is the same as at the last one stays.
+    /// Factorises at one state; reuses the previous factors if matrices are unchanged.
     fn new(
         last: Option<Self>,
         matrix: &DMatrix<f64>,
@@ -105,7 +109,7 @@ impl Solved {
         Some(Self { matrix: matrix.clone(), mass, c, g, y, inverse, shift, whole_inverse: OnceCell::new() })
     }
 
-    /// `a` and `lambda` of `M a - G lambda = p`, `C a = w`, for several right sides.
+    /// Solves `M a - G lambda = p`, `C a = w` for `a` and `lambda`, with several right-hand sides.
     fn solve(&self, p: &DMatrix<f64>, w: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let free = self.mass.solve(p);
         let lambda = &self.inverse * (w - &self.c * &free);
@@ -113,13 +117,13 @@ impl Solved {
     }
 }
 
-/// The held rows, and what their multipliers push.
+/// The held rows `C`, and the generalised forces `G` of their multipliers.
 struct Held {
     c: DMatrix<f64>,
     g: DMatrix<f64>,
 }
 
-/// The loads of the held rows, and the roots of the weights of the metric.
+/// The reference loads of the held rows, and the square roots of the weights of the metric.
 #[derive(Default)]
 struct Metric {
     load: DVector<f64>,
@@ -127,7 +131,7 @@ struct Metric {
 }
 
 impl ModeEquations {
-    /// The equations of a system, with all contacts open.
+    /// Builds the equations of a system, with all contacts open.
     pub fn new(problem: Box<dyn Mechanical>) -> Self {
         let shape = problem.structure().clone();
         let n = shape.coordinates;
@@ -167,7 +171,8 @@ impl ModeEquations {
         equations
     }
 
-    /// Takes up a mode, with the loads on all contacts, and the slips below which directions are those of the mode.
+    /// Sets the contact mode, the reference contact forces for redundant contacts, and the slip speeds below which the
+    /// mode's slip direction is used.
     pub fn set_mode(&mut self, mode: &[Status], loads: &[Vector3<f64>], least: &[f64]) {
         (self.mode, self.least) = (mode.to_vec(), least.to_vec());
         self.rows = held(&self.shape, mode);
@@ -187,27 +192,27 @@ impl ModeEquations {
         (self.rank, self.last) = (None, None);
     }
 
-    /// Sizes and contacts.
+    /// The structure of the mechanical system.
     pub fn shape(&self) -> &MechanicalStructure {
         &self.shape
     }
 
-    /// What each contact does.
+    /// The status of each contact.
     pub fn mode(&self) -> &[Status] {
         &self.mode
     }
 
-    /// The rows of `J` that are held.
+    /// The rows of `J` held by the mode.
     pub fn rows(&self) -> &[usize] {
         &self.rows
     }
 
-    /// The slip of a contact below which its direction is that of the mode.
+    /// The slip speed of a contact below which its direction is that of the mode.
     pub(super) fn least_slip(&self, k: usize) -> f64 {
         self.least[k]
     }
 
-    /// The factors of the last place.
+    /// The factors at the last evaluation.
     pub(super) fn solved_last(&self) -> Option<&Solved> {
         self.last.as_ref()
     }
@@ -227,7 +232,8 @@ impl ModeEquations {
         &mut *self.problem
     }
 
-    /// What tells the direction of a slip: in a plane the mode, in space the slip itself and, below its tolerance, the mode.
+    /// An unnormalised slip direction: in a plane that of the mode; in 3D the slip plus, for slips at rest, its
+    /// tolerance in the direction of the mode.
     fn way(&self, k: usize, v: &[f64]) -> Option<Vector2<f64>> {
         let Status::Slip(direction) = self.mode[k] else { return None };
         Some(if self.shape.contacts[k].slips < 2 { direction } else { self.slip(k, v) + direction * self.least[k] })
@@ -243,7 +249,7 @@ impl ModeEquations {
         self.constraints.slip(self.shape.tangents(k), v)
     }
 
-    /// The rate of `u_t` of contact `k`, which is closed, at the last evaluation.
+    /// The rate of `u_t` of the closed contact `k` at the last evaluation.
     pub fn slip_rate(&self, k: usize) -> Vector2<f64> {
         let mut rate = Vector2::zeros();
         for (rate, row) in rate.iter_mut().zip(self.shape.tangents(k)) {
@@ -257,20 +263,21 @@ impl ModeEquations {
         self.gamma[row] + dot(self.constraints.row(row), &self.a)
     }
 
-    /// Whether the slip of contact `k`, at the last evaluation, is held by others: what else is held moves with its point,
-    /// which stays at rest while its friction is as large as can be.
+    /// Whether other constraints prevent the slip of contact `k` at the last evaluation: its point stays at rest, while
+    /// its friction is at the bound.
     pub fn is_slip_held(&self, k: usize, v: &[f64]) -> bool {
         let Some(direction) = self.direction(k, v) else { return false };
         let others = self.rows.iter().any(|&row| row != self.shape.normal(k));
         others && self.is_held(self.shape.tangents(k).zip(direction.iter().copied()))
     }
 
-    /// Whether the gap of contact `k`, which is open and at rest, is held by others at the last evaluation.
+    /// Whether other constraints keep the gap of the open contact `k`, which is at rest, from changing at the last
+    /// evaluation.
     pub fn is_gap_held(&self, k: usize) -> bool {
         !self.rows.is_empty() && self.is_held(std::iter::once((self.shape.normal(k), 1.0)))
     }
 
-    /// Whether forces change the velocity that is a sum of these rows of `J` by no more than rounding.
+    /// Whether forces change the velocity that is this combination of rows of `J` by no more than rounding.
     fn is_held(&self, rows: impl Iterator<Item = (usize, f64)>) -> bool {
         let Some(solved) = &self.last else { return false };
         let mut j = DVector::zeros(self.shape.coordinates);
@@ -280,7 +287,7 @@ impl ModeEquations {
         j.dot(&held).abs() <= CONSTRAINED_TOL * j.dot(&free)
     }
 
-    /// Writes `a` and `lambda` at a place; they are not finite where they do not exist.
+    /// Computes `a` and `lambda` at a state; writes NaN if they do not exist.
     pub fn evaluate_at(&mut self, t: f64, x: &[f64]) {
         self.last = self.solved(t, x);
         if self.last.is_none() {
@@ -289,8 +296,8 @@ impl ModeEquations {
         }
     }
 
-    /// Settles the equations in the middle of a box, and gives its place there.
-    fn settle_within(&mut self, t: Interval, x: &[Interval]) -> Vec<f64> {
+    /// Evaluates the equations at the middle of a box, and returns the middle of the states.
+    fn evaluate_at_middle(&mut self, t: Interval, x: &[Interval]) -> Vec<f64> {
         let middle: Vec<f64> = x.iter().map(|x| x.ball().0).collect();
         self.evaluate_at(t.ball().0, &middle);
         middle
@@ -344,7 +351,7 @@ impl ModeEquations {
         Some(solved)
     }
 
-    /// What the turning of slips in space adds to the derivative of `M a - f - J^T lambda`.
+    /// Adds the derivative of 3D slip directions to the derivative of `M a - f - J^T lambda`.
     fn add_turning(&self, v: &[f64], balance: &mut DMatrix<f64>) {
         for k in (0..self.mode.len()).filter(|&k| self.shape.contacts[k].slips == 2) {
             let Some(way) = self.way(k, v).filter(|way| way.norm() > 0.0) else { continue };
@@ -361,8 +368,8 @@ impl ModeEquations {
     }
 }
 
-/// The inverse of a matrix, or the pseudo-inverse of a singular one in these units of its rows and columns; and its rank,
-/// which stays what it was where it was less.
+/// The inverse of a matrix, or for a singular one the pseudo-inverse with rows and columns scaled by `scale`; and the
+/// rank. If the rank was deficient `before`, it stays so until the matrix is clearly regular.
 fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) -> Option<(DMatrix<f64>, usize)> {
     let n = matrix.nrows();
     if n == 0 {
@@ -439,7 +446,7 @@ impl Dvi for ModeEquations {
 
     fn enclose(&mut self, t: Interval, y: &[Interval], values: &mut [Interval]) -> bool {
         let n = self.shape.coordinates;
-        let middle = self.settle_within(t, y);
+        let middle = self.evaluate_at_middle(t, y);
         let Some(forces) = self.enclose(t, y, &middle) else { return false };
         values[..n].copy_from_slice(&y[n..]);
         values[n..].copy_from_slice(&forces.a);
@@ -455,7 +462,7 @@ impl Dvi for ModeEquations {
     ) -> bool {
         let (identity, rest) = jacobian.split_at_mut(self.shape.coordinates);
         identity.fill(Interval::point(1.0));
-        self.settle_within(t, y);
+        self.evaluate_at_middle(t, y);
         self.enclose_slopes(t, y, rest)
     }
 

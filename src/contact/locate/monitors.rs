@@ -1,51 +1,51 @@
-//! What must stay positive while a mode lasts, along the solution.
+//! Monitors (event functions) of a mode: quantities that stay positive along the solution while the mode lasts.
 
 use super::mode::Status;
 use super::mode_equations::ModeEquations;
 use nalgebra::Vector2;
 use problem::MechanicalStructure;
 
-/// Why a mode ends.
+/// The event that ends a mode, with the index of its contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Ending {
     /// The gap of an open contact closes.
     Impact(usize),
-    /// A closed contact pulls.
+    /// The normal force of a closed contact becomes negative.
     Detachment(usize),
-    /// A contact that sticks needs more friction than there is; it then slips in this direction.
+    /// The friction of a sticking contact exceeds its bound; the slip begins in this direction.
     StickToSlip(usize, Vector2<f64>),
     /// A slip stops.
     SlipToStick(usize),
 }
 
-/// The value of a monitor, and below what it is violated.
+/// The value of a monitor, with its noise level and rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Monitor {
     /// Positive while the mode lasts.
     pub value: f64,
-    /// What is rounding.
+    /// The rounding error of the value: below `-noise` the monitor is violated.
     pub noise: f64,
-    /// The rate of change, where it is known.
+    /// The rate of change, if known.
     pub rate: Option<f64>,
-    /// What it tells.
+    /// The event that a violation means.
     pub ending: Ending,
 }
 
 impl Monitor {
-    /// Whether it is zero, but for rounding, or less.
+    /// Whether the value is zero up to rounding, or negative.
     pub fn is_on_bound(&self) -> bool {
         self.value <= self.noise
     }
 }
 
-/// Rounding of gaps and velocities against their terms, and of multipliers against the largest.
+/// Rounding of gaps and velocities relative to their terms, and of multipliers relative to the largest.
 const ROUNDING: f64 = 1e-13;
 const ROUNDING_OF_FORCES: f64 = 1e-9;
 
-/// Gaps and their velocities below this part of their terms are at rest, but for drift.
+/// Gaps and their velocities below this fraction of their terms are at rest up to drift.
 const AT_REST: f64 = 1e-9;
 
-/// The monitors of a mode at a place; always the same number in the same order.
+/// Evaluates the monitors of a mode at a state; their number and order depend on the mode alone.
 pub fn monitors(
     equations: &mut ModeEquations,
     structure: &MechanicalStructure,
@@ -71,7 +71,7 @@ pub fn monitors(
                 4.0 * (f64::EPSILON * t.abs() * constraints.size(row, v) + ticks * constraints.drift[row].abs());
             let noise = in_time + ROUNDING * terms.max(f64::MIN_POSITIVE);
             let speed = constraints.velocity(row, v);
-            // A gap that others hold at zero, without a force of its own, cannot close.
+            // A gap that other constraints keep at zero, without a force of its own, cannot close.
             let rests =
                 speed.abs() <= AT_REST * constraints.terms(row, v) && value <= AT_REST * terms.max(f64::MIN_POSITIVE);
             let value = if rests && equations.is_gap_held(k) { f64::INFINITY } else { value };
@@ -91,14 +91,14 @@ pub fn monitors(
                 out.push(Monitor { value, noise, rate: None, ending: Ending::StickToSlip(k, away) });
             }
             Status::Slip(direction) => {
-                // A point that others hold does not slip, and cannot stop.
+                // A point that other constraints keep at rest does not slip, and cannot stop.
                 let is_held = equations.is_slip_held(k, v);
                 let value = if is_held { f64::INFINITY } else { equations.slip(k, v).dot(&direction) };
                 let size = structure.tangents(k).map(|row| constraints.terms(row, v)).fold(0.0, f64::max);
                 let rate = Some(equations.slip_rate(k).dot(&direction));
                 out.push(Monitor { value, noise: ROUNDING * size, rate, ending: Ending::SlipToStick(k) });
             }
-            Status::Open | Status::Smooth => {}
+            Status::Open | Status::Frictionless => {}
         }
     }
 }

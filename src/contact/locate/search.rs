@@ -1,76 +1,79 @@
-//! Where a mode first ends within a step, by what its monitors are on the collocation polynomial.
+//! Search for the first end of a mode within a step, by the values of its monitors on the collocation polynomial.
 //!
-//! While a contact sticks or rests nothing moves, steps are long, and forces may pass a bound and come back many times
-//! within one. So each part of a step is looked at in five points `x = 0, 1/4, .. 1`: a monitor `g` is taken for the parabola
-//! `p` through three of them, whose rest, from what it misses at the other two (and of rates),
+//! While a contact sticks or rests, steps are long, and forces may cross a bound and return many times within one. Each
+//! part of a step is therefore sampled at five points `x = 0, 1/4, .. 1`: a monitor `g` is approximated by the parabola
+//! `p` through three of them, with the remainder estimated from the deviations at the other two (and of rates),
 //!
 //! ```text
 //! g(x) - p(x) = (g - p)(1/4) w(x)/w(1/4),    w(x) = x (x - 1/2) (x - 1)
 //! ```
 //!
-//! if the third derivative varies little. Where `p` does not settle the sign of `g`, each half of the part is looked at so.
+//! if the third derivative varies little. Where `p` does not decide the sign of `g`, the part is halved.
 //!
-//! A monitor that leaves its bound as the step begins, a gap after an impact, a slip after a stop, has a root there which is
-//! rounding. It is divided out: `(g(t) - g(t_0))/(t - t_0)`, which begins with the rate of `g`, has the other roots alone.
+//! A monitor that leaves its bound at the beginning of the step, such as a gap after an impact or a slip after a stop,
+//! has a root there, up to rounding. The root is divided out: `(g(t) - g(t_0))/(t - t_0)` begins with the rate of `g`,
+//! and keeps the other roots.
 
 use super::monitors::{Ending, Monitor};
 use super::smooth_phase::SmoothPhase;
 use numerics::Bracket;
 
-/// Where a step is parted to begin with: no part is a multiple of another, which a period might be too.
+/// Initial partition of a step, the golden section: no part is a multiple of another, as periods might be.
 const PARTED: f64 = 0.381_966_011_250_105;
 
-/// The part of its parabola by which a monitor may differ from it; and that of how much it varies, where it is violated.
+/// Largest admissible deviation of a monitor from its parabola, relative to the parabola (`DOUBT`) or, once violated,
+/// to the monitor's range (`BENT`).
 const DOUBT: f64 = 0.5;
 const BENT: f64 = 0.1;
 
-/// The multiple of its noise by which it may.
+/// Deviations below this multiple of the noise are ignored.
 pub(super) const NOISE: f64 = 16.0;
 
-/// A slip in space that stops is this small beside what it was.
+/// A 3D slip has stopped if it is below this fraction of its value halfway to the stop.
 const STOPPED: f64 = 1e-6;
 
-/// The smallest part of a step that is halved, which times tell apart.
+/// The smallest part of a step that is halved, relative to the step; and relative to the time, the resolution of the
+/// clock.
 pub(super) const SMALLEST: f64 = 1e-6;
 pub(super) const ROUNDING_OF_TIME: f64 = 32.0 * f64::EPSILON;
 
-/// A monitor that falls by this part of its change between two points, at a time that is known to rounding, jumps there.
+/// A monitor jumps if it falls by this fraction of its change between two points within the resolution of time.
 const JUMP: f64 = 1e-3;
 
-/// Points within one step; what lies behind them is left to the next.
+/// Largest number of points within one step; the rest of the step is left to the next.
 const MOST_POINTS: usize = 1000;
 
-/// What is known of a step.
+/// Result of the search in a step.
 pub(super) enum Search {
     /// The mode goes on.
     Clear,
-    /// It ends.
+    /// The mode ends.
     Ends(Violation),
-    /// It goes on until then; what comes behind is another step.
+    /// The mode goes on until this time; the rest is another step.
     Until(f64),
 }
 
 /// The violation of a monitor within a step.
 pub(super) struct Violation {
     pub t: f64,
-    /// A time behind it at which it was seen.
+    /// A later time at which the violation was seen.
     pub seen: f64,
     pub index: usize,
-    /// What it falls to.
+    /// The value of the monitor at its root.
     pub origin: f64,
-    /// How it falls.
+    /// The slope of the monitor at the root.
     pub slope: f64,
-    /// Whether it falls at once, with a force that begins.
+    /// Whether the monitor jumps, as with a force that sets in.
     pub jumps: bool,
     pub ending: Ending,
 }
 
-/// What a monitor is measured from.
+/// The reference value from which a monitor is measured.
 #[derive(Clone, Copy)]
 enum Origin {
-    /// Zero, or where the step begins if that is below: drift is no violation before it grows.
+    /// Zero, or the value at the beginning of the step if negative: drift is no violation until it grows.
     Floor(f64),
-    /// Its value where the step begins, a root that is divided out.
+    /// The value at the beginning of the step, a root that is divided out.
     Root(f64),
 }
 
@@ -80,7 +83,7 @@ impl Origin {
         if monitor.is_on_bound() && rises { Self::Root(monitor.value) } else { Self::Floor(monitor.value.min(0.0)) }
     }
 
-    /// The monitor from here, after a time.
+    /// Measures a monitor from the reference, after the time `passed`.
     fn measure(self, monitor: &mut Monitor, passed: f64) {
         match (self, monitor.rate) {
             (Self::Root(value), Some(rate)) if passed > 0.0 => {
@@ -97,7 +100,7 @@ impl Origin {
     }
 }
 
-/// Where a step begins, and what its monitors are measured from.
+/// The beginning of a step, with the references of its monitors.
 struct Start {
     t: f64,
     origins: Vec<Origin>,
@@ -110,7 +113,7 @@ impl Start {
     }
 }
 
-/// The monitors at a time, from their origins.
+/// The monitors at one time, measured from their references.
 #[derive(Clone)]
 struct Point {
     t: f64,
@@ -118,7 +121,7 @@ struct Point {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// The earliest ending of the mode on the collocation polynomial of the step.
+    /// Finds the earliest end of the mode on the collocation polynomial of the step.
     pub(super) fn search(&mut self, begin: f64, end: f64) -> Search {
         let h = end - begin;
         let mut monitors = Vec::new();
@@ -159,9 +162,9 @@ impl SmoothPhase<'_, '_> {
         Search::Clear
     }
 
-    /// The parts of a step to begin with, the first of them last.
+    /// The initial parts of a step, in reverse order.
     fn parts(&mut self, start: &Start, mut first: Point, h: f64, end: f64) -> Vec<[Point; 3]> {
-        // Where a force goes from its bound it does not tell there.
+        // At its bound a force does not show where it goes: sample it a moment later.
         let unknown = |monitor: &Monitor| monitor.is_on_bound() && monitor.rate.is_none();
         if first.monitors.iter().any(unknown) {
             let soon = self.point(start, start.t + SMALLEST * h);
@@ -191,7 +194,7 @@ impl SmoothPhase<'_, '_> {
         start.measure(t, monitors)
     }
 
-    /// Where a monitor falls to its origin between two points, by the method of Illinois.
+    /// The root at which a monitor falls to its reference between two points, by the Illinois method.
     fn root(&mut self, index: usize, start: &Start, pair: &[Point]) -> Violation {
         let (left, right) = (&pair[0], &pair[1]);
         let at = |point: &Point| (point.t, point.monitors[index].value);
@@ -226,7 +229,7 @@ impl SmoothPhase<'_, '_> {
         let mut values = Vec::new();
         self.monitors_at(t, &mut values);
         let (Origin::Floor(origin) | Origin::Root(origin)) = start.origins[index];
-        // A rate that is known is better than a quotient of differences.
+        // A known rate is more accurate than a difference quotient.
         Violation {
             t,
             seen: right.t,
@@ -238,7 +241,8 @@ impl SmoothPhase<'_, '_> {
         }
     }
 
-    /// The ending found; or, where a slip in space has turned by a right angle, as far as its direction is known.
+    /// The end found; or, where a slip in 3D has only turned by a right angle, the time up to which its direction is
+    /// valid.
     fn end_at(&mut self, begin: f64, found: Violation) -> Search {
         if let Ending::SlipToStick(k) = found.ending
             && found.t > begin
@@ -253,13 +257,13 @@ impl SmoothPhase<'_, '_> {
     }
 }
 
-/// Whether a monitor is violated at the second of two points, and falls.
+/// Whether a monitor is violated at the second of two points, and decreasing.
 fn falls(pair: &[Point], index: usize) -> bool {
     let (left, right) = (&pair[0].monitors[index], &pair[1].monitors[index]);
     right.value < -right.noise && right.value < left.value
 }
 
-/// Whether the first `seen` of five points tell the sign of a monitor between them, and how often it changes.
+/// Whether five points decide the sign of a monitor up to the point number `seen`, and the number of its sign changes.
 fn is_settled(five: &[Point; 5], seen: usize, index: usize) -> bool {
     let monitor = |i: usize| &five[i].monitors[index];
     let value = five.each_ref().map(|point| point.monitors[index].value);
@@ -272,7 +276,7 @@ fn is_settled(five: &[Point; 5], seen: usize, index: usize) -> bool {
     let mut rest = (value[1] - parabola(0.25)).abs().max((value[3] - parabola(0.75)).abs());
     for i in 0..5 {
         if let Some(rate) = monitor(i).rate {
-            // A rate that goes on to the next point.
+            // Assume that the deviation of the rate persists up to the next point.
             rest = rest.max(0.25 * (h * rate - linear - 0.5 * i as f64 * square).abs());
         }
     }

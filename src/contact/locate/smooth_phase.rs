@@ -1,4 +1,4 @@
-//! Motion in one mode, from where it begins to where it ends.
+//! A smooth phase: motion in one mode, from its beginning to its end.
 
 use super::EventDriven;
 use super::bursts::Parts;
@@ -15,7 +15,7 @@ use numerics::Interval;
 use problem::{Control, Mechanical};
 use radau::{Radau, Settings};
 
-/// The equations of the mode: those that are integrated, and those that are looked at on the way.
+/// The equations of the mode twice: for integration, and for evaluation of monitors within a step.
 pub struct ModeEvaluators {
     main: ModeEquations,
     watch: ModeEquations,
@@ -28,43 +28,43 @@ impl ModeEvaluators {
     }
 }
 
-/// How often a step is cut for what its enclosure shows between the points that were looked at.
+/// Largest number of cuts of a step for hidden violations that its enclosure finds.
 const ROUNDS: usize = 2;
 
-/// Steps that are solved anew to refine the time of an ending.
+/// Largest number of repeated steps that refine the time of an event.
 const REFINEMENTS: usize = 6;
 
-/// The largest change of that time, as a fraction of the time since the step began.
+/// The largest change of the event time in a refinement, as a fraction of the time since the step began.
 const NEAR: f64 = 0.5;
 
-/// The growth of a slip in space within one step, and how closely it is kept, as a fraction of the step.
+/// A 3D slip may grow by at most `GROWTH` per step; the cut is bisected to `GROWN` of the step.
 const GROWTH: f64 = 4.0;
 const GROWN: f64 = 1e-6;
 
-/// The tolerance on the stages of a step that is cut.
+/// The relative tolerance on the stages of a step that is cut.
 const CUT_RTOL: f64 = 1e-11;
 
-/// Drift of what is held that ends a phase, in parts of the gap below which a contact is closed; and the drift of a step, in
-/// parts of the tolerances on its coordinates.
+/// Drift of held constraints that ends a phase, as a fraction of the gap below which a contact is closed; and the drift
+/// allowed in a step, as a fraction of the tolerances of its coordinates.
 const DRIFT: f64 = 0.1;
 
 /// A run of Radau IIA within one mode.
 pub struct SmoothPhase<'l, 'p> {
-    /// What lasts from mode to mode.
+    /// The event-driven run.
     pub located: &'l mut EventDriven<'p>,
     pub(super) mode: Vec<Status>,
     radau: Option<Radau<'l>>,
     pub(super) watch: &'l mut ModeEquations,
     control: &'l Control,
     over: bool,
-    /// The parts of the last step in which what depends on time shows.
+    /// The partition of the last step in which its dependence on time shows.
     pub(super) parts: Parts,
-    /// What has acted in the last step up to a time.
+    /// A time in the last step, with the integrals up to it.
     acted: (f64, Integrals),
 }
 
 impl<'l, 'p> SmoothPhase<'l, 'p> {
-    /// Takes up the mode of a run.
+    /// Starts the integration of the current mode of a run.
     pub fn new(located: &'l mut EventDriven<'p>, evaluators: &'l mut ModeEvaluators, control: &'l Control) -> Self {
         let ModeEvaluators { main, watch } = evaluators;
         let mode = located.mode.clone();
@@ -91,7 +91,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         self.over || self.located.is_done()
     }
 
-    /// Makes one step, with what happens at its end.
+    /// Makes one step, and handles the event at its end.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`](crate::VelocityStep::advance).
@@ -102,7 +102,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             return self.located.step_over(self.control);
         };
         if radau.step().is_err() {
-            // Where smooth motion has no continuation there may be one with impulses.
+            // Where smooth motion has no continuation, one with impulses may exist.
             (self.over, self.radau) = (true, None);
             return self.located.step_over(self.control);
         }
@@ -119,7 +119,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         if let Some(burst) = self.burst(begin, end) {
             (self.over, self.located.h) = (true, Some(burst.next));
             if burst.until <= begin {
-                // From the beginning on: the step is made again, shorter.
+                // The burst begins with the step: repeat the step, shorter.
                 self.located.mode = Some(self.mode.clone());
                 return Ok(());
             }
@@ -132,13 +132,14 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             if let Search::Ends(violation) = &found
                 && !is_cut
             {
-                // The stages of a step are as exact as its tolerance; whether a gap closes is to be told more exactly.
+                // The stages of a step have the accuracy of its tolerance; whether a gap closes must be decided more
+                // accurately.
                 end = violation.seen;
                 is_cut = self.cut_at(end);
                 found = self.search(begin, end);
                 self.over = true;
                 if matches!(found, Search::Clear) {
-                    // What was seen is an error of the step, which a shorter one does not have.
+                    // The violation was an error of the step; a shorter step does not have it.
                     self.located.h = Some(GROWTH * (end - begin));
                 }
             }
@@ -200,8 +201,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         }
     }
 
-    /// Takes the present directions of slips in space for those that their stops are told by: a slip may turn as far as it
-    /// likes.
+    /// Updates the slip directions of the mode to those of the current 3D slips, which the monitors for stops refer to:
+    /// a slip may turn by any angle.
     fn follow_slips(&mut self) {
         let EventDriven { structure, constraints, state, .. } = &*self.located;
         for (k, (status, contact)) in self.mode.iter_mut().zip(&structure.contacts).enumerate() {
@@ -216,14 +217,14 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         }
     }
 
-    /// `x` at a time within the last step, into `x`.
+    /// Interpolates `x` at a time within the last step.
     pub(super) fn at(&mut self, t: f64, x: &mut [f64]) {
         if let Some(radau) = &mut self.radau {
             radau.interpolate(t, x);
         }
     }
 
-    /// Intervals that hold `x` between two times within the last step; none where it is not smooth motion.
+    /// Encloses `x` between two times within the last step; empty if the step was not smooth motion.
     pub fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
         self.radau.as_ref().map_or_else(Vec::new, |radau| radau.enclose_states(from, to))
     }
@@ -233,7 +234,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         self.radau.as_ref().map_or_else(Vec::new, |radau| radau.slopes_at(t))
     }
 
-    /// Counts a step whose mode goes on.
+    /// Counts a step by the result of its enclosure.
     fn note_screened(&mut self, enclosed: &Enclosed) {
         if self.mode.is_empty() {
             return;
@@ -247,14 +248,14 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         }
     }
 
-    /// The monitors at a time within the last step.
+    /// Evaluates the monitors at a time within the last step.
     pub(super) fn monitors_at(&mut self, t: f64, out: &mut Vec<Monitor>) {
         let mut x = vec![0.0; 2 * self.located.structure.coordinates];
         self.at(t, &mut x);
         monitors(self.watch, &self.located.structure, &self.mode, t, &x, out);
     }
 
-    /// The speed of a slip at a time within the last step, and what tolerances on velocities leave open of it.
+    /// The speed of a slip at a time within the last step, and its tolerance.
     pub(super) fn slip_at(&mut self, k: usize, t: f64) -> (f64, f64) {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -264,8 +265,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         (self.watch.slip(k, &x[n..]).norm(), tolerance)
     }
 
-    /// Up to when the matrix of Newton's method holds in the last step: a slip in space resists turning by `mu r_n/|u_t|`,
-    /// so that one that begins, or grows many times, is followed in steps that grow with it.
+    /// The time up to which the Newton matrix is valid in the last step: a 3D slip resists turning by `mu r_n/|u_t|`,
+    /// so that a slip that begins, or grows many times, needs steps that grow with it.
     fn grown(&mut self, begin: f64, end: f64) -> f64 {
         let mut until = end;
         for k in 0..self.mode.len() {
@@ -288,7 +289,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         until
     }
 
-    /// Solves the step anew up to the ending, until its time does not change. The last of these is kept.
+    /// Solves the step anew up to the event until its time converges; keeps the last of these steps.
     fn refine(&mut self, begin: f64, end: f64, violation: &Violation) -> f64 {
         let Violation { mut t, index, origin, mut slope, .. } = *violation;
         let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
@@ -297,7 +298,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             return t;
         }
         let is_near = |change: f64, t: f64| change.abs() <= NEAR * (t - begin);
-        // Drift is not kept, but where the whole of a flight is no higher.
+        // Measure from zero and drop the drift, unless the whole arc is no larger than the drift.
         let level = if is_near(origin / slope, t) { 0.0 } else { origin };
         let mut values = Vec::new();
         for _ in 0..REFINEMENTS {
@@ -311,7 +312,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             slope = values[index].rate.unwrap_or(slope);
             let change = (values[index].value - level) / slope;
             let next = (t - change).min(end);
-            // What does not fall, or is far off, is no root to be made better.
+            // A monitor that does not fall, or whose root is far off, is not refined.
             let settled = next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs();
             if slope >= 0.0 || !is_near(change, t) || settled {
                 break;
@@ -322,13 +323,13 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         t
     }
 
-    /// Solves the step anew up to `t`; whether that could be done.
+    /// Solves the step anew up to `t`; returns whether that succeeded.
     fn cut_at(&mut self, t: f64) -> bool {
         let tighter = (CUT_RTOL / self.located.radau.rtol).min(1.0);
         self.radau.as_mut().is_some_and(|radau| radau.remake(t, tighter))
     }
 
-    /// Takes over the motion from `begin` to `t`, with its work and impulses.
+    /// Advances the state from `begin` to `t`, with the work and the impulses in between.
     fn travel(&mut self, begin: f64, t: f64) {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
@@ -346,7 +347,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         energy.close(energies.kinetic, energies.potential);
     }
 
-    /// Takes joints and gaps into account at a time within the last step, at which the equations of the mode have been
+    /// Records violations of joints and gaps at a time within the last step, at which the equations of the mode were
     /// evaluated.
     pub(super) fn note_violations(&mut self, t: f64, q: &[f64]) {
         let EventDriven { radau, violations, .. } = &mut *self.located;
@@ -357,7 +358,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         violations.note(t, q, self.watch.constraints(), (&[], &tolerances), |k| self.mode[k].is_closed());
     }
 
-    /// Coordinates, velocities, impulses and the balance of energy at a time within the last step.
+    /// The coordinates, velocities, impulses and energy balance at a time within the last step.
     pub fn outputs(&mut self, t: f64, q: &mut [f64], v: &mut [f64]) -> (Vec<Vector3<f64>>, Energy) {
         let EventDriven { state, last, .. } = &*self.located;
         if t >= state.t {
@@ -378,7 +379,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         self.at(t, &mut x);
         q.copy_from_slice(&x[..q.len()]);
         v.copy_from_slice(&x[q.len()..]);
-        // Outputs come one after the other.
+        // Outputs come in order of time: continue the integrals from the last one.
         let from = if t >= self.acted.0 { self.acted.0 } else { begin };
         let part = self.integrals(from, t);
         if from == begin {
@@ -394,8 +395,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         (impulses, energy)
     }
 
-    /// The factor by which a step may grow where what the mode holds has moved away from zero, if it has: drift, which goes
-    /// with the square of the step, is to stay well below the tolerances.
+    /// The factor of the next step size if a held constraint has drifted off zero: drift, which grows with the square
+    /// of the step, must stay well below the tolerances.
     fn drift(&self) -> Option<f64> {
         let EventDriven { structure, constraints, step, state, radau, .. } = &*self.located;
         let ticks = 4.0 * step.problem.rounding_of_time(state.t);

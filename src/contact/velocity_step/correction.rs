@@ -1,4 +1,4 @@
-//! Back onto the constraints, by the shortest way in the metric of `M`, without a velocity that would add energy.
+//! Projection onto the constraints, by the shortest way in the metric of `M`, without a velocity that would add energy.
 
 use super::{State, VelocityStep};
 use crate::active_contacts::ActiveContacts;
@@ -8,18 +8,18 @@ use nalgebra::Vector3;
 use problem::Control;
 use vi::Outcome;
 
-/// Passes that take out of `q` what curvature leaves of the constraints.
+/// Largest number of Newton iterations that project `q` onto the constraints.
 const CORRECTIONS: usize = 6;
 
-/// A constraint off by this fraction of its terms is left.
+/// A violation below this fraction of the constraint's terms is accepted.
 const OFF: f64 = 1e-13;
 
-/// Below this fraction, what a pass does not halve is rounding.
+/// Below this fraction of its terms, a violation that an iteration does not halve is rounding.
 const ROUNDING: f64 = 1e-10;
 
 impl VelocityStep<'_> {
-    /// Puts `q` on the joints and gaps among these rows, and `v` on all of them, by the shortest way in the metric of `M`;
-    /// rows that depend on each other share it.
+    /// Projects `q` onto the joints and gaps among these rows, and `v` onto all of them, by the shortest way in the
+    /// metric of `M`; dependent rows share the correction.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
@@ -46,11 +46,11 @@ impl VelocityStep<'_> {
         if self.delassus.remove(&self.constraints, rows, &off, &mut state.v) { Ok(()) } else { Err(lost) }
     }
 
-    /// Moves `q` to where no gap is negative and every joint holds, and `v` to where joints are not torn; whether that
-    /// is reached.
+    /// Projects `q` to where no gap is negative and every joint holds, and `v` onto the joints; returns whether that
+    /// succeeded.
     ///
     /// # Errors
-    /// If something is not finite, or `M` singular.
+    /// If a quantity is not finite, or `M` singular.
     pub fn resolve(&mut self, state: &mut State, control: &Control) -> Result<bool, ContactError> {
         self.problem.constraints(state.t, &state.q, &mut self.constraints);
         self.check_constraints(state.t)?;
@@ -67,7 +67,7 @@ impl VelocityStep<'_> {
         Ok(self.farthest() <= ROUNDING)
     }
 
-    /// How far a joint or a gap is off, in units of its terms.
+    /// The largest violation of a joint or a gap, in units of its terms.
     fn farthest(&self) -> f64 {
         let off =
             |(row, value): (usize, &f64)| if row < self.structure.joints { value.abs() } else { (-value).max(0.0) };
@@ -75,8 +75,8 @@ impl VelocityStep<'_> {
         self.constraints.values.iter().enumerate().map(off).zip(&self.sizes).map(relative).fold(0.0, f64::max)
     }
 
-    /// Takes out of `q` what is left of the joints and of gaps below zero. The law of contact, with gaps in the place of
-    /// velocities, keeps one gap from opening by force where another closes.
+    /// Projects the remaining violations of joints and of negative gaps out of `q`. The law of contact, with gaps in
+    /// place of velocities, allows one gap to open while another closes.
     pub(super) fn correct(&mut self, state: &mut State, control: &Control) -> Result<(), ContactError> {
         let (joints, contacts) = (self.structure.joints, self.structure.contacts.len());
         if joints + contacts == 0 {
@@ -95,7 +95,7 @@ impl VelocityStep<'_> {
             let (phi, gaps) = self.constraints.values.split_at(joints);
             let is_low = |k: usize| gaps[k] < -OFF * self.sizes[joints + k];
             low.extend((0..contacts).filter(|&k| is_low(k) && !low.contains(&k)).collect::<Vec<_>>());
-            // A place that has no way out is left after a few passes; the next step starts there.
+            // A state without a solution is left after a few iterations; the next step starts there.
             let lost = ContactError::Singular { t: state.t };
             if pass + 1 == CORRECTIONS || !self.delassus.hold_joints(&self.constraints) {
                 return Ok(());

@@ -1,4 +1,4 @@
-//! A step that is no part of the trajectory: what contacts would do next.
+//! The probe: a trial step outside the trajectory that shows the next contact mode.
 
 use super::{State, VelocityStep};
 use crate::active_contacts::{ActiveContacts, rows};
@@ -7,43 +7,46 @@ use nalgebra::Vector3;
 use problem::{Constraints, Control};
 use vi::Outcome;
 
-/// A velocity this small beside its terms, or beside its change within a step, is none.
+/// Relative zero tolerances for velocities: of rounding, relative to their terms; and relative to their change within a
+/// step.
 const ROUNDING: f64 = 1e-11;
 const SMALL: f64 = 1e-6;
 
-/// The part of the terms of velocities by which forces change them in a probe: small enough that only directions count,
-/// and far above rounding.
+/// The change of velocities by forces in a probe, relative to the terms of velocities: small enough that only
+/// directions count, and far above rounding.
 const CHANGE: f64 = 1e-7;
 
-/// A probe whose change is smaller or larger than that by more than these factors is made again: rounding and directions
-/// leave that much. Forces that hardly vary take one more probe, so that this many are made where none was too long.
+/// A probe is repeated if its change of velocities is smaller or larger than `CHANGE` by more than the factors
+/// `TOO_SHORT` and `TOO_LONG`, which rounding and directions tolerate. Forces that hardly vary need one more probe, so
+/// that `ATTEMPTS` suffice if none was too long.
 const TOO_SHORT: f64 = 100.0;
 const TOO_LONG: f64 = 1e3;
 const ATTEMPTS: usize = 3;
 
-/// Probes in all, where one is too short and one too long, as with forces that rise as a high power of time. Each that follows
-/// halves the logarithm of the ratio of both: eleven tell apart lengths by a factor of two over all that doubles hold.
+/// Largest number of probes if one was too short and one too long, as with forces that rise as a high power of time.
+/// Each further probe halves the logarithm of the ratio of both: eleven separate lengths to a factor of two over the
+/// whole range of doubles.
 const MOST_ATTEMPTS: usize = ATTEMPTS + 11;
 
-/// A probe is at least as long as this multiple of what the clock tells apart.
+/// The shortest probe, as a multiple of the resolution of the clock.
 const TICKS: f64 = 1e4;
 
-/// What the law makes of a contact in a step that is no part of the trajectory.
+/// The result of the law of contact at one contact in a probe.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Probed {
-    /// Which it is.
+    /// The index of the contact.
     pub contact: usize,
     /// Its impulse.
     pub r: Vector3<f64>,
     /// `u` at the state probed.
     pub before: Vector3<f64>,
-    /// `u` at the end of the step, without impulses.
+    /// `u` at the end of the probe, without impulses.
     pub free: Vector3<f64>,
-    /// `u` at its end.
+    /// `u` at the end of the probe.
     pub after: Vector3<f64>,
-    /// What is rounding in slips.
+    /// The speed below which its slip counts as rest.
     pub rounding: f64,
-    /// The size of what forces and its own impulse add to `u`.
+    /// The velocity scale: the size of the changes of `u` by forces and by its own impulse.
     pub change: f64,
 }
 
@@ -55,7 +58,7 @@ struct Lengths {
 }
 
 impl Lengths {
-    /// The length to try after `h`, by the factor that it was found to be off by; not beyond the time `left`.
+    /// The length to try after `h`, which was too short by `factor`; at most the remaining time `left`.
     fn after(&mut self, h: f64, factor: f64, left: f64) -> f64 {
         let side = if factor < 1.0 { &mut self.long } else { &mut self.short };
         *side = Some(h);
@@ -66,17 +69,18 @@ impl Lengths {
         }
     }
 
-    /// How many probes are made at most.
+    /// The largest number of probes.
     fn attempts(&self) -> usize {
         if self.short.is_some() && self.long.is_some() { MOST_ATTEMPTS } else { ATTEMPTS }
     }
 }
 
 impl VelocityStep<'_> {
-    /// What the law makes of contacts that are closed and do not part, without restitution, in a step so short that only
-    /// directions count, and the length of the step; the place is that where free motion leads, so that curved ways count
-    /// too. `None` where friction drives a contact into what it slides on. Velocities are known to `atol`; where nothing tells
-    /// how long a step is short, it is a part of the time `left`, beyond which no probe is made longer.
+    /// Applies the law of contact without restitution to closed contacts that do not separate, in a step so short that
+    /// only directions count. Returns the length of the step and the result at each of these contacts. Constraints are
+    /// evaluated where free motion leads, so that curved paths count too. `None` in Painleve's paradox, where friction
+    /// drives a contact into the surface it slides on. Velocities have the tolerance `atol`. Where no scale of time is
+    /// known, the length is a fraction of the remaining time `left`, which no probe exceeds.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
@@ -97,7 +101,7 @@ impl VelocityStep<'_> {
         let (now, v) = loop {
             h = h.max(ticks);
             let free = match self.free_motion(state, h) {
-                // Forces need not be defined as far ahead as a longer probe goes.
+                // Forces may be undefined as far ahead as a longer probe reaches.
                 Err(_) if lengths.short.is_some() && attempt < MOST_ATTEMPTS => None,
                 free => Some(free?),
             };
@@ -113,7 +117,7 @@ impl VelocityStep<'_> {
         Ok(self.touch_free(state, h, (now, v), closed, control)?.map(|probed| (h, probed)))
     }
 
-    /// A first guess at the length of a probe: forces change no velocity by more than it is known to.
+    /// An initial length of the probe: forces change no velocity by more than its tolerance.
     fn first_instant(&mut self, state: &State, atol: &[f64]) -> Result<Option<f64>, ContactError> {
         self.factorised = None;
         self.factorise(state, 0.0)?;
@@ -127,8 +131,8 @@ impl VelocityStep<'_> {
         Ok(times.filter(|time| *time > 0.0 && time.is_finite()).reduce(f64::min))
     }
 
-    /// The factor by which a probe would have to be longer for forces to change the velocities of these contacts by the part
-    /// of their terms that it should: none by much more, and that with the largest terms by more than rounding.
+    /// The factor by which the probe should be longer, for forces to change the velocities of these contacts by the
+    /// intended fraction of their terms: none by much more, and the one with the largest terms by more than rounding.
     fn pace(&self, (now, v): &(Constraints, Vec<f64>), state: &State, closed: &[usize], atol: &[f64]) -> f64 {
         let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
         let (mut least, mut largest) = (f64::INFINITY, (0.0, 0.0));
@@ -149,8 +153,8 @@ impl VelocityStep<'_> {
         if least.is_finite() { least.max((largest.1 / TOO_SHORT).min(1.0)) } else { 1.0 }
     }
 
-    /// The constraints now, and velocities after a step without contacts; constraints and factors are left at the place
-    /// where that leads.
+    /// The current constraints, and the velocities after a step without contacts. Leaves constraints and factors
+    /// evaluated at the end of that step.
     fn free_motion(&mut self, state: &State, h: f64) -> Result<(Constraints, Vec<f64>), ContactError> {
         let lost = ContactError::Singular { t: state.t };
         self.problem.constraints(state.t, &state.q, &mut self.constraints);
@@ -172,7 +176,7 @@ impl VelocityStep<'_> {
         Ok((now, v))
     }
 
-    /// What the law makes of contacts behind free motion.
+    /// Applies the law of contact after free motion.
     fn touch_free(
         &mut self,
         state: &State,
@@ -182,7 +186,7 @@ impl VelocityStep<'_> {
         control: &Control,
     ) -> Result<Option<Vec<Probed>>, ContactError> {
         let lost = ContactError::Singular { t: state.t };
-        // What forces make of both sides of a contact may be the same, at rest in a stack.
+        // Forces may change the velocities of both sides of a contact alike, as at rest in a stack.
         let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
         let parts = |&k: &usize| {
             let row = self.structure.normal(k);
@@ -225,13 +229,13 @@ impl VelocityStep<'_> {
         Ok(Some((0..contacts.len()).map(probed).collect()))
     }
 
-    /// The size of the terms that a slip of contact `k` is the sum of, at velocities `v`; infinite without friction.
+    /// The size of the terms of the slip of contact `k` at velocities `v`; infinite without friction.
     pub(crate) fn size_of_slip(&self, k: usize, v: &[f64]) -> f64 {
         self.structure.tangents(k).map(|row| self.constraints.terms(row, v)).reduce(f64::max).unwrap_or(f64::INFINITY)
     }
 
-    /// The sizes below which slips count as rest: rounding of their terms, far below what tolerances leave open, and small
-    /// beside the change by forces within the step.
+    /// The speeds below which slips count as rest: rounding of their terms, a small fraction of their tolerance, or a
+    /// small fraction of the change by forces within the step.
     pub(super) fn rounding_of_slips(
         &self,
         contacts: &[usize],

@@ -1,42 +1,44 @@
-//! One element after the other: its length by its error and by the switches in it, and the face behind each.
+//! Advances element by element: its length follows from the error and from switches in it, the active set from the
+//! switches.
 
 use super::screening::Screened;
 use super::trial::Trial;
 use super::{Activity, Segments, Switch};
 use crate::stepper::StepError;
 
-/// An element that had to be this much shorter than usual adds nothing to a mean over time: the root of the rounding of doubles.
-/// Its own share of the mean is as large as it is long, while rounding hides a change of sign along it by a part that goes with
-/// the inverse of its length; a longer limit would let errors into the mean, a shorter one would take rounding for switches.
+/// Relative length of a tiny element, which contributes nothing to a mean over time: the square root of the rounding
+/// unit. Its share of the mean is its length, while rounding hides a change of sign along it by a fraction inversely
+/// proportional to its length; a longer limit would let errors into the mean, a shorter one would take rounding for
+/// switches.
 pub(super) const TINY: f64 = 1.5e-8;
-/// How fast the usual size follows elements that are shorter: by a digit in twenty-two. If it followed at once, no element of a
-/// series that shrinks would be tiny beside the one before; if it hardly did, all would be tiny after a stretch on which the
-/// solution hardly varies.
+/// Decay of the usual size towards shorter elements, a decimal digit in twenty-two elements. With immediate decay no
+/// element of a shrinking series would be tiny relative to its predecessor; with hardly any, all elements would be tiny
+/// after a stretch on which the solution hardly varies.
 const FORGET: f64 = 0.9;
-/// The safety factor on the step that the error allows, and the least and the largest ratio of an element to the last (Hairer,
-/// Norsett and Wanner 1993, II.4): an estimate of the leading term of the error tells no more about lengths far off.
+/// Safety factor of the step size, and least and largest ratio of an element to the last (Hairer, Norsett and Wanner
+/// 1993, II.4): an estimate of the leading term of the error does not extend to very different lengths.
 const SAFETY: f64 = 0.9;
 const LEAST: f64 = 0.1;
 const MOST: f64 = 2.5;
-/// By how much an element on which no face holds is longer than the one before: eight of these take it from the resolution of time
-/// to `TINY`. A smaller factor would make more elements without a face, a larger one longer ones than need be.
+/// Growth of successive elements on which no active set holds: eight of them lead from the resolution of time to
+/// `TINY`. A smaller factor would make more such elements, a larger one longer ones than necessary.
 const LONGER: f64 = 8.0;
-/// Elements that may be rejected one after the other: they shrink to at most half each time, and these are the digits of doubles.
+/// Largest number of successive rejections: each at least halves the element, and doubles have 52 binary digits.
 const MOST_IN_A_ROW: u32 = 52;
 
-/// How often an element is made again, at most half as long each time, because it is not proven free of switches. A judgement: with
-/// fewer, elements count as unproven that smaller ones would have proven; with more, all that cannot be proven, where a monitor
-/// touches zero, take as many trials again.
+/// Largest number of repetitions of an element, each at most half as long, because it is not proven free of switches. A
+/// judgement: with fewer, elements count as unproven that shorter ones would have proven; with more, elements that
+/// cannot be proven, where a monitor touches zero, waste as many trials.
 const SHORTENED: u32 = 3;
 
-/// A variable with its new place.
+/// A variable with its new activity.
 type Change = Option<(usize, Activity)>;
 
 impl Segments<'_> {
-    /// Makes the next element; there is one.
+    /// Makes the next element, before the end of the run.
     ///
     /// # Errors
-    /// Values that are not finite, an empty set, no solution, an interruption.
+    /// If values are not finite, a set is empty, no solution is found, or on interruption.
     pub fn step(&mut self) -> Result<(), StepError> {
         let (mut in_a_row, mut shortened) = (0, 0);
         loop {
@@ -51,7 +53,7 @@ impl Segments<'_> {
                 return Ok(());
             }
             let wanted = self.h.min(self.longest());
-            // The last two elements share what is left.
+            // The last two elements share the remaining time.
             let is_last = wanted >= left || left <= 2.0 * self.resolution(left);
             let h = if is_last { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
             let (h, broken) = self.up_to_break(h);
@@ -102,8 +104,8 @@ impl Segments<'_> {
         }
     }
 
-    /// Changes the face at a break where a sign is lost there as far as tolerances tell: behind the break it may be lost too
-    /// slowly to tell when.
+    /// Changes the active set at a break if a monitor is zero there within the tolerances: behind the break it may
+    /// change its sign too slowly to be located.
     fn change_at_break(&mut self, trial: &Trial) -> Result<(), StepError> {
         for (variable, end) in trial.ends.iter().enumerate() {
             for to in [Activity::AtLower, Activity::Inactive, Activity::AtUpper] {
@@ -119,8 +121,8 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// The element up to its first switch, none where that is at its beginning; the change there; and what screening finds
-    /// of the element. Forces may have a kink at the switch, so that only the element up to it can be accurate.
+    /// The element up to its first switch, `None` if that is at its beginning; the change of activity; and the result
+    /// of screening. Forces may have a kink at the switch, so that only the element up to it is accurate.
     fn up_to_switch(&mut self, trial: Trial) -> Result<(Option<Trial>, Change, Screened), StepError> {
         let (mut trial, mut change) = (trial, None);
         for _ in 0..MOST_IN_A_ROW {
@@ -139,10 +141,10 @@ impl Segments<'_> {
         Ok((Some(trial), change, Screened::Open))
     }
 
-    /// Moves a variable to another place, where a new segment begins.
+    /// Changes the activity of a variable, at the beginning of a new segment.
     ///
-    /// Where a force has a kink at the switch itself no face may hold for the time that rounding errors make: a tiny element,
-    /// longer each time, is then made as it is, with the variable at its bound.
+    /// If a force has a kink at the switch itself, rounding may leave no valid active set for a moment. A tiny element
+    /// is then accepted without checks, longer each time, with the variable at its bound.
     fn change(&mut self, variable: usize, to: Activity) -> Result<(), StepError> {
         self.is_first = true;
         self.flips += 1;
@@ -162,13 +164,13 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// Takes an element into the past.
+    /// Accepts an element and appends it to the past.
     fn accept(&mut self, trial: &Trial, h: f64, is_kink: bool) {
         let m = self.places.len();
         let shape = &self.shapes[trial.shape];
         let n = shape.len();
         let end = if h >= self.end - self.t { self.end } else { self.t + h };
-        // What rounding errors make of a face next to a switch is not told.
+        // Changes of the active set by rounding next to a switch are not reported.
         let is_brief = is_kink || h <= TINY * self.usual;
         if !is_brief {
             let t = self.brief.take().unwrap_or(self.t);

@@ -1,10 +1,10 @@
-//! The [breaks](hybrid::Breaks) of `q` and of the bounds: an element ends there, and the next has the functions that a switch
-//! calls for as well.
+//! The [breaks](hybrid::Breaks) of `q` and of the bounds: an element ends at a break, and the next has the singular
+//! functions of one behind a switch.
 
 use super::Segments;
 
 impl Segments<'_> {
-    /// The part of an element of length `h` up to the first break, and the first number after that.
+    /// The length of an element cut at the first break, and the next number after the break, if any.
     pub(super) fn up_to_break(&mut self, h: f64) -> (f64, Option<f64>) {
         let part = self.breaks.up_to_break(self.forcing.problem(), self.t, h);
         match self.breaks.after() {
@@ -16,7 +16,7 @@ impl Segments<'_> {
         }
     }
 
-    /// Begins anew behind a break.
+    /// Begins a new segment behind a break.
     pub(super) fn pass_break(&mut self, after: f64) {
         self.breaks.pass(after);
         self.is_first = true;

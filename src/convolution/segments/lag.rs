@@ -1,5 +1,6 @@
-//! A scalar kernel `t^(e-1) g(t)` and its integrals against the functions of an element: exact in the singularities, those of
-//! the kernel at zero and those of the functions at the beginning of the element, and to the last digits in the rest.
+//! A scalar kernel `t^(e-1) g(t)` and its integrals against the functions of an element. Rules are exact for the
+//! singularities, of the kernel at zero and of the functions at the beginning of the element; smooth factors are
+//! integrated to rounding.
 
 use super::shape::Shape;
 use crate::gauss_jacobi::gauss_jacobi;
@@ -8,13 +9,13 @@ use crate::stepper::StepError;
 use expression::{IntervalWorkspace, Tape};
 use numerics::Interval;
 
-/// Nodes of each rule, exact for polynomials of degree 47: the functions of an element have degree ten at most, so that a factor of
-/// the kernel may vary over an element like a polynomial of degree 37.
+/// Number of nodes of each rule, exact for polynomials of degree 47: the functions of an element have degree ten at
+/// most, so that a factor of the kernel may vary over an element like a polynomial of degree 37.
 const NODES: usize = 24;
-/// Where the time since the end of an element is below this part of its length, its integral is the difference of two that
-/// begin at the singularity. Its functions are continued so far at most: there a Legendre polynomial of degree eight is `5e2`, so
-/// that less than three digits cancel. A larger part would lose more (`8e3` at a half), a smaller one would leave kernels that vary
-/// over more decades of the lag to the other rule.
+/// If the time since the end of an element is below this fraction of its length, its integral is the difference of two
+/// that begin at the singularity. Its functions are extrapolated by at most this fraction: there a Legendre polynomial
+/// of degree eight is `5e2`, so that less than three digits cancel. A larger fraction would lose more (`8e3` for a
+/// half), a smaller one would leave kernels that vary over more decades of the lag to the other rule.
 const ADJACENT: f64 = 0.25;
 
 /// A kernel that is not a multiple of the identity.
@@ -22,7 +23,7 @@ pub struct Lag {
     exponent: f64,
     factor: Option<Tape>,
     slope: Option<Tape>,
-    /// `g` where there is no factor: `1 / Gamma(e)`.
+    /// `g` without a factor: `1 / Gamma(e)`.
     constant: f64,
     at_zero: Vec<(f64, f64)>,
     plain: Vec<(f64, f64)>,
@@ -30,7 +31,8 @@ pub struct Lag {
 }
 
 impl Lag {
-    /// The kernel of a function before it is integrated, none for the identity; `beta` is the exponent behind switches.
+    /// The kernel of a function before its integrations, `None` for the identity; `beta` is the exponent of singular
+    /// functions behind switches.
     pub fn new(function: &Function, beta: f64) -> Option<Self> {
         if function.factor.is_none() && function.exponent == 0.0 {
             return None;
@@ -47,7 +49,7 @@ impl Lag {
         })
     }
 
-    /// `g`.
+    /// Evaluates `g`.
     fn smooth(&mut self, lag: f64) -> Result<f64, StepError> {
         let Some(factor) = &mut self.factor else { return Ok(self.constant) };
         let mut value = [0.0];
@@ -55,7 +57,7 @@ impl Lag {
         if value[0].is_finite() { Ok(value[0]) } else { Err(StepError::Kernel { lag }) }
     }
 
-    /// The kernel.
+    /// Evaluates the kernel.
     pub fn value(&mut self, lag: f64) -> Result<f64, StepError> {
         let smooth = self.smooth(lag)?;
         Ok(if self.exponent == 1.0 { smooth } else { smooth * lag.powf(self.exponent - 1.0) })
@@ -80,19 +82,19 @@ impl Lag {
         length.powf(self.exponent) / self.exponent
     }
 
-    /// Writes the integrals of the functions of an element of length `h` that the time `theta h` is within.
+    /// Writes the integrals of the functions of an element of length `h` up to the time `theta h` within it.
     pub fn within(&mut self, shape: &Shape, h: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
         out.fill(0.0);
         let whole = if shape.is_singular() { 0.5 * theta } else { theta };
         self.add_from_singularity(shape, h, theta, whole * h, 1.0, out)?;
         if shape.is_singular() {
-            // The regular functions have no need of a division, but for one rule that serves both.
+            // Only singular functions need the split; one rule serves both.
             self.add_beginning(shape, h, 0.5 * theta, theta, out)?;
         }
         Ok(())
     }
 
-    /// Writes the integrals of the functions of an element of length `h`, the time `from` after its end.
+    /// Writes the integrals of the functions of an element of length `h` at the time `from` after its end.
     pub fn behind(&mut self, shape: &Shape, h: f64, from: f64, out: &mut [f64]) -> Result<(), StepError> {
         out.fill(0.0);
         let theta = 1.0 + from / h;
@@ -141,7 +143,7 @@ impl Lag {
         Ok(())
     }
 
-    /// Adds the integrals over the first part, up to `end`, of an element, at the time `theta h` behind that part.
+    /// Adds the integrals over the first part of an element, up to `end`, for the later time `theta h`.
     fn add_beginning(&mut self, shape: &Shape, h: f64, end: f64, theta: f64, out: &mut [f64]) -> Result<(), StepError> {
         let mut values = vec![0.0; out.len()];
         for place in 0..self.plain.len() {

@@ -1,4 +1,4 @@
-//! Where a switch is: the length of the element at whose end the sign of the face is lost, as the unknown. Each guess is an
+//! Location of switches: the unknown is the length of the element at whose end a monitor is zero. Each guess is an
 //! element of its own, so that the time has the accuracy of the method; guesses are by false position (Illinois).
 
 use super::trial::{Trial, Violation};
@@ -6,35 +6,36 @@ use super::{Activity, Segments};
 use crate::stepper::StepError;
 use numerics::Bracket;
 
-/// Guesses: every other one halves the bracket at least, and a double has 53 binary digits.
+/// Largest number of guesses: every other one at least halves the bracket, and a double has 53 binary digits.
 const GUESSES: usize = 120;
-/// By how much the bracket shrinks as long as only its upper end is known: four binary digits a guess. A factor nearer to one takes
-/// more guesses to a switch at the beginning of the element, a smaller one leaves a wider bracket to one that is not.
+/// Shrinkage of the bracket as long as only its upper end is known: four binary digits a guess. A factor nearer to one
+/// takes more guesses to a switch at the beginning of the element, a smaller one leaves a wider bracket otherwise.
 const SHRINK: f64 = 1.0 / 16.0;
 
-/// The part of a bracket at either of its ends in which no guess is made: a value that is wrong by much leads no further than
-/// three decimal digits towards one end. A larger part costs guesses where the line is right, a smaller one where it is not.
+/// Fraction of a bracket at either end without guesses: a wrong value moves a guess at most three decimal digits
+/// towards one end. A larger fraction costs guesses where the secant is accurate, a smaller one where it is not.
 const MARGIN: f64 = 1e-3;
 
-/// A monitor is zero below this part of its noise, which allows for sixteen rounding errors of its largest term
-/// ([`trial`](super::trial)): it is then at most one of them, and no other guess would tell more. With all of the noise the time
-/// would be off by more than it is known to; with much less no guess would be zero, and the bracket be halved to its end.
+/// Fraction of its noise below which a monitor counts as zero. The noise allows for sixteen rounding errors of its
+/// largest term ([`trial`](super::trial)), so the monitor is then within one of them, and further guesses would gain
+/// nothing. With all of the noise the time would be less accurate than possible; with much less no guess would be zero,
+/// and the bracket be halved to its end.
 const SURE: f64 = 1.0 / 16.0;
 
-/// An element up to a switch, none where it is at the beginning; and the variable with its new place, none where a shorter
-/// element shows no switch.
+/// An element up to a switch, `None` if it is at the beginning; and the variable with its new activity, `None` if a
+/// shorter element shows no switch.
 type LocatedSwitch = (Option<Trial>, Option<(usize, Activity)>);
 
 impl Segments<'_> {
-    /// Locates the first loss of a sign in an element.
+    /// Locates the first change of sign of a monitor in an element.
     pub(super) fn locate(&mut self, trial: Trial, violation: Violation) -> Result<LocatedSwitch, StepError> {
         let mut lost = violation;
-        // The shortest element that has lost the sign, and by how much.
+        // The shortest element whose monitor is negative at its end, and the value of the monitor.
         let mut behind = (violation.theta * trial.h, violation.value);
-        // The longest element that has not, and the bracket that both make.
+        // The longest element whose monitor is positive, and the bracket between the two.
         let mut before: Option<(Trial, Bracket)> = None;
-        // Whether an element that ends at the upper end has lost its sign there: one that goes further, over a kink of a force,
-        // may be wrong before the kink as well.
+        // Whether an element that ends at the upper end of the bracket has a negative monitor there: a longer element,
+        // across a kink of a force, may be wrong before the kink as well.
         let mut confirmed = violation.theta == 1.0;
         for _ in 0..GUESSES {
             let high = behind.0;
@@ -59,9 +60,9 @@ impl Segments<'_> {
                 return Ok((Some(made), Some((lost.variable, lost.to))));
             }
             let found = match made.violation {
-                // A sign that is lost by less than the tolerance has been lost all the same.
+                // A monitor that is negative by less than the tolerance has changed its sign nevertheless.
                 None if at_end < 0.0 => Violation { theta: 1.0, value: at_end, ..lost },
-                // What looked like a switch was none.
+                // The supposed switch was none.
                 None if !confirmed && guess == high => return Ok((Some(made), None)),
                 None => {
                     let mut bracket =

@@ -1,10 +1,10 @@
-//! A run by segments: between two switches the variables at their bounds stay there, the others solve `w = 0`, a Volterra
-//! equation of the first kind, by collocation with product integration (Brunner 2004, Collocation Methods for Volterra
-//! Integral and Related Functional Differential Equations) on elements of any length. Where a sign of the face is lost the
-//! element is shortened to end there (`location`), the face changes, and the next segment begins with the functions that
-//! are singular like the solution is there (`shape`), as it does behind a break of the forces (`breaks`); all segments
-//! before are a source (`past`). Each element is screened by enclosure for signs that are lost between its nodes
-//! (`screening`).
+//! Integration by segments. Between two switches the variables at their bounds stay there, the others solve `w = 0`, a
+//! Volterra equation of the first kind, by collocation with product integration (Brunner 2004, Collocation Methods for
+//! Volterra Integral and Related Functional Differential Equations) on elements of any length. Where a monitor of the
+//! active set changes its sign, the element is shortened to end there (`location`), the active set changes, and the
+//! next segment begins with functions that have the singularity of the solution (`shape`), as it does behind a break of
+//! the forces (`breaks`); all earlier segments are a source (`past`). Each element is screened by enclosures for
+//! changes of sign between its nodes (`screening`).
 
 mod advance;
 mod breaks;
@@ -28,7 +28,7 @@ use past::Past;
 use problem::{Control, ConvexSet, Dvi, Structure, Workspace};
 use shape::Shape;
 
-/// Where a variable is held.
+/// The activity of a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Activity {
     /// At its lower bound.
@@ -37,49 +37,49 @@ pub enum Activity {
     Inactive,
     /// At its upper bound.
     AtUpper,
-    /// Where its bounds are equal.
+    /// Fixed by equal bounds.
     Fixed,
 }
 
-/// What a run is told.
+/// The settings of a run.
 #[derive(Clone, Debug)]
 pub struct SegmentSettings {
-    /// Polynomials on an element, from 1 to 9.
+    /// The number of polynomials on an element, from 1 to 9.
     pub stages: usize,
     /// Relative tolerance.
     pub rtol: f64,
     /// Absolute tolerance of each variable.
     pub atol: Vec<f64>,
-    /// What the error of an element may be, against the tolerance.
+    /// The admissible error of an element, in units of the tolerances.
     pub tolerance: f64,
-    /// The first element tried.
+    /// The length of the first trial element.
     pub first: f64,
-    /// The longest element.
+    /// The largest length of an element.
     pub longest: f64,
-    /// The ends of the elements of a run before: elements are at most half as long as those were, so that the two runs share
-    /// no mesh.
+    /// The ends of the elements of an earlier run: elements are at most half as long as the earlier ones, so that the
+    /// two runs share no mesh.
     pub before: Vec<f64>,
 }
 
 /// A switch of a variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Switch {
-    /// When.
+    /// The time.
     pub t: f64,
     /// The variable.
     pub variable: usize,
-    /// Where it has gone.
+    /// The new activity.
     pub to: Activity,
 }
 
-/// A term of the kernel.
+/// A term of the kernel: its lag function, the number of integrations, and its matrix.
 struct Part {
     lag: Option<Lag>,
     level: usize,
     matrix: Vec<(usize, usize, f64)>,
 }
 
-/// A run.
+/// An integration by segments.
 pub struct Segments<'p> {
     forcing: Forcing<'p>,
     set: ConvexSet,
@@ -92,36 +92,37 @@ pub struct Segments<'p> {
     h: f64,
     longest: f64,
     before: Vec<f64>,
-    /// The size of recent elements, against which one is tiny.
+    /// The size of recent elements, relative to which an element is tiny.
     usual: f64,
     rtol: f64,
     atol: Vec<f64>,
     tolerance: f64,
     is_first: bool,
     places: Vec<Activity>,
-    /// The places of the last element, none before the first.
+    /// The activities of the last element, `None` before the first.
     told: Option<Vec<Activity>>,
-    /// Changes of the face since the last element.
+    /// The number of changes of the active set since the last element.
     flips: usize,
-    /// Tiny elements one after the other.
+    /// The number of successive tiny elements.
     kinks: u32,
-    /// The length of an element on which no face was found to hold, zero where the last was none, and whether it is next.
+    /// The length of the last element without a valid active set, zero if the last one had one, and whether another is
+    /// next.
     unclear: (f64, bool),
-    /// Where the first of some brief elements began, the last of which is the last of all.
+    /// The beginning of the current series of brief elements, if the last element was brief.
     brief: Option<f64>,
     size: Vec<f64>,
-    /// The integrals of the variables up to now, once, twice, .., by their polynomials.
+    /// The repeated integrals of the variables up to now, once, twice, .., by their polynomials.
     integrals: Vec<Vec<f64>>,
     /// The integral of the variables up to now.
     integral: Vec<f64>,
     switches: Vec<Switch>,
-    /// Elements that were made again, shorter.
+    /// The number of elements that were rejected and made again, shorter.
     pub rejected: u64,
     breaks: Breaks,
     interpolation: Interpolation,
-    /// Elements that are proven free of switches.
+    /// The number of elements proven free of switches.
     pub proven: u64,
-    /// Elements that are not.
+    /// The number of elements not proven free of switches.
     pub open: u64,
     order: usize,
     control: &'p Control,
@@ -129,17 +130,17 @@ pub struct Segments<'p> {
 }
 
 impl<'p> Segments<'p> {
-    /// Whether a problem can be solved so: variables in intervals, few enough for full matrices, and elements that converge faster
-    /// than steps.
+    /// Whether a problem is suited to segments: variables in intervals, few enough for dense matrices, and elements of
+    /// higher order than steps.
     pub fn suit(structure: &Structure, stages: usize) -> bool {
         const UNKNOWNS: usize = 100;
         stages > 1 && !structure.set.has_blocks() && structure.variables * stages <= UNKNOWNS
     }
 
-    /// A run over `[start, end]`; `problem` has no states, its inequality is `q`.
+    /// Prepares a run over `[start, end]`; `problem` has no states, its inequality is `q`.
     ///
     /// # Errors
-    /// Values that are not finite, or an empty set.
+    /// If values are not finite, or a set is empty.
     pub fn new(
         problem: &'p mut dyn Dvi,
         kernel: &Kernel,
@@ -207,7 +208,7 @@ impl<'p> Segments<'p> {
         })
     }
 
-    /// The time reached.
+    /// The current time.
     pub fn t(&self) -> f64 {
         self.t
     }
@@ -217,7 +218,7 @@ impl<'p> Segments<'p> {
         self.t >= self.end
     }
 
-    /// The elements made.
+    /// The number of elements.
     pub fn elements(&self) -> usize {
         self.past.elements.len()
     }
@@ -227,10 +228,10 @@ impl<'p> Segments<'p> {
         self.past.elements.iter().map(|element| element.end).collect()
     }
 
-    /// The longest element that may begin now.
+    /// The largest admissible length of the next element.
     fn longest(&self) -> f64 {
         let next = self.before.partition_point(|end| *end <= self.t);
-        // Switches of two runs differ, and with them the short elements next to them.
+        // Switches of two runs differ, and so do the short elements next to them.
         let ends = [next.checked_sub(1), Some(next), Some(next + 1)];
         let ends =
             ends.map(|place| place.map_or(self.start, |place| *self.before.get(place).unwrap_or(&f64::INFINITY)));
@@ -238,17 +239,17 @@ impl<'p> Segments<'p> {
         self.longest.min(0.5 * length)
     }
 
-    /// The polynomials on an element.
+    /// The number of polynomials on an element.
     pub fn stages(&self) -> usize {
         self.order
     }
 
-    /// The switches at the beginning of the last element, or none.
+    /// Takes the switches at the beginning of the last element, if any.
     pub fn take_switches(&mut self) -> Vec<Switch> {
         std::mem::take(&mut self.switches)
     }
 
-    /// The smallest element that the time can be told by.
+    /// The shortest element that floating-point times resolve.
     fn resolution(&self, h: f64) -> f64 {
         8.0 * f64::EPSILON * self.t.abs().max(self.start.abs()).max((self.t + h).abs())
     }

@@ -1,4 +1,4 @@
-//! What is known at any time up to the one reached: the variables, their integral and `w`.
+//! Outputs at any time up to the current one: the variables, their integral and `w`.
 
 use super::past::{Past, combine};
 use super::shape::Shape;
@@ -7,15 +7,15 @@ use crate::stepper::StepError;
 use nalgebra::DMatrix;
 use problem::ConvexSet;
 
-/// An element with all that lies before it.
+/// An element with its predecessors.
 pub(super) struct Here<'a> {
-    /// The elements before.
+    /// The number of earlier elements.
     pub before: usize,
     pub shape: &'a Shape,
-    /// Its beginning, and its length.
+    /// The beginning and the length of the element.
     pub start: f64,
     pub h: f64,
-    /// Of the variables and of their integrals, a row for each function.
+    /// The coefficients of the variables and of their integrals, a row for each function.
     pub levels: &'a [DMatrix<f64>],
 }
 
@@ -57,7 +57,7 @@ impl Segments<'_> {
     /// polynomial.
     ///
     /// # Errors
-    /// Values that are not finite.
+    /// If values are not finite.
     pub fn outputs(&mut self, t: f64, out: &mut [f64]) -> Result<(), StepError> {
         let m = self.places.len();
         let q = self.forcing.at(t, 0, &mut self.set)?;
@@ -80,7 +80,7 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// Writes the variables at a time within the elements so far, as they are.
+    /// Writes the variables at a time within the elements so far, without projection onto `K`.
     pub fn variables_at(&self, t: f64, z: &mut [f64]) {
         let Some(element) = self.past.elements.get(self.past.place_of(t)) else { return };
         let shape = &self.shapes[element.shape];
@@ -89,7 +89,7 @@ impl Segments<'_> {
         combine(&element.coefficients[0], &row, z);
     }
 
-    /// The mean over time of the distance of each variable from what another run found.
+    /// The mean over time of the distance of each variable from that of another run.
     pub fn mean_distance(&self, other: &Self) -> Vec<f64> {
         let m = self.places.len();
         let (mut own, mut others, mut sums) = (vec![0.0; m], vec![0.0; m], vec![0.0; m]);
@@ -112,12 +112,12 @@ impl Segments<'_> {
         &self.size
     }
 
-    /// `K` where outputs were last asked for.
+    /// `K` at the time of the last output.
     pub fn set(&self) -> &ConvexSet {
         &self.set
     }
 
-    /// The variables at the time reached.
+    /// The variables at the current time.
     pub fn ends(&self) -> Vec<f64> {
         let mut z = vec![0.0; self.places.len()];
         self.variables_at(self.t, &mut z);

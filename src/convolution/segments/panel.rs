@@ -1,18 +1,18 @@
-//! A function that is analytic but at the beginning of its element, as a polynomial on a panel `[a, b]` of the element, with
-//! a bound of the remainder: where the function is at most `M` within the ellipse of Bernstein of the panel with the sum
-//! `rho` of its semi-axes,
+//! Polynomials on a panel `[a, b]` of an element, for a function that is analytic except at the beginning of the
+//! element, with a bound of the remainder: if the function is at most `M` within the Bernstein ellipse of the panel
+//! with the sum `rho` of its semi-axes,
 //!
 //! ```text
 //! |f - p| <= 4 M rho^-n / (rho - 1)
 //! ```
 //!
-//! for the polynomial `p` of degree `n` through the points of Chebyshev (Trefethen 2013, *Approximation Theory and
-//! Approximation Practice*, theorem 8.2). The ellipse reaches to the beginning of the element.
+//! for the polynomial `p` of degree `n` through the Chebyshev points (Trefethen 2013, *Approximation Theory and
+//! Approximation Practice*, theorem 8.2). The ellipse extends to the beginning of the element.
 
 use nalgebra::{DMatrix, DVector};
 use numerics::bernstein;
 
-/// The degree of the polynomials, which hold those of all elements.
+/// The degree of the polynomials, at least that of all elements.
 pub const DEGREE: usize = 10;
 
 /// A panel `[begin, begin + length]` of `[0, 1]`.
@@ -23,7 +23,7 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// The element itself.
+    /// The whole element.
     pub const WHOLE: Self = Self { begin: 0.0, length: 1.0 };
 
     pub fn end(self) -> f64 {
@@ -39,7 +39,7 @@ impl Panel {
         [Self { length, ..self }, Self { begin: self.begin + length, length }]
     }
 
-    /// What the remainder is, against the bound of the function on the ellipse that reaches to zero.
+    /// The remainder relative to the bound of the function on the ellipse that extends to zero.
     pub fn remainder(self) -> f64 {
         let ratio = 2.0 * self.middle() / self.length;
         let rho = ratio + (ratio * ratio - 1.0).max(0.0).sqrt();
@@ -51,20 +51,20 @@ impl Panel {
         2.0 * self.middle()
     }
 
-    /// What Legendre polynomials on `[0, 1]` grow by with their degree, on the ellipse and between it and zero: the sum of the
-    /// semi-axes of an ellipse about `[0, 1]` that holds both.
+    /// The growth of Legendre polynomials on `[0, 1]` with their degree, on the ellipse and between it and zero: the
+    /// sum of the semi-axes of an ellipse about `[0, 1]` that contains both.
     pub fn growth(self) -> f64 {
         let axes = 1.0 + self.reach();
         axes + (axes * axes - 1.0).sqrt()
     }
 }
 
-/// From values at the points of Chebyshev to coefficients in the basis of Bernstein.
+/// Maps values at the Chebyshev points to Bernstein coefficients.
 pub struct Interpolation {
     /// The points on `[0, 1]`.
     pub points: Vec<f64>,
     inverse: DMatrix<f64>,
-    /// By how much rounding errors of the values grow.
+    /// The amplification of rounding errors of the values.
     pub growth: f64,
 }
 
@@ -78,7 +78,7 @@ impl Interpolation {
             unit[j] = 1.0;
             bernstein::value(&unit, points[i])
         });
-        // The polynomials of Bernstein are a basis, and the points differ.
+        // Bernstein polynomials are a basis, and the points are distinct, so the inverse exists.
         let inverse = values.try_inverse().unwrap_or_else(|| DMatrix::identity(DEGREE + 1, DEGREE + 1));
         let growth = inverse.row_iter().map(|row| row.iter().map(|x| x.abs()).sum()).fold(0.0, f64::max);
         Self { points, inverse, growth }

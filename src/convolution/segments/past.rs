@@ -1,6 +1,6 @@
-//! The past as a source: what the elements so far contribute to the convolution at a later time.
+//! The past as a source: contributions of earlier elements to the convolution at a later time.
 //!
-//! Elements that are farther away than twice their length act through point charges at the nodes of Gauss rules, closer ones
+//! Elements farther away than twice their length act through point charges at the nodes of Gauss rules, closer ones
 //! through integrals of the kernel against their functions.
 
 use super::lag::Lag;
@@ -9,29 +9,29 @@ use crate::gauss_jacobi::gauss_jacobi;
 use crate::stepper::StepError;
 use nalgebra::DMatrix;
 
-/// An element that ended this many of its lengths ago, or more, acts through charges. The kernel is analytic within an
-/// ellipse about the element that reaches to the present, with the sum `5 + 24^(1/2)` of its semi-axes for two lengths, and a
-/// rule converges by the square of that, a factor of ninety-eight, with each node. Nearer elements would need more nodes; a
-/// larger distance, more integrals of the kernel.
+/// Distance, in lengths of an element, from which on it acts through charges. The kernel is analytic within an ellipse
+/// about the element that extends to the present, with the sum `5 + 24^(1/2)` of its semi-axes for two lengths, and a
+/// rule converges by the square of that, a factor of ninety-eight, with each node. Nearer elements would need more
+/// nodes; a larger distance, more integrals of the kernel.
 const FAR: f64 = 2.0;
-/// Nodes of a rule beyond the number `n` of functions: these leave polynomials of degree `n + 12` to the kernel, which differs from
-/// one of them by about `9.9^-(n + 12)`, below rounding from four functions on.
+/// Number of nodes of a rule beyond the number `n` of functions: they leave polynomials of degree `n + 12` to the
+/// kernel, which differs from its best polynomial by about `9.9^-(n + 12)`, below rounding from four functions on.
 const NODES: usize = 6;
 
-/// A part of the time on which the variables are one combination of functions.
+/// An element: an interval of time on which the variables are one combination of functions.
 pub struct Element {
     /// Its beginning.
     pub start: f64,
     /// Its end.
     pub end: f64,
-    /// Which of the shapes it has.
+    /// The index of its shape.
     pub shape: usize,
-    /// Of the variables, and of their integrals as often as the kernel takes them: a row for each function, a column for each
-    /// variable.
+    /// The coefficients of the variables and of their repeated integrals, as many as the kernel takes: a row for each
+    /// function, a column for each variable.
     pub coefficients: Vec<DMatrix<f64>>,
-    /// The integral of the variables up to its beginning.
+    /// The integral of the variables up to the beginning of the element.
     pub integral: Vec<f64>,
-    /// The first of its charges.
+    /// The index of its first charge.
     charge: usize,
 }
 
@@ -42,7 +42,7 @@ impl Element {
     }
 }
 
-/// The rules of a shape: places, weights and the functions there.
+/// The quadrature rule of a shape: nodes with weights, and the values of the functions there.
 struct Rule {
     nodes: Vec<(f64, f64)>,
     values: Vec<Vec<f64>>,
@@ -51,18 +51,18 @@ struct Rule {
 /// All elements so far.
 pub struct Past {
     variables: usize,
-    /// The elements, one behind the other.
+    /// The elements, in order of time.
     pub elements: Vec<Element>,
     rules: Vec<Rule>,
     times: Vec<f64>,
-    /// Of the variables and of their integrals.
+    /// The charges of the variables and of their integrals.
     charges: Vec<Vec<f64>>,
-    /// Of the variables and of their integrals, the largest that each has been.
+    /// Bounds of the largest absolute values of the variables and of their integrals.
     pub largest: Vec<Vec<f64>>,
 }
 
 impl Past {
-    /// No elements yet, of these shapes, with variables that are integrated at most `integrations` times.
+    /// Allocates for elements of these shapes, with variables that are integrated at most `integrations` times.
     pub fn new(variables: usize, shapes: &[Shape], integrations: usize) -> Self {
         Self {
             variables,
@@ -74,12 +74,12 @@ impl Past {
         }
     }
 
-    /// The place of the element that a time is in.
+    /// The index of the element that contains a time.
     pub fn place_of(&self, t: f64) -> usize {
         self.elements.partition_point(|element| element.start < t).saturating_sub(1)
     }
 
-    /// Takes an element.
+    /// Appends an element.
     pub fn append(&mut self, start: f64, end: f64, shape: usize, coefficients: Vec<DMatrix<f64>>, integral: Vec<f64>) {
         let charge = self.times.len();
         let rule = &self.rules[shape];
@@ -93,16 +93,16 @@ impl Past {
         }
         for (largest, coefficients) in self.largest.iter_mut().zip(&coefficients) {
             for (largest, column) in largest.iter_mut().zip(coefficients.column_iter()) {
-                // No function is larger than one.
+                // All functions are at most one.
                 *largest = largest.max(column.iter().map(|c| c.abs()).sum());
             }
         }
         self.elements.push(Element { start, end, shape, coefficients, integral, charge });
     }
 
-    /// Adds the convolution of the variables, integrated `level` times, over the first `count` elements to `sum`, and the
-    /// sizes of its terms to `size`, at the time `offset` after `t`: the sum of both is rounded, and next to a switch that
-    /// would be seen.
+    /// Adds the convolution of the variables, integrated `level` times, over the first `count` elements to `sum`, and
+    /// the sizes of its terms to `size`, at the time `t + offset`. The two are not added: the rounding of their sum
+    /// would be visible next to a switch.
     #[expect(clippy::too_many_arguments, reason = "what is convolved with what, when, and the two sums")]
     pub fn convolve(
         &self,
@@ -142,7 +142,7 @@ impl Past {
     }
 }
 
-/// The combination of functions by coefficients.
+/// Computes the combination of functions with these coefficients.
 pub fn combine(coefficients: &DMatrix<f64>, functions: &[f64], out: &mut [f64]) {
     for (value, column) in out.iter_mut().zip(coefficients.column_iter()) {
         *value = column.iter().zip(functions).map(|(c, f)| c * f).sum();

@@ -1,10 +1,10 @@
-//! Screening of an element by enclosure: does each quantity that the face requires to be positive stay so between the nodes?
+//! Screening of an element by enclosure: proves that the monitors of the active set stay positive between the nodes.
 //!
-//! The functions of an element are analytic but at its beginning. On panels `[2^-k-1, 2^-k]` they are polynomials with a bound
-//! of the remainder ([`panel`](super::panel)), `q` and the bounds are enclosed by interval arithmetic, and a part of a panel
-//! over which a quantity is not proven is halved, as [`radau::screening`] does. Over the first panel of all, which begins at
-//! zero, functions change no more than their moduli of continuity; panels are halved until that is enough, or they are too
-//! short for a switch in them to count.
+//! The functions of an element are analytic except at its beginning. On panels `[2^-k-1, 2^-k]` they are polynomials
+//! with a bound of the remainder ([`panel`](super::panel)), `q` and the bounds are enclosed by interval arithmetic, and
+//! a part of a panel with an unproven quantity is halved, as in [`radau::screening`]. Over the first panel, which
+//! begins at zero, functions change by no more than their moduli of continuity; panels are halved until that is enough,
+//! or they are too short for a switch in them to count.
 
 use super::Segments;
 use super::advance::TINY;
@@ -14,24 +14,24 @@ use super::watched::{Function, Functions, Watched};
 use crate::stepper::StepError;
 use numerics::{Interval, bernstein};
 
-/// The parts of one panel that are enclosed at most: halving gains a binary digit of the distance from a switch each time.
+/// Largest number of enclosed parts of one panel: each halving gains a binary digit of the distance from a switch.
 const MOST_PARTS: usize = 200;
 
-/// What screening found of an element.
+/// The result of screening an element.
 #[derive(Clone, Copy, Debug)]
 pub enum Screened {
-    /// Nothing is missed.
+    /// No switch is missed.
     Proven,
-    /// A sign of the face is lost.
+    /// A monitor is negative.
     Violated(Violation),
-    /// `q` varies between the nodes in a way that they do not tell.
+    /// `q` varies between the nodes more than its values there show.
     Unresolved,
-    /// Neither.
+    /// Neither proven nor violated.
     Open,
 }
 
-/// A quantity that is still to be proven on a part of a panel: its place, its coefficients without what stands beside it,
-/// and what these are off by.
+/// A quantity not yet proven on a part of a panel: its index, the coefficients of its function `F`, and their
+/// remainder.
 #[derive(Clone)]
 struct Unproven {
     place: usize,
@@ -39,30 +39,30 @@ struct Unproven {
     remainder: Remainder,
 }
 
-/// A part of a panel.
+/// A part of a panel, with the quantities not yet proven on it.
 struct Stretch {
     panel: Panel,
     left: Vec<Unproven>,
 }
 
-/// What is seen of a part on which something is not proven.
+/// Findings at the middle of a part with unproven quantities.
 #[derive(Default)]
 struct Seen {
     violation: Option<Violation>,
-    /// In the middle `q` is not what the nodes tell.
+    /// In the middle `q` differs from the interpolant at the nodes.
     is_unresolved: bool,
-    /// Remainders are in the way: shorter polynomials would do.
+    /// Remainders prevent a proof: polynomials on shorter panels may have smaller ones.
     needs_more: bool,
 }
 
-/// What a polynomial is off by: what a shorter panel lessens, and what it does not, which counts as zero.
+/// The remainder of a polynomial: of interpolation, which shorter panels reduce, and of rounding, which counts as zero.
 #[derive(Clone, Copy, Debug, Default)]
 struct Remainder {
     of_interpolation: f64,
     of_rounding: f64,
 }
 
-/// What became of a panel.
+/// The result of screening a panel.
 #[derive(Default)]
 struct Outcome {
     violation: Option<Violation>,
@@ -71,13 +71,13 @@ struct Outcome {
 }
 
 impl Segments<'_> {
-    /// Screens an element whose nodes show no loss of a sign.
+    /// Screens an element whose monitors are positive at the nodes.
     pub(super) fn screen(&mut self, trial: &Trial) -> Result<Screened, StepError> {
         let functions = self.functions(trial);
         let watched = self.watch(trial);
         let Some(begins) = self.begins(&functions, &watched)? else { return Ok(Screened::Open) };
         let mut outcome = Outcome::default();
-        // Polynomials are themselves.
+        // Polynomials need no panels.
         let whole: Vec<usize> = (0..watched.len()).filter(|&i| self.is_polynomial(trial, &watched[i])).collect();
         self.screen_panel(&functions, &watched, whole, Panel::WHOLE, &mut outcome)?;
         let is_panelled = |i: &usize| !self.is_polynomial(trial, &watched[*i]);
@@ -101,8 +101,8 @@ impl Segments<'_> {
         watched.function != Function::Memory && !self.shapes[trial.shape].is_singular()
     }
 
-    /// Of each quantity the end of a first panel over which it changes too little to be lost, or which is too short to count;
-    /// nothing where the problem has no enclosure.
+    /// For each quantity, the end of a first panel over which it changes too little to become negative, or which is too
+    /// short to count; `None` if the problem has no enclosure.
     fn begins(&mut self, functions: &Functions<'_>, watched: &[Watched]) -> Result<Option<Vec<f64>>, StepError> {
         let m = self.places.len();
         let mut values = [vec![0.0; m], vec![0.0; m], vec![0.0; m]];
@@ -137,7 +137,7 @@ impl Segments<'_> {
         Interval::new(if panel.begin == 0.0 { from } else { from.next_down() }, to.next_up())
     }
 
-    /// Screens quantities on a panel, by parts, the first part first.
+    /// Screens quantities on a panel, by parts in order of time.
     fn screen_panel(
         &mut self,
         functions: &Functions<'_>,
@@ -191,7 +191,7 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// The polynomials of quantities on a panel, with what each may be off by.
+    /// The polynomials of quantities on a panel, with their remainders.
     fn interpolate(
         &mut self,
         functions: &Functions<'_>,
@@ -226,8 +226,8 @@ impl Segments<'_> {
         Ok(Stretch { panel, left: places.iter().zip(&values).map(polynomial).collect() })
     }
 
-    /// Takes out of a part what is proven on it, and looks at the rest in the middle; nothing where the problem has no
-    /// enclosure.
+    /// Removes the quantities that are proven on a part, and evaluates the others at its middle; `None` if the problem
+    /// has no enclosure.
     fn prove(&mut self, functions: &Functions<'_>, watched: &[Watched], stretch: &mut Stretch) -> Option<Seen> {
         let (panel, h) = (stretch.panel, functions.trial.h);
         let times = self.times(panel, h);
@@ -242,7 +242,7 @@ impl Segments<'_> {
             let Some((range, slope)) = ranges.next() else { return true };
             let watched = &watched[*place];
             let sign = Interval::point(watched.sign);
-            // Above the first it is proven, below the second it is lost.
+            // Above `proven` the quantity is positive, below `lost` it is negative.
             let zero = -watched.limit - remainder.of_rounding;
             let (proven, lost) = (zero + remainder.of_interpolation, zero - remainder.of_interpolation);
             let whole = sign * (bernstein::range(coefficients) + range);

@@ -1,54 +1,56 @@
-//! The functions that `z` is a combination of on an element `[0, 1]`, and the points where its equations hold.
+//! The basis functions of `z` on an element `[0, 1]`, and the collocation points.
 //!
-//! They are Legendre polynomials, `s` of them with the equations at the nodes of Radau IIA. On the first element behind a
-//! switch there are in addition polynomials times `theta^beta`: a kernel like `t^(a-1)` makes the solution there a sum of the
-//! powers `theta^j` and `theta^(j + beta)`, `beta` the distance of `a` to the next integer. The nodes are squared, so that
-//! they lie as closely at the beginning as the solution varies. One function and one node more serve to estimate the error.
+//! The basis is `s` Legendre polynomials, with collocation at the nodes of Radau IIA. On the first element behind a
+//! switch polynomials times `theta^beta` are added: a kernel like `t^(a-1)` makes the solution there a sum of the
+//! powers `theta^j` and `theta^(j + beta)`, where `beta` is the distance of `a` to the next integer. The nodes are
+//! squared, to be as dense at the beginning as the variation of the solution requires. One additional function and node
+//! serve to estimate the error.
 
 use crate::gauss_jacobi::gauss_jacobi;
 use nalgebra::DMatrix;
 use radau::Tableau;
 
-/// Nodes of the rules for integrals of the functions themselves, exact for all of them.
+/// Number of nodes of the rules for integrals of the functions, exact for all of them.
 const NODES: usize = 12;
-/// The most polynomials of an element with singular functions, and the most of those. Polynomials with and without the factor
-/// `theta^beta` are nearly dependent: with five and four the matrix of their values at the nodes has a condition of up to
-/// `1e7`, with one more of each it is forty times as large. Fewer have a lower order behind switches.
+/// Largest numbers of polynomials and of singular functions on an element with singular functions. Polynomials with and
+/// without the factor `theta^beta` are nearly dependent: with five and four the matrix of their values at the nodes has
+/// a condition of up to `1e7`, with one more of each it is forty times as large. Fewer have a lower order behind
+/// switches.
 const SMOOTH: usize = 5;
 const SINGULAR: usize = 4;
 
 /// A space of functions on `[0, 1]` with its nodes.
 pub struct Shape {
-    /// Degree of the polynomial, and whether `theta^beta` stands before it; the last function estimates the error.
+    /// The degree of the polynomial, and whether it has the factor `theta^beta`; the last function estimates the error.
     functions: Vec<(usize, bool)>,
     /// The exponent of the singular functions.
     pub beta: f64,
-    /// The nodes, the last of them equal to 1, and behind them the one that estimates the error.
+    /// The nodes, the last of them equal to 1, followed by the one that estimates the error.
     pub nodes: Vec<f64>,
     /// The functions at the nodes, a row for each node.
     pub values: DMatrix<f64>,
-    /// The functions at the beginning, at the nodes and in the middles between them, where errors are largest: collocation is
-    /// more accurate at its nodes.
+    /// The functions at the beginning, at the nodes and in the middles between nodes, where errors are largest:
+    /// collocation is more accurate at its nodes.
     pub samples: DMatrix<f64>,
-    /// Their integrals from zero to the nodes.
+    /// The integrals of the functions from zero to the nodes.
     pub integrals: DMatrix<f64>,
-    /// From values at the nodes to coefficients, without the last function and node, and with them.
+    /// The maps from values at the nodes to coefficients, without and with the additional function and node.
     inverses: [DMatrix<f64>; 2],
-    /// The coefficients of the integrals, interpolated at the nodes.
+    /// The maps from coefficients to those of the integral, interpolated at the nodes.
     antiderivatives: [DMatrix<f64>; 2],
     plain: Vec<(f64, f64)>,
     weighted: Vec<(f64, f64)>,
 }
 
 impl Shape {
-    /// `s` polynomials.
+    /// The shape of `s` polynomials.
     pub fn smooth(s: usize) -> Self {
         Self::new((0..=s).map(|degree| (degree, false)).collect(), 0.0, Tableau::of(s).c.clone())
     }
 
-    /// The functions behind a switch, where polynomials of `s` coefficients serve elsewhere.
+    /// The shape behind a switch, where `s` polynomials serve elsewhere.
     ///
-    /// Kernels that are integrated amplify rounding errors, the more the closer to the beginning the first node is.
+    /// Integrated kernels amplify rounding errors, the more the closer the first node is to the beginning.
     pub fn behind_switch(s: usize, beta: f64, integrations: usize) -> Self {
         if beta == 0.0 {
             return Self::smooth(s);
@@ -97,9 +99,9 @@ impl Shape {
         }
         shape.inverses = [count - 1, count].map(|size| {
             let square = shape.values.view((0, 0), (size, size)).into_owned();
-            // The functions are a Chebyshev system: there is one combination through any values.
+            // The functions are a Chebyshev system: one combination interpolates any values.
             let inverse = square.clone().try_inverse().unwrap_or_else(|| DMatrix::identity(size, size));
-            // A step of Newton's method for what rounding left.
+            // A Newton step removes the rounding error of the inverse.
             &inverse * 2.0 - &inverse * (square * &inverse)
         });
         shape.antiderivatives = [count - 1, count].map(|size| {
@@ -111,7 +113,7 @@ impl Shape {
         shape
     }
 
-    /// The number of functions, and of nodes, without those that estimate the error.
+    /// The number of functions and of nodes, without the additional ones that estimate the error.
     pub fn len(&self) -> usize {
         self.nodes.len() - 1
     }
@@ -121,23 +123,23 @@ impl Shape {
         self.functions[..self.len()].iter().any(|function| function.1)
     }
 
-    /// From values at the first `size` nodes to coefficients, with `size` the length or one more.
+    /// The map from values at the first `size` nodes to coefficients; `size` is the length or one more.
     pub fn inverse(&self, size: usize) -> &DMatrix<f64> {
         &self.inverses[size - self.len()]
     }
 
-    /// By how much rounding errors grow on the way from values at the first `size` nodes to coefficients and back.
-    pub fn mixing(&self, size: usize) -> f64 {
+    /// The amplification of rounding errors from values at the first `size` nodes to coefficients and back.
+    pub fn transform_condition(&self, size: usize) -> f64 {
         let product = self.values.view((0, 0), (size, size)).abs() * self.inverse(size).abs();
         product.row_iter().map(|row| row.sum()).fold(0.0, f64::max)
     }
 
-    /// From coefficients to those of the integral from zero, interpolated at the first `size` nodes.
+    /// The map from coefficients to those of the integral from zero, interpolated at the first `size` nodes.
     pub fn antiderivative(&self, size: usize) -> &DMatrix<f64> {
         &self.antiderivatives[size - self.len()]
     }
 
-    /// Writes the functions at `theta`, as many as asked for.
+    /// Writes the first functions at `theta`, as many as `out` has entries.
     pub fn evaluate(&self, theta: f64, out: &mut [f64]) {
         let power = if self.is_singular() { theta.powf(self.beta) } else { 1.0 };
         for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
@@ -145,15 +147,15 @@ impl Shape {
         }
     }
 
-    /// Writes the polynomials at `theta`, of the regular or of the singular functions, and zero for the others.
+    /// Writes the polynomial factors at `theta` of the singular or of the regular functions, and zero for the others.
     pub fn polynomials(&self, singular: bool, theta: f64, out: &mut [f64]) {
         for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
             *value = if is_singular == singular { legendre(degree, theta) } else { 0.0 };
         }
     }
 
-    /// A bound of the size of a combination at complex points: Legendre polynomials grow with their degree no faster than
-    /// powers of `growth`, and no point is farther from zero than `reach`.
+    /// A bound of the size of a combination at complex points, where Legendre polynomials grow with their degree no
+    /// faster than powers of `growth`, and no point is farther from zero than `reach`.
     pub fn bound(&self, coefficients: impl Iterator<Item = f64>, growth: f64, reach: f64) -> f64 {
         let power = reach.powf(self.beta);
         let functions = coefficients.zip(&self.functions);
@@ -170,7 +172,7 @@ impl Shape {
         coefficients.zip(&self.functions).map(|(c, f)| c.abs() * of(*f)).sum()
     }
 
-    /// Writes the integrals from zero to `theta`.
+    /// Writes the integrals of the functions from zero to `theta`.
     pub fn integrate(&self, theta: f64, out: &mut [f64]) {
         for (value, &(degree, is_singular)) in out.iter_mut().zip(&self.functions) {
             let (rule, factor) = match is_singular {
@@ -182,7 +184,7 @@ impl Shape {
     }
 }
 
-/// The Legendre polynomial on `[0, 1]` that is one at its end.
+/// The Legendre polynomial on `[0, 1]`, normalised to one at the end.
 fn legendre(degree: usize, theta: f64) -> f64 {
     let u = 2.0 * theta - 1.0;
     let (mut before, mut value) = (0.0, 1.0);

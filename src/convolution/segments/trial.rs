@@ -1,77 +1,79 @@
-//! One element on a fixed face: the variables inside solve `w = 0` at the nodes, the others are at their bounds. The element
-//! is solved for twice, the second time with one function and one node more, which shows how far off the first is.
+//! One element with a fixed active set: the inactive variables solve `w = 0` at the nodes, the others are at their
+//! bounds. The element is solved twice, the second time with one more function and node, to estimate the error of the
+//! first.
 
 use super::shape::Shape;
 use super::{Activity, Segments};
 use crate::stepper::StepError;
 use nalgebra::DMatrix;
 
-/// What rounding errors of a sum may be, relative to its largest term: they grow with the root of the number of terms, and sixteen
-/// allow for some hundreds.
+/// Rounding error of a sum, relative to its largest term: it grows with the square root of the number of terms, and a
+/// factor of sixteen allows for some hundreds.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
-/// What the equations need to know at the nodes: rows for the nodes, columns for the variables.
+/// Data of the equations at the nodes: rows for the nodes, columns for the variables.
 struct Known {
     lower: DMatrix<f64>,
     upper: DMatrix<f64>,
-    /// `q` and what the past contributes, and the sizes of the terms.
+    /// `q` plus the contribution of the past, and the sizes of the terms.
     source: DMatrix<f64>,
     size: DMatrix<f64>,
     /// `q` alone.
     forcing: DMatrix<f64>,
-    /// Of each term of the kernel, its integrals against the functions of the element.
+    /// The integrals of each term of the kernel against the functions of the element.
     weights: Vec<DMatrix<f64>>,
 }
 
-/// An element that has been solved for, not yet part of the past.
+/// A solved element that is not yet part of the past.
 pub struct Trial {
     /// Its length.
     pub h: f64,
-    /// Which of the shapes it has.
+    /// The index of its shape.
     pub shape: usize,
-    /// Of the variables, and of their integrals as often as the kernel takes them: a row for each function, a column for each
-    /// variable.
+    /// The coefficients of the variables and of their repeated integrals, as many as the kernel takes: a row for each
+    /// function, a column for each variable.
     pub levels: Vec<DMatrix<f64>>,
-    /// `q` at the nodes, and what of it may be rounding.
+    /// `q` at the nodes, and its rounding error.
     pub sources: DMatrix<f64>,
     pub source_noise: Vec<f64>,
-    /// What may be rounding of the monitors of each variable, and what errors within the tolerance make of its `w` at the end.
+    /// The rounding error of the monitors of each variable, and the uncertainty of its `w` at the end from errors
+    /// within the tolerance.
     pub noise: Vec<f64>,
     pub slack: Vec<f64>,
-    /// The error of the variables, estimated, in units of the tolerance.
+    /// The estimated error of the variables, in units of the tolerance.
     pub error: f64,
     /// The largest absolute value of each variable.
     pub size: Vec<f64>,
-    /// The first place, from 0 to 1, where a variable is beyond what its place allows, with the place before it.
+    /// The first violation of the active set at a node, if any.
     pub violation: Option<Violation>,
-    /// Of each variable, its monitors at the end.
+    /// The monitors of each variable at the end.
     pub ends: Vec<Monitor>,
 }
 
-/// A sign that does not hold.
+/// A violation of the active set: a negative monitor.
 #[derive(Clone, Copy, Debug)]
 pub struct Violation {
-    /// Where, from 0 to 1.
+    /// The position within the element, from 0 to 1.
     pub theta: f64,
     /// The variable.
     pub variable: usize,
-    /// Where it goes.
+    /// The new activity of the variable.
     pub to: Activity,
-    /// The monitor, negative.
+    /// The negative value of the monitor.
     pub value: f64,
 }
 
-/// The distances of a variable from its bounds where it is inside, and the sign of `w` where it is not: what a face requires
-/// to be positive.
+/// The monitors of a variable, positive while the active set holds: its distances from the bounds if it is inactive,
+/// otherwise `w` with the sign of its bound.
 #[derive(Clone, Copy, Debug)]
 pub struct Monitor {
-    /// What leads to the lower bound, to the inside, and to the upper bound; infinite where it does not.
+    /// The monitors that lead to the lower bound, to inactivity, and to the upper bound; infinite if not monitored.
     values: [f64; 3],
-    /// What of it may be rounding.
+    /// The rounding error of the values.
     pub noise: f64,
 }
 
 impl Monitor {
-    /// The monitor that leads to a place.
+    /// The monitor that leads to an activity.
     pub fn towards(&self, place: Activity) -> f64 {
         match place {
             Activity::AtLower => self.values[0],
@@ -83,10 +85,10 @@ impl Monitor {
 }
 
 impl Segments<'_> {
-    /// Solves for the element of length `h` from the time reached.
+    /// Solves for the element of length `h` from the current time.
     ///
     /// # Errors
-    /// Values that are not finite, an empty set, equations without a solution.
+    /// If values are not finite, a set is empty, or the equations have no solution.
     pub(super) fn trial(&mut self, h: f64) -> Result<Trial, StepError> {
         let index = usize::from(self.is_first);
         let known = self.known(index, h)?;
@@ -109,7 +111,7 @@ impl Segments<'_> {
         for (k, size) in size.iter().enumerate() {
             let allowed = self.allowed(k, size.max(self.size[k]));
             let apart = (found.column(k) - better.column(k)).amax();
-            // Smaller elements do not help against rounding errors, which grow as they shrink.
+            // Shorter elements do not help against rounding errors, which grow as elements shrink.
             error = error.max(if apart <= wide.rounding[k].max(narrow.rounding[k]) { 0.0 } else { apart / allowed });
         }
         let range = |k: usize| known.forcing.column(k).max() - known.forcing.column(k).min();
@@ -127,34 +129,35 @@ impl Segments<'_> {
             violation: None,
             ends: Vec::new(),
         };
-        self.look_at_signs(&mut trial, &known, &at_nodes, &narrow);
+        self.find_violation(&mut trial, &known, &at_nodes, &narrow);
         Ok(trial)
     }
 
-    /// The variables on an element, and their integrals as often as the kernel takes them.
+    /// The variables on an element and their repeated integrals, as many as the kernel takes.
     fn integrated(&self, index: usize, h: f64, coefficients: DMatrix<f64>) -> Vec<DMatrix<f64>> {
         let integral = self.shapes[index].antiderivative(coefficients.nrows()) * h;
         let mut levels = vec![coefficients];
         for before in &self.integrals {
             let mut integrated = &integral * &levels[levels.len() - 1];
-            // The first function is one.
+            // The first function is the constant one.
             before.iter().enumerate().for_each(|(k, value)| integrated[(0, k)] += value);
             levels.push(integrated);
         }
         levels
     }
 
-    /// By how many of its own rounding errors the rounding of time changes a force that varies by its size on an element.
+    /// The change of a force by the rounding of time, in units of its own rounding error, for a force that varies by
+    /// its size on an element.
     fn rounding_of_time(&self, h: f64) -> f64 {
         (self.t.abs() + h) / h
     }
 
-    /// The error that a variable of some size may have on an element.
+    /// The admissible error of a variable of this size on an element.
     pub(super) fn allowed(&self, variable: usize, size: f64) -> f64 {
         self.tolerance * (self.atol[variable] + self.rtol * size)
     }
 
-    /// Bounds, forcing and past at the nodes.
+    /// Computes the bounds, the forcing and the contribution of the past at the nodes.
     fn known(&mut self, index: usize, h: f64) -> Result<Known, StepError> {
         let shape = &self.shapes[index];
         let (nodes, m) = (shape.nodes.len(), self.places.len());
@@ -199,7 +202,7 @@ impl Segments<'_> {
         Ok(known)
     }
 
-    /// Solves with the first `size` functions and nodes; nothing where the equations are singular.
+    /// Solves with the first `size` functions and nodes; `None` if the equations are singular.
     fn solve(&self, index: usize, h: f64, size: usize, known: &Known) -> Option<Solved> {
         let shape = &self.shapes[index];
         let (nodes, m) = (shape.nodes.len(), self.places.len());
@@ -207,12 +210,12 @@ impl Segments<'_> {
         let integral = shape.antiderivative(size) * h;
         let mut w = known.source.clone();
         let mut terms = known.size.clone();
-        // What the kernel makes of the variables at the nodes, by row and column of its matrix.
+        // The operator of the kernel at the nodes, a block for each row and column of its matrix.
         let mut blocks: Vec<Option<DMatrix<f64>>> = vec![None; m * m];
         for (term, weights) in self.terms.iter().zip(&known.weights) {
             let weights = weights.columns(0, size);
             let mut power = DMatrix::identity(size, size);
-            // Integrals up to the element are multiples of the first function, which is one.
+            // Integrals up to the element are multiples of the first function, the constant one.
             let mut constants = DMatrix::zeros(size, m);
             for level in 1..=term.level {
                 constants = &integral * constants;
@@ -237,12 +240,12 @@ impl Segments<'_> {
                 Activity::AtLower | Activity::Fixed => &known.lower,
                 Activity::AtUpper => &known.upper,
             };
-            // A bound that does not move is a multiple of the first function, which is one, without rounding errors.
+            // A constant bound is a multiple of the first function, the constant one, without rounding errors.
             let last = bound[(shape.len() - 1, k)];
             let moved = bound.view((0, k), (size, 1)).add_scalar(-last);
             coefficients.set_column(k, &(inverse * &moved).column(0));
             coefficients[(0, k)] += last;
-            rounding[k] = ROUNDING * shape.mixing(size) * moved.amax();
+            rounding[k] = ROUNDING * shape.transform_condition(size) * moved.amax();
         }
         let apply = |w: &mut DMatrix<f64>, terms: &mut DMatrix<f64>, coefficients: &DMatrix<f64>, inside: bool| {
             for (place, block) in blocks.iter().enumerate() {
@@ -259,7 +262,7 @@ impl Segments<'_> {
         };
         apply(&mut w, &mut terms, &coefficients, false);
         let inside: Vec<usize> = (0..m).filter(|&k| self.places[k] == Activity::Inactive).collect();
-        // Times are rounded as well, and with them forces that vary.
+        // Times are rounded, and with them forces that vary.
         let range = |k: usize| known.source.column(k).max() - known.source.column(k).min();
         let of_time = |k: usize| self.rounding_of_time(h) * range(k);
         let noise_of = |terms: &DMatrix<f64>, k: usize| ROUNDING * (terms.column(k).max() + of_time(k));
@@ -280,7 +283,7 @@ impl Segments<'_> {
             }
             let inverted = matrix.clone().try_inverse()?;
             let mut solution = &inverted * &right;
-            // Once more for what rounding left of the right-hand side.
+            // One step of iterative refinement.
             let left = &right - &matrix * &solution;
             solution += &inverted * left;
             if solution.iter().any(|value| !value.is_finite()) {
@@ -303,7 +306,7 @@ impl Segments<'_> {
         for k in (0..m).filter(|&k| self.places[k] != Activity::Inactive) {
             noise[k] = noise_of(&terms, k);
         }
-        // The first function is one: its column holds the integrals of the kernel.
+        // The first function is the constant one: its column contains the integrals of the kernel.
         let slack = DMatrix::from_fn(nodes, m, |i, row| {
             let blocks = (0..m).filter_map(|column| Some((column, blocks[row * m + column].as_ref()?)));
             blocks.map(|(column, block)| block[(i, 0)].abs() * self.allowed(column, self.size[column])).sum()
@@ -311,9 +314,9 @@ impl Segments<'_> {
         Some(Solved { coefficients, w, rounding, noise, slack })
     }
 
-    /// Finds the first node where the face does not hold: where a monitor is negative by more than the tolerance and rounding
-    /// explain, as it may be next to a switch.
-    fn look_at_signs(&self, trial: &mut Trial, known: &Known, z: &DMatrix<f64>, solved: &Solved) {
+    /// Finds the first node where the active set does not hold: a monitor is negative by more than tolerance and
+    /// rounding explain, as may happen next to a switch.
+    fn find_violation(&self, trial: &mut Trial, known: &Known, z: &DMatrix<f64>, solved: &Solved) {
         let Solved { coefficients, w, noise, slack, .. } = solved;
         let shape = &self.shapes[trial.shape];
         let mut nodes: Vec<(usize, f64)> = shape.nodes.iter().copied().enumerate().collect();
@@ -346,18 +349,19 @@ impl Segments<'_> {
     }
 }
 
-/// A variable at a node.
+/// The value of a variable at a node.
 fn at_node(shape: &Shape, node: usize, coefficients: &DMatrix<f64>, variable: usize) -> f64 {
     let n = coefficients.nrows();
     shape.values.row(node).columns(0, n).iter().zip(&coefficients.column(variable)).map(|(f, c)| f * c).sum()
 }
 
-/// The variables, `w` at all nodes, and of each variable the rounding error of itself and of its monitors.
+/// The solution: coefficients of the variables, `w` at all nodes, and the rounding errors of each variable and of its
+/// monitors.
 struct Solved {
     coefficients: DMatrix<f64>,
     w: DMatrix<f64>,
     rounding: Vec<f64>,
     noise: Vec<f64>,
-    /// At each node, what errors of the variables within the tolerance make of `w`.
+    /// The uncertainty of `w` at each node from errors of the variables within the tolerance.
     slack: DMatrix<f64>,
 }

@@ -1,5 +1,5 @@
-//! What is screened on an element: quantities `+-(F + s)` that the face requires not to fall below a limit, `F` a function of
-//! the element and `s` a row of the program, `q` or a bound.
+//! The quantities screened on an element: `+-(F + s)`, which the active set requires not to fall below a limit, with a
+//! function `F` of the element and a row `s` of the program, `q` or a bound.
 
 use super::outputs::{Here, convolve};
 use super::panel::Panel;
@@ -11,24 +11,24 @@ use nalgebra::DMatrix;
 use numerics::Interval;
 use problem::Side;
 
-/// The part of its change over an element by which `q` of a variable inside may be off what the element knows of it. A
-/// judgement: what a switch between the nodes makes of `q` has the size of its change, and an element that is accurate is off
-/// by far less than a hundredth of that; a part near one would miss such a switch, a much smaller one would halve elements
-/// within tolerance.
+/// Admissible deviation of `q` of an inactive variable from its interpolant, relative to its change over the element. A
+/// judgement: the effect on `q` of a switch between the nodes has the size of its change, and an accurate element
+/// deviates by far less than a hundredth of that; a value near one would miss such a switch, a much smaller one would
+/// halve elements within tolerance.
 const RESOLVED: f64 = 1e-2;
 
-/// `F`
+/// The function `F`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Function {
     /// A variable.
     Variable,
-    /// `m * z`
+    /// The convolution `m * z`.
     Memory,
-    /// `q` as the nodes tell it, negative.
+    /// The negative interpolant of `q` at the nodes.
     Source,
 }
 
-/// `s`
+/// The row `s`.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Beside {
     Constant(f64),
@@ -43,14 +43,14 @@ pub(super) struct Watched {
     pub function: Function,
     pub sign: f64,
     pub beside: Beside,
-    /// Where the variable goes where it is negative; none where `q` is then not resolved.
+    /// The new activity of the variable if the quantity is negative; `None` if `q` is then not resolved.
     pub to: Option<Activity>,
-    /// What counts as zero.
+    /// The tolerance: the quantity must be at least `-limit`.
     pub limit: f64,
 }
 
 impl Watched {
-    /// `s` at a point where the rows of the program are these.
+    /// The value of `s` for these values of the rows of the program.
     pub fn beside_at(&self, rows: &[f64]) -> f64 {
         match self.beside {
             Beside::Constant(value) => value,
@@ -71,17 +71,17 @@ impl Watched {
     }
 }
 
-/// The functions `F` of an element, and bounds of them.
+/// The functions `F` of an element, with data for their bounds.
 pub(super) struct Functions<'a> {
     pub trial: &'a Trial,
-    /// The coefficients of `q` as the nodes tell it.
+    /// The coefficients of the negative interpolant of `q`.
     pub sources: DMatrix<f64>,
-    /// Of each term of the kernel the bounds of `g` and of its derivative.
+    /// The bounds of `g` and of its derivative, for each term of the kernel.
     factors: Vec<[f64; 2]>,
 }
 
 impl Segments<'_> {
-    /// What is to be screened on an element.
+    /// The quantities to be screened on an element.
     pub(super) fn watch(&self, trial: &Trial) -> Vec<Watched> {
         let mut watched = Vec::new();
         for (k, place) in self.places.iter().enumerate() {
@@ -123,7 +123,7 @@ impl Segments<'_> {
         watched
     }
 
-    /// The functions of an element.
+    /// Prepares the functions of an element.
     pub(super) fn functions<'a>(&self, trial: &'a Trial) -> Functions<'a> {
         let shape = &self.shapes[trial.shape];
         let n = shape.len();
@@ -155,7 +155,8 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// A bound of a function on the ellipse of a panel. That of `m * z` takes `g` for as smooth as its rules do.
+    /// A bound of a function on the ellipse of a panel. The bound of `m * z` assumes `g` to be as smooth as the
+    /// quadrature rules do.
     pub(super) fn bound_on(&self, functions: &Functions<'_>, watched: &Watched, panel: Panel) -> f64 {
         let (trial, k) = (functions.trial, watched.variable);
         let shape = &self.shapes[trial.shape];
@@ -195,7 +196,7 @@ impl Segments<'_> {
                 let [factor, slope] = functions.factors[place];
                 let all = lag.integral_of_power(self.t - self.start + length);
                 if term.level > 0 {
-                    // The integral of a variable varies no faster than the variable is large.
+                    // The rate of the integral of a variable is the variable itself.
                     return length * largest(term.level - 1).1 * factor * all;
                 }
                 let (here, anywhere) = largest(0);
@@ -205,7 +206,7 @@ impl Segments<'_> {
         }
     }
 
-    /// What errors of the variables within the tolerance, from the beginning on, make of `w`.
+    /// The uncertainty of `w` from errors of the variables within the tolerance, from the beginning of the run on.
     pub(super) fn uncertainty(&self, variable: usize) -> f64 {
         let length = self.t - self.start;
         self.over_entries(variable, |place, column| {
@@ -215,7 +216,7 @@ impl Segments<'_> {
         })
     }
 
-    /// The sum over the entries of a row of the kernel of what each term and column make, times the size of the entry.
+    /// Sums `of(term, column)` over the entries of a row of the kernel, times the absolute value of the entry.
     fn over_entries(&self, row: usize, of: impl Fn(usize, usize) -> f64) -> f64 {
         let mut sum = 0.0;
         for (place, term) in self.terms.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Enclosures hold what evaluation gives, at every point of the box and of every term on the way.
+//! Enclosures contain the results of evaluation, at every point of the box and for every intermediate term.
 
 use super::{evaluate, parse};
 use crate::{Graph, IntervalWorkspace, Node, Tape};
@@ -14,7 +14,7 @@ fn enclose(graph: &Graph, nodes: &[Node], inputs: [Interval; 4]) -> Vec<Interval
     outputs
 }
 
-/// The enclosure of `text` where `x` is in an interval, `y` on the line, and the others are zero.
+/// The enclosure of `text` for `x` in an interval, `y` on the whole line, and other inputs zero.
 fn over(text: &str, lo: f64, hi: f64) -> Interval {
     let (graph, node) = parse(text).unwrap();
     let zero = Interval::point(0.0);
@@ -83,7 +83,7 @@ fn functions_have_their_ranges() {
     ] {
         assert_range(text, domain, lo, hi, defined);
     }
-    // But for rounding.
+    // Up to rounding.
     for (text, ends, hull) in [("mod(x, 3)", (7.0, 10.0), (0.0, 3.0)), ("mod(x, -3)", (-5.0, 9.0), (-3.0, 0.0))] {
         let found = over(text, ends.0, ends.1);
         assert!((found.lo - hull.0).abs().max((found.hi - hull.1).abs()) < 1e-14 && found.defined, "{text}: {found:?}");
@@ -113,7 +113,7 @@ fn lanes_are_enclosed_as_they_are_evaluated() {
     }
 }
 
-/// Expressions in every function of the language.
+/// Random expressions with all functions of the language.
 pub(super) fn texts() -> impl Strategy<Value = String> {
     let constants = prop_oneof![(-3.0..3.0f64), prop::sample::select(vec![-2.0, -1.0, 0.0, 0.5, 1.0, 3.0])];
     let leaf = prop_oneof![
@@ -149,7 +149,7 @@ pub(super) fn texts() -> impl Strategy<Value = String> {
             (prop::sample::select(unary.clone()), inner.clone()).prop_map(|(name, a)| format!("({name}({a}))")),
             (prop::sample::select(binary.clone()), inner.clone(), inner.clone()).prop_map(|(name, a, b)| {
                 match name {
-                    // Numbers are refused as divisors where they are zero.
+                    // The divisor depends on z, because constant zero divisors are rejected.
                     "mod" => format!("mod({a}, {b} + z/3)"),
                     _ if name.len() == 1 => format!("({a} {name} {b})"),
                     _ => format!("{name}({a}, {b})"),
@@ -163,7 +163,7 @@ pub(super) fn texts() -> impl Strategy<Value = String> {
     })
 }
 
-/// Ends of intervals, often of one sign and often zero, and points between them, often the ends.
+/// Ends of intervals, often of equal sign and often zero, and points in the intervals, often the ends.
 fn edges() -> impl Strategy<Value = ([f64; 2], Vec<f64>)> {
     let end = prop_oneof![-4.0..4.0f64, prop::sample::select(vec![-1.0, 0.0, 1.0]), -1e-3..1e-3f64];
     let shares = prop::collection::vec(prop_oneof![0.0..=1.0f64, prop::sample::select(vec![0.0, 1.0])], 6);
@@ -188,7 +188,7 @@ proptest! {
                 (lo + shares[k] * (hi - lo)).clamp(*lo, *hi)
             });
             let values = evaluate(&graph, &nodes, point);
-            // What lies beyond the doubles, or at a pole, has no value.
+            // Skip overflows and poles, where enclosures need not contain the result.
             if values.iter().any(|value| value.is_infinite()) {
                 continue;
             }

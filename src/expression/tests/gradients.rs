@@ -1,4 +1,4 @@
-//! Derivatives against forward-mode dual numbers, which share no code with the reverse sweep.
+//! Derivatives compared with forward-mode dual numbers, which share no code with the reverse sweep.
 
 use super::{derivatives, evaluate, parse};
 use num_dual::{Dual64, DualNum};
@@ -92,7 +92,7 @@ fn powers_are_right_at_zero() {
     assert_eq!(at_zero("x^17"), Some(0.0));
     assert_eq!(at_zero("pow(x, 2)"), Some(0.0));
     assert_eq!(at_zero("x^0.5"), Some(f64::INFINITY));
-    // By the exponent: 0^y is constant for y > 0, and of a negative base there is no derivative.
+    // With respect to the exponent: 0^y is constant for y > 0, and for a negative base there is no derivative.
     assert_eq!(derivatives("x^y", [0.0, 0.0, 2.0, 0.0])[2], Some(0.0));
     assert_eq!(derivatives("x^y", [0.0, -2.0, 2.0, 0.0])[2], Some(0.0));
     assert_eq!(derivatives("x^y", [0.0, -2.0, 2.0, 0.0])[1], Some(-4.0));
@@ -112,7 +112,7 @@ fn derivatives_may_be_differentiated_again() {
     let by_x = graph.gradient(node).unwrap()[0].1;
     let second = graph.gradient(by_x).unwrap();
     let nodes: Vec<_> = second.iter().map(|&(_, node)| node).collect();
-    // Where x > 1 the expression is x^2 exp(y).
+    // For x > 1 the expression is x^2 exp(y).
     let found = evaluate(&graph, &nodes, [0.0, 3.0, 0.5, 0.0]);
     assert_close(found[0], 2.0 * 0.5f64.exp(), "by x twice");
     assert_close(found[1], 6.0 * 0.5f64.exp(), "by x, then y");
@@ -125,8 +125,8 @@ fn a_product_of_400_sines_stays_small() {
     let before = graph.len();
     graph.gradient(node).unwrap();
     assert!(graph.len() <= 4 * before, "{} terms from {before}", graph.len());
-    // By the product rule at x = 1/2: the sum of k cos(k x) over sin(k x), times the product, which underflows nowhere
-    // for twenty factors.
+    // Product rule at x = 1/2: the sum of k cos(k x) / sin(k x) times the product, which does not underflow for twenty
+    // factors.
     let (mut graph, node) = parse(&factors[..20].join("*")).unwrap();
     let derivative = graph.gradient(node).unwrap()[0].1;
     let angles = || (1..=20).map(|k| 0.5 * f64::from(k));
@@ -159,7 +159,7 @@ impl Tree {
         }
     }
 
-    /// `None` where the value is ill-conditioned: near a pole, a kink or the end of a domain, or large.
+    /// `None` if the value is ill-conditioned: near a pole, a kink or the end of a domain, or large.
     fn dual(&self, inputs: &[Dual64; 4]) -> Option<Dual64> {
         let away = |x: f64| (x.abs() > 1e-2).then_some(());
         let value = match self {

@@ -1,4 +1,4 @@
-//! What must not be read is refused at its place, and nothing a user writes exhausts stack, memory or time.
+//! Invalid texts are rejected with their position, and no text exhausts stack, memory or time.
 
 use super::{Graph, Scope, derivatives, parse, value};
 use proptest::prelude::*;
@@ -10,7 +10,7 @@ fn assert_refused(text: &str, code: &str, offset: usize) {
     assert_eq!((error.code, error.offset), (code, offset), "{}", error.message);
 }
 
-/// Runs on the stack of a default thread, which is what a pool may offer.
+/// Runs a test with the stack size of a default thread, as in thread pools.
 fn on_two_mebibytes(test: fn()) {
     thread::Builder::new().stack_size(2 << 20).spawn(test).unwrap().join().unwrap();
 }
@@ -19,7 +19,7 @@ fn on_two_mebibytes(test: fn()) {
 fn nesting_of_200_is_read_and_of_201_refused() {
     on_two_mebibytes(|| {
         let nested = |opening: &str, depth: usize| format!("{}x{}", opening.repeat(depth), ")".repeat(depth));
-        // The last ones hold a frame for each of the operators as well.
+        // The last ones also use a stack frame per operator.
         for opening in ["(", "sin(", "max(1, ", "1+1*(", "1+1*sin("] {
             assert!(parse(&nested(opening, 200)).is_ok(), "{opening}");
             assert_eq!(parse(&nested(opening, 201)).unwrap_err().code, "too_deep", "{opening}");

@@ -1,4 +1,4 @@
-//! What a user is told, word for word.
+//! Messages to users, verbatim.
 
 use super::parse;
 

@@ -39,7 +39,7 @@ fn value(text: &str, inputs: [f64; 4]) -> f64 {
     evaluate(&graph, &[node], inputs)[0]
 }
 
-/// The derivatives of `text` by `(t, x, y, z)`; `None` where the gradient has no entry.
+/// The derivatives of `text` with respect to `(t, x, y, z)`; `None` if the gradient has no entry.
 fn derivatives(text: &str, inputs: [f64; 4]) -> [Option<f64>; 4] {
     let (mut graph, node) = parse(text).unwrap();
     let gradient = graph.gradient(node).unwrap();

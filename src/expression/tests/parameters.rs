@@ -1,11 +1,11 @@
-//! Parameters against the same expressions with numbers in their place.
+//! Expressions with parameters, compared with the expressions in which numbers replace the parameters.
 
 use crate::{Assumption, Assumptions, Graph, IntervalWorkspace, Irregularities, Kinks, Node, Scope, Tape};
 use num_dual::{Dual64, DualNum};
 use numerics::Interval;
 use proptest::prelude::*;
 
-/// Expressions of every rule, in the parameters `p`, `q`, `r` beside `t`, `x`, `y`, `z`.
+/// Expressions that use every rewriting rule, in parameters `p`, `q`, `r` and inputs `t`, `x`, `y`, `z`.
 const TEXTS: [&str; 14] = [
     "-p*x + q*sin(r*t)",
     "p*(x - y)/q - (r - p)*z",
@@ -23,7 +23,7 @@ const TEXTS: [&str; 14] = [
     "-x*p - y/(-q) - (-z)/r",
 ];
 
-/// The text with parameters of these values, or with the values themselves; and its derivatives by the inputs.
+/// The text with parameters, or with their values as numbers, and its derivatives with respect to the inputs.
 fn parsed(text: &str, parameters: [f64; 3], are_numbers: bool) -> (Graph, Vec<Node>, Vec<usize>) {
     let (mut graph, mut scope) = super::space();
     for (index, name) in ["p", "q", "r"].into_iter().enumerate() {
@@ -43,7 +43,7 @@ fn values(tape: &mut Tape, inputs: [f64; 4], count: usize) -> Vec<f64> {
     values
 }
 
-/// The same numbers; zeros may differ in their sign.
+/// Equality up to the sign of zeros; NaN equals NaN.
 fn same(a: f64, b: f64) -> bool {
     a == b || a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
@@ -62,17 +62,17 @@ fn an_evaluation_takes_no_more_operations_than_with_numbers() {
             assert_eq!(symbolic, folded, "{text} at {parameters:?}");
         }
     }
-    // What is dropped of a number 1 stays of a parameter, which may be another.
+    // Factors 1 are dropped for numbers, but not for parameters, whose value may change.
     let counts = counts([1.0, 1.0, 1.0]);
     let symbolic: usize = counts.iter().map(|(symbolic, _)| symbolic).sum();
     let folded: usize = counts.iter().map(|(_, folded)| folded).sum();
     assert_eq!((symbolic, folded), AT_ONE);
 }
 
-/// The operations of all texts and their derivatives where every parameter is 1, and where it is a number.
+/// The number of operations of all texts and their derivatives: with parameters equal to 1, and with numbers 1.
 const AT_ONE: (usize, usize) = (162, 128);
 
-/// A program at a point and over a box about it.
+/// The results of a program at a point, and over a box around it.
 fn told(tape: &mut Tape, workspace: &mut IntervalWorkspace, count: usize) -> Vec<(f64, Interval)> {
     let inputs = [0.3, 1.7, -0.6, 2.1];
     let ranges = inputs.map(|input| Interval::new(input, input + 0.25));
@@ -83,7 +83,7 @@ fn told(tape: &mut Tape, workspace: &mut IntervalWorkspace, count: usize) -> Vec
 
 #[test]
 fn a_bound_program_has_the_bits_of_one_compiled_anew() {
-    // Of the last three, some are 1 or powers of two, equal, or products that are equal to another.
+    // The last three contain ones, powers of two, equal values, or products of equal value.
     let others = [[1.1, 0.4, 2.7], [-2.3, 4.1, 1.9], [3.5, 1.0, 0.25], [2.25, 2.25, 0.75], [1.0, 4.0, 7.0]];
     for text in TEXTS {
         let (graph, nodes, by) = parsed(text, [0.7, 1.3, 2.9], false);
@@ -91,7 +91,7 @@ fn a_bound_program_has_the_bits_of_one_compiled_anew() {
         let mut workspace = IntervalWorkspace::new(&bound);
         for (k, parameters) in others.into_iter().enumerate() {
             if text.contains('^') && k >= 2 {
-                // An exponent that is written out has other bits.
+                // Expanded powers are not bitwise equal to general powers.
                 continue;
             }
             bound.bind(&parameters);
@@ -107,7 +107,7 @@ fn a_bound_program_has_the_bits_of_one_compiled_anew() {
                     assert!(same(found, expected), "{text} at {parameters:?}: {found} instead of {expected}");
                     assert_eq!(range, anew, "{text} at {parameters:?}");
                 } else {
-                    // Terms that are one and the same by chance share their derivatives, whose sums have another order.
+                    // Terms with equal numbers share their derivatives, whose sums then have a different order.
                     let off = (found - expected).abs();
                     assert!(off <= 1e-14 * expected.abs().max(1.0), "{text} at {parameters:?}: off by {off}");
                 }
@@ -139,7 +139,7 @@ proptest! {
 
 #[test]
 fn what_vanishes_at_the_values_given_has_slopes_all_the_same() {
-    // d/dp (x p q) = x q, though p is zero and the pattern of x empty; d/dr x^r = x^r ln x at r = 2.
+    // d/dp (x p q) = x q, although p is zero and x is not in the pattern; d/dr y^r = y^r ln y at r = 2.
     let (mut graph, nodes, by) = parsed("p*q*x + y^r", [0.0, 3.0, 2.0], false);
     assert_eq!(by, [2]);
     let gradient = graph.gradient_by_parameters(nodes[0]).unwrap();

@@ -1,23 +1,23 @@
-//! Programs at several points side by side have the bits of single evaluations.
+//! Evaluation of programs at several points at once is bitwise equal to single evaluations.
 
 use super::enclosures::texts;
 use super::{Graph, Node, Tape, parse, space};
 use crate::operator::Operator;
 use proptest::prelude::*;
 
-/// Numbers of every kind: those that have no sign, or no value, are often told apart by a function.
+/// Numbers of every kind, including signed zeros, infinities and NaN, which functions treat differently.
 fn numbers() -> impl Strategy<Value = f64> {
     let odd = vec![0.0, -0.0, 1.0, -1.0, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 5e-324, -5e-324, f64::MAX, 1e-300];
     prop_oneof![4 => -4.0..4.0f64, 1 => -1e-3..1e-3f64, 2 => prop::sample::select(odd)]
 }
 
-/// Whether two results are one; which of its bits a NaN has is left open by the language that this is written in.
+/// Bitwise equality; the bits of a NaN are unspecified in Rust.
 fn same(a: f64, b: f64) -> bool {
     a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan()
 }
 
-/// That a program has at the first of the points, for every number of them, what it has at each alone. A point has more
-/// inputs than the program may ask for.
+/// Asserts that evaluation at the first `n` points, for every `n`, equals evaluation at each point alone. Points have
+/// more inputs than the program may need.
 fn assert_same(tape: &mut Tape, outputs: usize, points: &[[f64; 4]]) -> Result<(), TestCaseError> {
     let mut alone = vec![0.0; outputs * points.len()];
     for (i, point) in points.iter().enumerate() {
@@ -105,7 +105,7 @@ fn terms_side_by_side_have_the_bits_of_single_evaluations() {
             scope.bind(&format!("c{i}"), graph.constant(0.1 * f64::from(i))).unwrap();
             nodes.push(graph.parse(&format!("sin(x*c{i})*max(y, c{i}) - z/(t + c{i})"), &scope).unwrap());
         }
-        // Each on the one before: of these none stand side by side.
+        // A chain in which each term depends on the previous one: no lanes.
         let mut chain = nodes[0];
         for _ in 0..alone {
             let grown = graph.multiply(chain, chain);

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 const X: [f64; 5] = [0.0, 1.0, 2.5, 3.0, 5.0];
 const Y: [f64; 5] = [1.0, 3.0, 2.0, 2.0, -1.0];
 
-/// A graph with `text` in which `f` is a table of these points.
+/// A graph with `text`, in which `f` is a table of the given points.
 fn graph_of(text: &str, x: &[f64], y: &[f64], interpolation: Interpolation) -> (Graph, Node) {
     let (mut graph, mut scope) = space();
     scope.bind_table("f", Table::new(x, y, interpolation).unwrap()).unwrap();
@@ -37,18 +37,19 @@ fn tables_go_through_their_points_and_stay_beyond_them() {
 
 #[test]
 fn cubics_are_those_of_fritsch_and_butland() {
-    // By hand, with fractions: at 0, 1, 3 the points 0, 1, 5 have the chords 1 and 2, the weights 5 and 4, and so the slope
-    // 9/(5/1 + 4/2) = 9/7 in the middle; at the ends, by parabolas, (4*1 - 2)/3 = 2/3 and (5*2 - 2*1)/3 = 8/3.
+    // Exact fractions: the values 0, 1, 5 at 0, 1, 3 have the chords 1 and 2 and the weights 5 and 4, which gives the
+    // slope 9/(5/1 + 4/2) = 9/7 in the middle; parabolas give (4*1 - 2)/3 = 2/3 and (5*2 - 2*1)/3 = 8/3 at the ends.
     let (mut graph, node) = graph_of("f(x)", &[0.0, 1.0, 3.0], &[0.0, 1.0, 5.0], Interpolation::Pchip);
     let slope = graph.gradient(node).unwrap()[0].1;
     for (x, expected) in [(0.0, 2.0 / 3.0), (1.0, 9.0 / 7.0), (3.0 - 1e-13, 8.0 / 3.0)] {
         let found = evaluate(&graph, &[slope], [0.0, x, 0.0, 0.0])[0];
         assert!((found - expected).abs() < 1e-12, "{x}: {found}");
     }
-    // Hermite's cubic half way: the mean of the values and an eighth of the difference of the slopes times the width.
+    // Hermite cubic at the midpoint: the mean of the values plus an eighth of the difference of the slopes times the
+    // width.
     let found = evaluate(&graph, &[node], [0.0, 0.5, 0.0, 0.0])[0];
     assert!((found - (0.5 + (2.0 / 3.0 - 9.0 / 7.0) / 8.0)).abs() < 1e-15, "{found}");
-    // No overshoot: where chords change their sign the slope is zero.
+    // No overshoot: the slope is zero where chords change sign.
     let between = (0..=1000).map(|k| value("f(t)", Interpolation::Pchip, 5.0 * f64::from(k) / 1000.0));
     assert!(between.into_iter().all(|y| (-1.0..=3.0).contains(&y)));
 }
@@ -86,7 +87,7 @@ fn tables_of_time_switch_at_points_where_they_change_course() {
     };
     assert_eq!(breaks(Interpolation::Linear, &X, &Y), [0.0, 1.0, 2.5, 3.0, 5.0]);
     assert_eq!(breaks(Interpolation::Pchip, &X, &Y), [0.0, 1.0, 2.5, 3.0, 5.0]);
-    // The first value holds before, and the third is that before it.
+    // No break at the first point (constant before it), and none at 3.0, where the value does not change.
     assert_eq!(breaks(Interpolation::Previous, &X, &Y), [1.0, 2.5, 5.0]);
     assert_eq!(breaks(Interpolation::Linear, &[0.0, 1.0, 2.0, 4.0], &[1.0, 2.0, 3.0, 3.0]), [0.0, 2.0]);
 }
@@ -170,7 +171,7 @@ proptest! {
                 }
                 (least, most) = (least.min(values[0]), most.max(values[0]));
             }
-            // All extrema are at points and ends; one that jumps does so at the upper end at the latest.
+            // All extrema are at points or ends; a jump occurs at the upper end at the latest.
             prop_assert!(ranges[0].lo >= least - 1e-12 && ranges[0].hi <= most + 1e-12, "{interpolation:?}: {:?}", ranges[0]);
         }
     }

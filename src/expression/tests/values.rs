@@ -1,4 +1,4 @@
-//! Precedence and values, against plain Rust.
+//! Precedence and values, compared with plain Rust.
 
 use super::{parse, value};
 use std::f64::consts::{E, PI};
@@ -106,7 +106,7 @@ fn conditions_bind_as_in_logic() {
     ] {
         assert_eq!(value(text, [0.0; 4]), expected, "{text}");
     }
-    // Where the inputs are not constants the same holds of what is evaluated.
+    // Evaluation with inputs agrees with constant folding.
     for (x, y) in [(0.0, 1.0), (1.0, 1.0), (2.0, 1.0), (-0.0, 0.0), (f64::MIN_POSITIVE, 0.0), (1.0, 1.0 - 1e-16)] {
         let at = |text: &str| value(text, [0.0, x, y, 0.0]);
         let number = |holds: bool| f64::from(u8::from(holds));
@@ -128,7 +128,7 @@ fn functions_that_jump_have_their_values() {
         assert_eq!(at("ceil(x)"), x.ceil());
         assert_eq!(at("round(x)"), x.round());
     }
-    // Of MATLAB and Modelica: the sign is that of the divisor.
+    // As in MATLAB and Modelica: the result has the sign of the divisor.
     for (text, expected) in
         [("mod(7, 3)", 1.0), ("mod(-7, 3)", 2.0), ("mod(7, -3)", -2.0), ("mod(-7, -3)", -1.0), ("mod(6, 3)", 0.0)]
     {
@@ -218,7 +218,7 @@ fn a_bare_e_belongs_to_the_user() {
 #[test]
 fn equal_subterms_are_computed_once() {
     let (graph, node) = parse("sin(x*y)^2 + sin(y*x)^2 + 3*x - (-3)*x").unwrap();
-    // x y, sin, square, sum, 3 x, sum, sum.
+    // The operations: x y, sin, square, sum, 3 x, sum, sum.
     assert_eq!(super::Tape::compile(&graph, &[node]).instructions(), 7);
 }
 

@@ -1,27 +1,29 @@
-//! What the forms of a circuit are sums over: `q = (x, z, 1, e, e')`.
+//! The columns `q = (x, z, 1, e, e')` of the linear forms of a circuit: states, variables, the constant 1, source
+//! values and their time derivatives.
 //!
-//! Where nothing stores energy, voltages and currents follow the sources alone. The states are then the integrals of the
-//! sources, on which nothing depends: the steps that they need are those that see the sources.
+//! If no element stores energy, voltages and currents are functions of the sources alone. The integrals of the sources
+//! are then added as states. The equations do not depend on them, but the error control of the integrals makes the step
+//! size resolve the sources.
 
 use super::{Element, Law, NormalTree};
 
-/// A variable, with the element that it belongs to.
+/// A variable (port of the reduced circuit), with the index of its element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Port {
     /// `z = forward - v >= 0`, `G = i`: a diode in the tree.
     Blocking(usize),
-    /// `z = i >= 0`, `G = forward - v`: a diode that is a link, or the like part of a zener.
+    /// `z = i >= 0`, `G = forward - v`: a diode that is a link, or the forward part of a zener that is a link.
     Conducting(usize),
-    /// `z = -i >= 0`, `G = breakdown + v`: the other part of a zener that is a link.
+    /// `z = -i >= 0`, `G = breakdown + v`: the breakdown part of a zener that is a link.
     BreakingDown(usize),
-    /// `z = v` between bounds, `G = -i`: a zener or a switch in the tree.
+    /// `z = v` in an interval, `G = -i`: a zener or a switch in the tree.
     Voltage(usize),
-    /// `z` is the voltage or current of a dependent source, `G` a law of its own.
+    /// `z` is the voltage or current of a dependent source, with `G` given by its [`Dependent`](super::Dependent) law.
     Source(usize),
 }
 
 impl Port {
-    /// The element.
+    /// The index of the element.
     pub fn element(self) -> usize {
         match self {
             Self::Blocking(k) | Self::Conducting(k) | Self::BreakingDown(k) | Self::Voltage(k) | Self::Source(k) => k,
@@ -29,33 +31,33 @@ impl Port {
     }
 }
 
-/// The columns in their order.
+/// The columns of the forms, in order.
 #[derive(Clone, Debug)]
 pub struct Columns {
-    /// The capacitors of the tree and the inductors that are links: their voltage or current is a state.
+    /// The elements whose voltage or current is a state: capacitors in the tree and inductors that are links.
     pub states: Vec<usize>,
-    /// The sources whose integral is a state, where there is no other.
+    /// The sources whose integral is a state, if there are no other states.
     pub integrals: Vec<usize>,
-    /// The variables.
+    /// The variables `z`.
     pub ports: Vec<Port>,
     elements: usize,
 }
 
-/// A column.
+/// The meaning of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Column {
-    /// A state or a variable, by its place in `(x, z)`.
+    /// A state or a variable, by its index in `(x, z)`.
     Unknown(usize),
-    /// 1.
+    /// The constant 1.
     One,
-    /// The value of the source at that element.
+    /// The value of the source with this element index.
     Source(usize),
-    /// Its derivative by time.
+    /// The time derivative of the source with this element index.
     Derivative(usize),
 }
 
 impl Columns {
-    /// The states and variables that the tree makes of the elements.
+    /// Chooses states and variables according to the normal tree.
     pub fn new(elements: &[Element], tree: &NormalTree) -> Self {
         let (mut states, mut ports) = (Vec::new(), Vec::new());
         for (k, element) in elements.iter().enumerate() {
@@ -80,7 +82,7 @@ impl Columns {
         Self { states, integrals, ports, elements: elements.len() }
     }
 
-    /// What stands in a column.
+    /// The meaning of a column, by its number.
     pub fn at(&self, column: usize) -> Column {
         let Some(source) = column.checked_sub(self.one()) else { return Column::Unknown(column) };
         match source.checked_sub(1) {

@@ -1,65 +1,66 @@
-//! Sources and switches that voltages and currents decide.
+//! Sources and switches controlled by voltages and currents.
 //!
-//! The value of a source is a variable `z` of its own. That of a controlled source is free and `G = z - f`; with limits it is
-//! `f` between these. An ideal amplifier is the limit of `z = a u` for a large gain `a`: `G = -u`, so that `u = 0` where `z` is
-//! free and `z` is at a limit where `u` is not zero. The same law with limits alone is a comparator; with hysteresis of half
-//! width `h` it follows `u + h w`, where `w` is -1 at the lower limit and 1 at the upper: where it has been in force since
-//! the start both `w = -1` and `w = 1` are solutions for `-h < u < h`, and steps go on with the one that they have.
-//! At the start there is none yet: there `w` is given.
+//! The value of a dependent source is a variable `z`. For a controlled source, `z` is free and `G = z - f`; with
+//! limits, `z` is the projection of `f` onto the limits. An ideal amplifier is the limit of `z = a u` for large gain
+//! `a`: `G = -u`, so that `u = 0` while `z` is between its limits, and `z` is at a limit if `u` is not zero. With
+//! limits this law is a comparator. A comparator with hysteresis of half width `h` uses `G = -(u + h w)`, where `w` is
+//! -1 at the lower limit and 1 at the upper. For `-h < u < h` both `w = -1` and `w = 1` are solutions, and a step
+//! continues with the solution of the previous step. At the initial time there is no previous solution: `w` is
+//! prescribed.
 //!
-//! A switch has a variable `s` that is 1 where it is closed, 0 where it is open, and follows a comparator. Its voltage is a
-//! free variable with `G = s v + (1 - s) R i`, for any resistance `R`: closed, `v = 0`; open, `i = 0`; and where sliding
-//! holds the comparator at zero, a resistance in between.
+//! A switch has a variable `s` that is 1 if it is closed and 0 if it is open, given by a comparator. Its voltage is a
+//! free variable with `G = s v + (1 - s) R i`, for any resistance `R`: `v = 0` if closed, `i = 0` if open. In a sliding
+//! mode, where the comparator stays at zero, the switch is a resistance in between.
 
 use expression::{Graph, Node};
 
-/// What decides the value of a variable.
+/// The law that determines the variable of a dependent element.
 #[derive(Clone, Copy, Debug)]
 pub enum DependentLaw {
-    /// `z = f`, or what of `f` is between the bounds.
+    /// `z = f`, or the projection of `f` onto the bounds.
     Follows(Node),
-    /// `u = 0`, or `z` at the upper bound where `u > 0`, at the lower where `u < 0`.
+    /// Amplifier or comparator: `u = 0`, or `z` at the upper bound if `u > 0`, at the lower bound if `u < 0`.
     Amplifies(Node),
-    /// The same with hysteresis.
+    /// Comparator with hysteresis.
     Remembers {
-        /// What is compared with zero.
+        /// The input, compared with zero.
         u: Node,
         /// Half the width of the hysteresis, not negative.
         h: Node,
-        /// `w` at the start, -1 or 1.
+        /// `w` at the initial time, -1 or 1.
         begin: f64,
-        /// The time of the start.
+        /// The initial time.
         start: f64,
         /// The values of `z` at `w = -1` and `w = 1`.
         limits: [Node; 2],
     },
 }
 
-/// A law that is not linear in voltages and currents, or that depends on others than those of its element.
+/// A law that is nonlinear in voltages and currents, or that depends on voltages and currents of other elements.
 #[derive(Clone, Debug)]
 pub enum Dependent {
-    /// Of a source.
+    /// The law of a dependent source.
     Source {
-        /// The element.
+        /// The index of the element.
         element: usize,
-        /// What its value is.
+        /// The law of the voltage or current.
         law: DependentLaw,
-        /// The least and the largest value.
+        /// The lower and the upper limit.
         bounds: [Option<Node>; 2],
     },
-    /// Of a switch.
+    /// The law of a dependent switch.
     Switch {
-        /// The element.
+        /// The index of the element.
         element: usize,
-        /// Whether it is closed: 1 or 0.
+        /// The law of `s`: 1 if closed, 0 if open.
         law: DependentLaw,
-        /// A resistance of the size of those in the circuit.
+        /// The resistance `R`, of the order of magnitude of the resistances in the circuit.
         scale: f64,
     },
 }
 
 impl DependentLaw {
-    /// `G`, for the variable `z`.
+    /// The inequality function `G` for the variable `z`.
     pub(super) fn inequality(self, graph: &mut Graph, z: Node) -> Node {
         match self {
             Self::Follows(f) => graph.subtract(z, f),

@@ -1,31 +1,33 @@
-//! The equations of a circuit on its normal tree. Everything is a linear form over
+//! The equations of a circuit on its normal tree. Voltages, currents and rates are linear forms over
 //!
 //! ```text
 //! q = (x, z, e, e'),    x = (tree capacitor voltages, link inductor currents),    z: diodes,    e: sources
 //! ```
 //!
-//! 1. What is given: the voltage of each tree element, and the current of each link, but for resistors.
-//! 2. The potentials `u` of the islands of nodes that the tree without resistors makes, each against the first of those
-//!    that resistors connect it with: `v = B^T u + v_given`, `B Y v = i_given` with `B` the incidence of resistors and
-//!    `Y` their conductances. `B Y B^T` is positive definite, and as sparse as the circuit.
-//! 3. The charges of capacitors and the fluxes of inductors: `M x' = ..`, where capacitors that are links and inductors
-//!    that are in the tree are added to those of their loops and cut sets. `M` is positive definite too.
-//! 4. The other of voltage and current of every element, by Kirchhoff's laws; for the diodes, that is `G`.
+//! 1. Known quantities: the voltage of each tree element and the current of each link, except for resistors.
+//! 2. Resistors: removing the resistors from the tree leaves islands of nodes. Their potentials `u`, relative to the
+//!    first island of each group connected by resistors, solve `v = B^T u + v_given`, `B Y v = i_given`, with the
+//!    incidence matrix `B` of the resistors and their conductances `Y`. `B Y B^T` is positive definite, and as sparse
+//!    as the circuit.
+//! 3. Storage: charges of capacitors and fluxes of inductors give `M x' = ..`, where capacitors that are links and
+//!    inductors that are in the tree contribute to the elements of their loops and cut sets. `M` is positive definite.
+//! 4. The complementary quantity (current of tree elements, voltage of links) by Kirchhoff's laws; for diodes, it is
+//!    `G`.
 
 use super::form::{Coefficient, Form};
 use super::solve::solve;
 use super::{Columns, Direction, Element, Fault, Law, NormalTree, Port, Quantity};
 use std::cell::Cell;
 
-/// The most terms that are added on the way, and that the solution of one system may have.
+/// Limit on the number of terms added during the elimination, and on the number of terms in the solution of one system.
 pub(super) const MOST_TERMS: usize = 2_000_000;
 
 /// The equations of a circuit, as forms over its columns.
 #[derive(Clone, Debug)]
 pub struct Equations {
-    /// `x'`, one a state.
+    /// `x'`, one form per state.
     pub rates: Vec<Form>,
-    /// `G`, one a variable.
+    /// `G`, one form per variable.
     pub inequality: Vec<Form>,
     /// The voltage of every element.
     pub voltages: Vec<Form>,
@@ -36,19 +38,20 @@ pub struct Equations {
 }
 
 impl Equations {
-    /// The equations of `elements` on their tree.
+    /// Derives the equations of `elements` on their normal tree.
     ///
     /// # Errors
-    /// [`Fault::Singular`] where rounding makes a matrix indefinite that is positive definite, and
-    /// [`Fault::TooIntertwined`] where the forms grow past all bounds.
+    /// [`Fault::Singular`] if rounding errors make a positive definite matrix indefinite, and [`Fault::TooIntertwined`]
+    /// if the forms have too many terms.
     pub fn new(elements: &[Element], tree: &NormalTree, columns: &Columns) -> Result<Self, Fault> {
         Self::along(elements, tree, columns, &Direction::default())
     }
 
-    /// The same, with the derivatives of all coefficients along a direction of the values of elements.
+    /// As [`new`](Self::new), with the derivatives of all coefficients along a direction in the space of element
+    /// values.
     ///
     /// # Errors
-    /// As without.
+    /// As [`new`](Self::new).
     pub fn along(
         elements: &[Element],
         tree: &NormalTree,
@@ -90,7 +93,7 @@ impl Equations {
     }
 }
 
-/// Voltages and currents, as far as they are known; an element that is not yet known has an empty form.
+/// Voltages and currents during the elimination; the form of an unknown voltage or current is empty.
 struct Assembly<'a> {
     elements: &'a [Element],
     tree: &'a NormalTree,
@@ -102,7 +105,7 @@ struct Assembly<'a> {
 }
 
 impl<'a> Assembly<'a> {
-    /// Step 1.
+    /// Step 1: known voltages of tree elements and known currents of links.
     fn given(
         elements: &'a [Element],
         tree: &'a NormalTree,
@@ -149,12 +152,12 @@ impl<'a> Assembly<'a> {
         Ok(assembly)
     }
 
-    /// `v_l` as the sum over what is known of its loop.
+    /// `v_l` as the sum over the known voltages of its loop.
     fn loop_voltage(&self, l: usize) -> Result<Form, Fault> {
         self.sum(&self.tree.loops[l], &self.voltages, 1.0)
     }
 
-    /// `i_t` as the sum over what is known of its cut set.
+    /// `i_t` as the sum over the known currents of its cut set.
     fn cut_current(&self, t: usize) -> Result<Form, Fault> {
         self.sum(&self.tree.cuts[t], &self.currents, -1.0)
     }
@@ -166,7 +169,7 @@ impl<'a> Assembly<'a> {
         Ok(sum)
     }
 
-    /// Counts terms that are added, until there are too many.
+    /// Deducts added terms from the remaining budget of `MOST_TERMS`.
     fn spend(&self, terms: usize) -> Result<(), Fault> {
         let left = self.terms_left.get().checked_sub(terms).ok_or(Fault::TooIntertwined(MOST_TERMS))?;
         self.terms_left.set(left);
@@ -243,7 +246,7 @@ impl<'a> Assembly<'a> {
         solve(&matrix, right)
     }
 
-    /// Of a capacitor that is a link, its loop; of an inductor in the tree, its cut set; nothing of others.
+    /// The loop of a capacitor that is a link, or the cut set of an inductor in the tree; empty for other elements.
     fn dependent(&self, k: usize) -> &'a [(usize, f64)] {
         match (&self.elements[k].law, self.tree.contains[k]) {
             (Law::Capacitor(..), false) => &self.tree.loops[k],
@@ -252,12 +255,12 @@ impl<'a> Assembly<'a> {
         }
     }
 
-    /// Ohms, farads or henries.
+    /// Resistance, capacitance or inductance in ohms, farads or henries.
     fn size(&self, k: usize) -> Coefficient {
         self.direction.at(self.elements, k, Quantity::Size)
     }
 
-    /// Step 4, once `x'` is known.
+    /// Step 4: the complementary voltages and currents, once `x'` is known.
     fn rest(mut self, rates: &[Form]) -> Result<Self, Fault> {
         let mut rate_of = vec![None; self.elements.len()];
         self.columns.states.iter().zip(rates).for_each(|(&k, rate)| rate_of[k] = Some(rate));
@@ -288,7 +291,7 @@ impl<'a> Assembly<'a> {
         Ok(self)
     }
 
-    /// The voltages of nodes, along the tree.
+    /// The node voltages, summed along the tree from ground.
     fn nodes(&self) -> Result<Vec<Form>, Fault> {
         let mut nodes = vec![Form::default(); self.tree.nodes()];
         for (node, element, sign, to) in self.tree.outwards() {

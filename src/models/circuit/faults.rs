@@ -1,39 +1,40 @@
-//! Circuits that have no equations, or none that determine them.
+//! Errors of circuits whose equations are contradictory, underdetermined or too large.
 
-/// What is wrong with a circuit, by the indices of its elements or nodes.
+/// An error of a circuit, with the indices of its elements or nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Fault {
-    /// Nodes that no element connects to ground.
+    /// Nodes without a path to ground.
     Floating(Vec<usize>),
     /// Voltage sources that form a loop: their voltages contradict each other, or leave a current undetermined.
     SourceLoop(Vec<usize>),
-    /// A switch in a loop of voltage sources, capacitors and switches: closed, it is a short circuit.
+    /// A switch in a loop of voltage sources, capacitors and switches: a short circuit if the switch is closed.
     SwitchLoop(Vec<usize>),
-    /// Current sources that are all that connects two parts.
+    /// A cut set of current sources alone.
     SourceCutSet(Vec<usize>),
-    /// The loops, or what depends on what, have more entries than this.
+    /// The loops or the coupling matrices exceed this number of entries.
     TooIntertwined(usize),
-    /// A source that jumps, in a loop with capacitors alone or in a cut set with inductors alone: the current of the
-    /// former, the voltage of the latter is an impulse.
+    /// A discontinuous source in a loop with capacitors alone or in a cut set with inductors alone: the capacitor
+    /// current or the inductor voltage is an impulse.
     Impulse {
         /// The source.
         source: usize,
-        /// The capacitor or inductor that its derivative reaches.
+        /// The capacitor or inductor whose current or voltage contains the derivative of the source.
         element: usize,
     },
-    /// A dependent source in a loop with capacitors alone or in a cut set with inductors alone, which answer to its derivative.
+    /// A dependent source in a loop with capacitors alone or in a cut set with inductors alone: the equations contain
+    /// its time derivative.
     Derivative(usize),
-    /// A start that Kirchhoff's laws contradict.
+    /// An initial value that violates Kirchhoff's laws.
     InconsistentStart {
         /// The capacitor or inductor.
         element: usize,
-        /// Its voltage or current at the start, as it is given.
+        /// The initial voltage or current given by the user.
         given: f64,
-        /// As it follows from the others.
+        /// The initial voltage or current implied by the other initial values.
         implied: f64,
     },
-    /// Nothing that stores energy, and no source.
+    /// A circuit without energy storage and without sources.
     Dead,
-    /// Values too far apart for the equations to be solved.
+    /// Element values of such different magnitudes that a matrix is singular to rounding.
     Singular,
 }

@@ -1,16 +1,16 @@
-//! Linear forms: a voltage or a current as a sum over what is given. Coefficients carry their derivative along one direction
-//! of the values of elements, zero where none is asked for.
+//! Linear forms: a voltage or a current as a linear combination of the columns of [`Columns`](super::Columns). Each
+//! coefficient has a derivative along one direction in the space of element values, zero if no direction is given.
 
 use expression::Node;
 use std::collections::BTreeMap;
 use std::ops::{Add, Div, Mul, Neg};
 
-/// A number and its derivative.
+/// A coefficient and its directional derivative (dual number).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Coefficient {
-    /// The number.
+    /// The value.
     pub value: f64,
-    /// Its derivative.
+    /// The derivative.
     pub slope: f64,
 }
 
@@ -53,16 +53,16 @@ impl Div for Coefficient {
     }
 }
 
-/// `sum_k c_k q_k`, by the nonzero `c_k`.
+/// A linear form `sum_k c_k q_k`, stored by its nonzero `c_k`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Form {
     coefficients: BTreeMap<usize, Coefficient>,
-    /// Those that are terms in parameters.
+    /// The coefficients that depend on parameters, as graph nodes.
     nodes: BTreeMap<usize, Node>,
 }
 
 impl Form {
-    /// Adds `c q_k`; terms that cancel leave no trace.
+    /// Adds `c q_k`; removes the term if its coefficient becomes zero.
     pub fn add_term(&mut self, k: usize, c: impl Into<Coefficient>) {
         let sum = self.coefficients.get(&k).copied().unwrap_or_default() + c.into();
         if sum == Coefficient::default() {
@@ -90,12 +90,12 @@ impl Form {
         self.coefficients.values_mut().for_each(|c| *c = *c / divisor);
     }
 
-    /// `c_k`
+    /// The coefficient `c_k`.
     pub fn coefficient(&self, k: usize) -> f64 {
         self.with_slope(k).value
     }
 
-    /// `c_k` with its derivative.
+    /// The coefficient `c_k` with its derivative.
     pub fn with_slope(&self, k: usize) -> Coefficient {
         self.coefficients.get(&k).copied().unwrap_or_default()
     }
@@ -105,23 +105,23 @@ impl Form {
         self.coefficients.len()
     }
 
-    /// Whether it is zero.
+    /// Whether the form is zero.
     pub fn is_empty(&self) -> bool {
         self.coefficients.is_empty()
     }
 
-    /// The terms `(k, c_k)` by `k`.
+    /// The terms `(k, c_k)` in increasing order of `k`.
     pub fn terms(&self) -> impl Iterator<Item = (usize, f64)> {
         self.coefficients.iter().map(|(&k, &c)| (k, c.value))
     }
 
-    /// Lets a coefficient, which is kept from now on though it be zero, be the value of a term in parameters.
+    /// Associates coefficient `k` with a node that depends on parameters; the coefficient is stored even if it is zero.
     pub(super) fn let_follow(&mut self, k: usize, node: Node) {
         self.coefficients.entry(k).or_default();
         self.nodes.insert(k, node);
     }
 
-    /// The term in parameters that a coefficient is the value of.
+    /// The node of coefficient `k`, if it depends on parameters.
     pub(super) fn node(&self, k: usize) -> Option<Node> {
         self.nodes.get(&k).copied()
     }

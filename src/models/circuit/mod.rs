@@ -1,12 +1,12 @@
-//! Electrical circuits as linear complementarity systems of the least size.
+//! Electrical circuits as linear complementarity systems of minimal size.
 //!
 //! State variables are the capacitor voltages of a normal tree and the inductor currents of its links (Bryant 1959, The
 //! order of complexity of electrical networks; Kuh and Rohrer 1965, The state-variable approach to network analysis).
-//! What the equations of modified nodal analysis hold beside them - node voltages, resistor and source currents - is
-//! eliminated, and given back as outputs. Each ideal diode (Acary, Bonnefon and Brogliato 2011, *Nonsmooth Modeling and
-//! Simulation for Switched Circuits*) is a port of what is left: of the tree, it is given its voltage and answers with
-//! its current, of the links the other way round. Either way `z G` is a power, so that a passive circuit has `D`
-//! positive semidefinite.
+//! The other unknowns of modified nodal analysis (node voltages, resistor and source currents) are eliminated and
+//! available as outputs. Each ideal diode (Acary, Bonnefon and Brogliato 2011, *Nonsmooth Modeling and Simulation for
+//! Switched Circuits*) is a port of the reduced circuit: a diode in the tree has its voltage as variable `z` and its
+//! current as `G`, a diode that is a link the other way round. In both cases `z G` is a power, so that a passive
+//! circuit has a positive semidefinite matrix `D`.
 //!
 //! The voltage `v` across an element between nodes `(a, b)` is `v_a - v_b`, and its current `i` runs through it from
 //! `a` to `b`.
@@ -36,58 +36,58 @@ pub use tree::NormalTree;
 
 use expression::Node;
 
-/// What an element does.
+/// The constitutive law of an element.
 #[derive(Clone, Debug)]
 pub enum Law {
     /// `v = R i`, with `R > 0` in ohms.
     Resistor(f64),
-    /// `i = C v'`, with `C > 0` in farads; the volts at the start, where they are given.
+    /// `i = C v'`, with `C > 0` in farads; optionally the initial voltage in volts.
     Capacitor(f64, Option<f64>),
-    /// `v = L i'`, with `L > 0` in henries; the amperes at the start, where they are given.
+    /// `v = L i'`, with `L > 0` in henries; optionally the initial current in amperes.
     Inductor(f64, Option<f64>),
     /// `v = E(t)`.
     VoltageSource(Node),
     /// `i = J(t)`.
     CurrentSource(Node),
-    /// `0 <= i`, `0 <= forward - v`, and one of them zero.
+    /// Ideal diode: `0 <= i perp forward - v >= 0`.
     Diode {
-        /// The voltage at which it conducts, not negative.
+        /// The forward voltage at which the diode conducts, in volts, not negative.
         forward: f64,
     },
-    /// As a diode, and it conducts backwards at `v = -breakdown`.
+    /// Zener diode: a diode that also conducts backwards at `v = -breakdown`.
     Zener {
-        /// The voltage at which it conducts forwards, not negative.
+        /// The forward voltage at which the diode conducts, in volts, not negative.
         forward: f64,
-        /// That at which it conducts backwards, positive.
+        /// The breakdown voltage at which the diode conducts backwards, in volts, positive.
         breakdown: f64,
     },
-    /// `v = 0` where it is closed. Where it is open `i = 0`, but for an arc which keeps `|v| <= withstand`.
+    /// Switch controlled by time: `v = 0` if closed; if open, `i = 0` unless an arc keeps `|v| <= withstand`.
     Switch {
-        /// Closed where this is not negative, in `t` alone.
+        /// A function of `t` alone: the switch is closed if it is not negative.
         closed: Node,
-        /// Volts, positive.
+        /// The withstand voltage in volts, positive.
         withstand: f64,
     },
-    /// `v` is a variable, with a law of its own that may take all voltages and currents.
+    /// Voltage source whose `v` is a variable, with a [`Dependent`] law in any voltages and currents.
     DependentVoltage,
-    /// `i` is such a variable.
+    /// Current source whose `i` is a variable, with a [`Dependent`] law in any voltages and currents.
     DependentCurrent,
-    /// A switch that voltages and currents decide, whose `v` is a variable: `v = 0` where it is closed, `i = 0` where it is open.
+    /// Switch controlled by voltages and currents, whose `v` is a variable: `v = 0` if closed, `i = 0` if open.
     DependentSwitch,
 }
 
 /// An element between two nodes; node 0 is ground.
 #[derive(Clone, Debug)]
 pub struct Element {
-    /// Where it begins and ends.
+    /// The first and the second node.
     pub nodes: (usize, usize),
-    /// What it does.
+    /// The constitutive law.
     pub law: Law,
 }
 
 impl Law {
-    /// The order in which elements are taken into the tree. Where capacitors close a loop, or inductors are a cut set, the
-    /// states are those whose start is given.
+    /// The priority of an element for the normal tree, lowest rank first. In loops of capacitors and cut sets of
+    /// inductors, elements with a given initial value become states first.
     fn rank(&self) -> u8 {
         match self {
             Self::VoltageSource(_) | Self::DependentVoltage => 0,

@@ -1,50 +1,51 @@
-//! The numbers of the elements of a circuit as terms in parameters. The coefficients of its forms are rational functions of
-//! these numbers, which are not written out: they are inputs of the programs behind the parameters, and are computed anew by
-//! the elimination that gave them when others are bound.
+//! Element values of a circuit that depend on parameters. The coefficients of the circuit's forms are rational
+//! functions of the element values, which are not expanded symbolically: the coefficients are additional graph inputs
+//! after the parameters, and the elimination is repeated to compute them whenever new parameter values are bound.
 
 use super::{Columns, Direction, Element, Equations, Fault, Form, NormalTree, Quantity};
 use expression::{ExpressionError, Graph, Node, Tape};
 use rustc_hash::FxHashMap;
 
-/// The terms in parameters that numbers of elements are the values of.
+/// The element values that depend on parameters, as graph nodes by `(element, quantity)`.
 #[derive(Clone, Debug, Default)]
 pub struct Terms(pub FxHashMap<(usize, Quantity), Node>);
 
-/// What it takes to compute the coefficients of a circuit for other values of its parameters.
+/// Computes the coefficients of a circuit for new parameter values.
 #[derive(Clone, Debug)]
 pub struct CircuitParameters {
     elements: Vec<Element>,
     tree: NormalTree,
     columns: Columns,
-    /// The numbers that follow parameters, with their program.
+    /// The element values that depend on parameters.
     quantities: Vec<(usize, Quantity)>,
+    /// The program of the element values, in the order of `quantities`.
     numbers: Tape,
-    /// Their derivatives, as `(place of the number, parameter)`.
+    /// The derivatives of the element values, as `(index into quantities, parameter)`, and their program.
     slopes: (Vec<(usize, usize)>, Tape),
     parameters: usize,
-    /// The coefficients at the values given.
+    /// The equations at the parameter values of the compilation.
     given: Equations,
-    /// Those that follow parameters: the form, counted through all, and the column.
+    /// The coefficients that depend on parameters, as `(form, column)`, with forms numbered as in `Equations::forms`.
     places: Vec<(usize, usize)>,
 }
 
-/// Why a circuit cannot have other numbers.
+/// Why a circuit cannot be evaluated for new parameter values.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Refused {
-    /// A number is not in its range.
+    /// The value of an element, given by its index, is out of range.
     Number(usize, f64),
-    /// A coefficient that vanished does no longer.
+    /// A coefficient that was zero at compilation is not zero any more.
     Structure,
-    /// It cannot be solved.
+    /// The equations cannot be solved.
     Fault(Fault),
 }
 
 impl CircuitParameters {
-    /// Lets the coefficients of `equations` that depend on parameters follow inputs behind the `parameters` that the user
-    /// has; `None` where there are none.
+    /// Replaces the coefficients of `equations` that depend on parameters by graph inputs numbered after the user's
+    /// `parameters`; `None` if there are no such coefficients.
     ///
     /// # Errors
-    /// A number that cannot be differentiated.
+    /// If an element value cannot be differentiated.
     pub fn new(
         graph: &mut Graph,
         (elements, tree, columns): (&[Element], &NormalTree, &Columns),
@@ -87,7 +88,8 @@ impl CircuitParameters {
         Ok(Some(found))
     }
 
-    /// The coefficients that depend on a number that follows parameters: those with a derivative by one.
+    /// The coefficients that depend on parameters: those with a nonzero derivative with respect to an element value in
+    /// `quantities`.
     fn varying(&self) -> Vec<(usize, usize)> {
         let mut places = Vec::new();
         for &place in &self.quantities {
@@ -105,7 +107,7 @@ impl CircuitParameters {
         places
     }
 
-    /// The elements with the numbers that these parameters give.
+    /// The elements with their values at the given parameters.
     fn elements(&self, parameters: &[f64]) -> Result<Vec<Element>, Refused> {
         let (mut elements, mut numbers) = (self.elements.clone(), self.numbers.clone());
         let mut values = vec![0.0; self.quantities.len()];
@@ -121,10 +123,10 @@ impl CircuitParameters {
         Ok(elements)
     }
 
-    /// The coefficients that follow, behind the parameters.
+    /// The parameters, followed by the coefficients that depend on them.
     ///
     /// # Errors
-    /// Numbers out of range, and coefficients that would have to follow and do not.
+    /// If an element value is out of range, a coefficient outside `places` changes, or the equations cannot be solved.
     pub fn extended(&self, parameters: &[f64]) -> Result<Vec<f64>, Refused> {
         let elements = self.elements(parameters)?;
         let equations = Equations::new(&elements, &self.tree, &self.columns).map_err(Refused::Fault)?;
@@ -132,7 +134,7 @@ impl CircuitParameters {
         for (k, (form, given)) in all.iter().zip(self.given.forms()).enumerate() {
             let size = form.terms().map(|(_, c)| c.abs()).fold(0.0, f64::max);
             let mut columns = form.terms().chain(given.terms()).map(|(column, _)| column);
-            // What does not depend on parameters may be rounded otherwise by the elimination.
+            // Coefficients that do not depend on parameters may still change by rounding errors of the elimination.
             const ROUNDING: f64 = 1e-12;
             let changes = |column: usize| {
                 let off = (form.coefficient(column) - given.coefficient(column)).abs();
@@ -146,7 +148,7 @@ impl CircuitParameters {
         Ok(parameters.iter().copied().chain(coefficients).collect())
     }
 
-    /// The derivatives of the coefficients that follow by each parameter, at these values of theirs.
+    /// The derivatives of the parametric coefficients at the given parameters, one vector per parameter.
     pub fn slopes(&self, parameters: &[f64]) -> Vec<Vec<f64>> {
         let (places, mut tape) = (&self.slopes.0, self.slopes.1.clone());
         let mut values = vec![0.0; places.len()];
@@ -166,19 +168,19 @@ impl CircuitParameters {
         (0..self.parameters).map(by).collect()
     }
 
-    /// The number of coefficients that follow.
+    /// The number of coefficients that depend on parameters.
     pub fn len(&self) -> usize {
         self.places.len()
     }
 
-    /// Whether no coefficient follows.
+    /// Whether no coefficient depends on parameters.
     pub fn is_empty(&self) -> bool {
         self.places.is_empty()
     }
 }
 
 impl Equations {
-    /// All forms.
+    /// All forms: rates, `G`, voltages, currents, node voltages.
     fn forms(&self) -> impl Iterator<Item = &Form> {
         let Self { rates, inequality, voltages, currents, nodes } = self;
         [rates, inequality, voltages, currents, nodes].into_iter().flatten()

@@ -1,32 +1,32 @@
-//! The numbers of elements, by name.
+//! The values of an element, by name.
 
 use super::form::Coefficient;
 use super::{Element, Law};
 use rustc_hash::FxHashMap;
 
-/// What a number of an element is.
+/// The name of a value of an element.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Quantity {
-    /// Its ohms, farads or henries.
+    /// Resistance, capacitance or inductance, in ohms, farads or henries.
     Size,
-    /// Its volts or amperes at the start.
+    /// Initial voltage or current, in volts or amperes.
     Start,
-    /// The voltage at which it conducts.
+    /// The forward voltage at which a diode conducts.
     Forward,
-    /// That at which it conducts backwards.
+    /// The breakdown voltage at which a zener conducts backwards.
     Breakdown,
-    /// That which it holds while it is open.
+    /// The withstand voltage of an open switch.
     Withstand,
 }
 
 impl Element {
-    /// A number of its, where it has one.
+    /// The value of a quantity, if the element has it.
     pub fn quantity(&self, quantity: Quantity) -> Option<f64> {
         let mut law = self.law.clone();
         law.quantity_mut(quantity).map(|value| *value)
     }
 
-    /// Sets a number that it has.
+    /// Sets a quantity, if the element has it.
     pub fn set(&mut self, quantity: Quantity, value: f64) {
         if let Some(place) = self.law.quantity_mut(quantity) {
             *place = value;
@@ -47,12 +47,12 @@ impl Law {
     }
 }
 
-/// A direction in which the numbers of elements are differentiated; none by default.
+/// A direction of differentiation in the space of element values; zero by default.
 #[derive(Clone, Debug, Default)]
 pub struct Direction(pub FxHashMap<(usize, Quantity), f64>);
 
 impl Direction {
-    /// A number of element `k`, zero where it has none, with its derivative.
+    /// A quantity of element `k` (zero if the element does not have it), with its derivative along the direction.
     pub(super) fn at(&self, elements: &[Element], k: usize, quantity: Quantity) -> Coefficient {
         let slope = if self.0.is_empty() { 0.0 } else { self.0.get(&(k, quantity)).copied().unwrap_or(0.0) };
         Coefficient { value: elements[k].quantity(quantity).unwrap_or(0.0), slope }

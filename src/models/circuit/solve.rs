@@ -1,4 +1,4 @@
-//! Symmetric positive definite systems whose right sides are forms.
+//! Symmetric positive definite systems whose right-hand sides are linear forms.
 
 use super::Fault;
 use super::equations::MOST_TERMS;
@@ -7,11 +7,11 @@ use factorisation::{Cholesky, SparseMatrix};
 use faer::sparse::Triplet;
 use std::collections::BTreeSet;
 
-/// Solves `A v = right` for the forms `v`, with `A` by its entries, of which equal places add; for derivatives,
-/// `A v' = right' - A' v`.
+/// Solves `A v = right` for the forms `v`, and `A v' = right' - A' v` for their derivatives. `A` is given by its
+/// entries; duplicate entries are summed.
 ///
 /// # Errors
-/// If `A` is not positive definite to rounding, or the solution may have too many terms.
+/// If `A` is not numerically positive definite, or if the solution may have too many terms.
 pub(super) fn solve(entries: &[(usize, usize, Coefficient)], mut right: Vec<Form>) -> Result<Vec<Form>, Fault> {
     let n = right.len();
     if entries.iter().all(|&(i, j, _)| i == j) {

@@ -7,20 +7,20 @@ use expression::{ExpressionError, Graph, Node, Tape};
 use problem::{ConvexSet, Mass, MovingBound, Side};
 use std::collections::BTreeSet;
 
-/// Turns forms into nodes of a graph, whose inputs are `t`, then `x`, then `z`.
+/// Converts forms to nodes of a graph with inputs `t`, `x`, `z`.
 pub struct System<'a> {
     elements: &'a [Element],
     columns: &'a Columns,
     terms: &'a Terms,
-    /// The derivatives of sources by time, where they are wanted.
+    /// The time derivatives of the sources, for those that occur in a form.
     derivatives: Vec<Option<Node>>,
 }
 
 impl<'a> System<'a> {
-    /// Prepares the sources.
+    /// Differentiates the sources whose time derivatives occur in the equations.
     ///
     /// # Errors
-    /// The element whose source cannot be differentiated within the bounds of `graph`.
+    /// The element whose source cannot be differentiated within the size limits of `graph`.
     pub fn new(
         graph: &mut Graph,
         elements: &'a [Element],
@@ -40,7 +40,7 @@ impl<'a> System<'a> {
         Ok(Self { elements, columns, terms, derivatives })
     }
 
-    /// Impulses: a source that jumps, and what answers to its derivative.
+    /// Finds impulses (derivatives of discontinuous sources) and derivatives of dependent sources in the equations.
     pub fn impulses(&self, graph: &Graph, equations: &Equations) -> Vec<Fault> {
         let jumps: Vec<bool> = self.elements.iter().map(|element| has_jump(graph, element)).collect();
         let forms = equations.rates.iter().chain(&equations.voltages).chain(&equations.currents);
@@ -67,7 +67,7 @@ impl<'a> System<'a> {
         faults
     }
 
-    /// The equations as a linear complementarity system, with what of it depends on parameters.
+    /// The equations as a linear complementarity system, with its terms that depend on parameters.
     pub fn rows(&self, graph: &mut Graph, equations: &Equations) -> (LinearRows, ParametricTerms) {
         let (mut matrix, mut parametric, mut vanished) = (Vec::new(), Vec::new(), Vec::new());
         let mut bounds = Vec::new();
@@ -123,7 +123,8 @@ impl<'a> System<'a> {
         (rows, terms)
     }
 
-    /// The equations with the laws of dependent sources and switches, whose own variables come behind those of the circuit.
+    /// The equations with the laws of dependent sources and switches. The variables `s` of dependent switches follow
+    /// the variables of the circuit.
     pub fn dependent_rows(
         &self,
         graph: &mut Graph,
@@ -189,7 +190,7 @@ impl<'a> System<'a> {
         self.node(graph, form, true)
     }
 
-    /// The sum of a form, of its sources alone or of all of it.
+    /// A form as a node, with or without its terms in the unknowns `(x, z)`.
     fn node(&self, graph: &mut Graph, form: &Form, with_unknowns: bool) -> Node {
         let mut sum = graph.constant(0.0);
         for (column, c) in form.terms() {
@@ -208,7 +209,7 @@ impl<'a> System<'a> {
         sum
     }
 
-    /// The starts that are given and contradict what follows from those of the states at time `t`.
+    /// The given initial values that contradict the values implied by the initial states `x` at time `t`.
     pub fn contradictions(&self, graph: &mut Graph, equations: &Equations, t: f64, x: &[f64]) -> Vec<Fault> {
         let given: Vec<(usize, f64)> = (0..self.elements.len())
             .filter_map(|k| match self.elements[k].law {
@@ -223,7 +224,7 @@ impl<'a> System<'a> {
         let nodes: Vec<Node> = given.iter().map(|&(k, _)| implied(k)).collect();
         let mut values = vec![0.0; nodes.len()];
         Tape::compile(graph, &nodes).evaluate(t, x, &mut values);
-        // Starts are typed by people: what they round is not to be held against them.
+        // Relative tolerance for initial values, which users may have rounded.
         const ROUNDING: f64 = 1e-9;
         let pairs = given.into_iter().zip(values);
         pairs
@@ -233,7 +234,7 @@ impl<'a> System<'a> {
     }
 }
 
-/// The value of a source.
+/// The value of an independent source.
 fn source(element: &Element) -> Option<Node> {
     match element.law {
         Law::VoltageSource(node) | Law::CurrentSource(node) => Some(node),
@@ -246,7 +247,7 @@ fn has_jump(graph: &Graph, element: &Element) -> bool {
     kinks.iter().any(|(function, _)| matches!(*function, "heaviside" | "sign" | "floor" | "round" | "mod" | "previous"))
 }
 
-/// The most that a switch holds: nothing where it is closed.
+/// The largest voltage across a switch: zero if closed, `withstand` if open.
 fn open_voltage(graph: &mut Graph, closed: Node, withstand: Node) -> Node {
     let is_closed = graph.heaviside(closed);
     let one = graph.constant(1.0);

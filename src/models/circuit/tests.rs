@@ -1,11 +1,12 @@
-//! Random circuits: what is eliminated obeys Kirchhoff's laws and those of the elements, and what is left is passive.
+//! Random circuits: eliminated voltages and currents satisfy Kirchhoff's laws and the element laws, and the reduced
+//! system is passive.
 
 use super::*;
 use expression::Graph;
 use nalgebra::DMatrix;
 use proptest::prelude::*;
 
-/// Ground and five nodes, a resistor of each to ground, and elements anywhere.
+/// Random circuits on ground and five nodes, with a resistor from every node to ground.
 fn circuit() -> impl Strategy<Value = Vec<Element>> {
     let element = (0..6_usize, 1..6_usize, 0..5_usize, 1..9_u32).prop_map(|(a, step, kind, size)| {
         let size = f64::from(size);
@@ -31,7 +32,8 @@ proptest! {
         let columns = Columns::new(&elements, &tree);
         let forms = Equations::new(&elements, &tree, &columns).expect("regular");
         let (n, m) = (columns.states.len(), columns.ports.len());
-        // At any (x, z): the powers of all elements add to zero (Tellegen), and so z G is what is stored and lost.
+        // At any (x, z), the powers of all elements sum to zero (Tellegen), so that z G is the stored plus dissipated
+        // power.
         let q = |k: usize| if k < n + m { ((7 * k + 3) as f64).sin() } else { 1.0 };
         let at = |form: &Form| form.terms().map(|(k, c)| c * q(k)).sum::<f64>();
         let powers: Vec<f64> = forms.voltages.iter().zip(&forms.currents).map(|(v, i)| at(v) * at(i)).collect();

@@ -1,7 +1,7 @@
 //! The normal tree of a circuit: a spanning tree with as many voltage sources, then capacitors, switches and diodes as
-//! can be, and as few inductors and current sources.
+//! possible, and with as few inductors and current sources as possible.
 //!
-//! Every element outside it, a link `l`, closes one loop with it, and Kirchhoff's laws are
+//! Every element outside the tree, a link `l`, closes one loop with the tree, and Kirchhoff's laws are
 //!
 //! ```text
 //! v_l = sum_t F_lt v_t,    i_t = -sum_l F_lt i_l
@@ -9,19 +9,19 @@
 
 use super::{Element, Fault, Law};
 
-/// The most entries of `F`.
+/// Limit on the number of nonzeros of `F`.
 const MOST_ENTRIES: usize = 2_000_000;
 
 /// A normal tree and its loops.
 #[derive(Clone, Debug)]
 pub struct NormalTree {
-    /// Whether an element is in the tree.
+    /// For each element, whether it is in the tree.
     pub contains: Vec<bool>,
-    /// `F`: the tree elements `(t, F_lt)` of the loop that a link closes; none for an element of the tree.
+    /// The rows of `F`: for each link, the tree elements `(t, F_lt)` of its loop; empty for tree elements.
     pub loops: Vec<Vec<(usize, f64)>>,
-    /// The transpose of `F`: the links `(l, F_lt)` in whose loops an element of the tree is.
+    /// The columns of `F`: for each tree element, the links `(l, F_lt)` of its cut set; empty for links.
     pub cuts: Vec<Vec<(usize, f64)>>,
-    /// The element that leads from each node towards ground, and the sign of its voltage in that of the node.
+    /// For each node, the tree element towards ground, with the sign of its voltage in the node voltage.
     parents: Vec<Option<Step>>,
 }
 
@@ -34,10 +34,10 @@ struct Step {
 }
 
 impl NormalTree {
-    /// The tree of elements over nodes `0..nodes`.
+    /// Builds a normal tree of elements over nodes `0..nodes`.
     ///
     /// # Errors
-    /// The nodes that nothing connects to ground; or elements that no tree can be normal with.
+    /// Nodes without a path to ground, loops of voltage sources or switches, and cut sets of current sources.
     pub fn new(elements: &[Element], nodes: usize) -> Result<Self, Vec<Fault>> {
         let contains = spanning_tree(elements, nodes);
         let parents = parents(elements, &contains, nodes);
@@ -66,8 +66,8 @@ impl NormalTree {
         self.parents.len()
     }
 
-    /// The nodes but ground as `(node, t, sign, towards)`: its voltage is `sign v_t` above that of the node towards ground,
-    /// which comes before it.
+    /// All nodes except ground as `(node, t, sign, parent)`, parents first: the voltage of `node` is that of `parent`
+    /// plus `sign v_t`.
     pub fn outwards(&self) -> impl Iterator<Item = (usize, usize, f64, usize)> {
         let mut steps: Vec<(usize, Step)> =
             self.parents.iter().enumerate().filter_map(|(node, step)| Some((node, (*step)?))).collect();
@@ -75,8 +75,8 @@ impl NormalTree {
         steps.into_iter().map(|(node, step)| (node, step.element, step.sign, step.to))
     }
 
-    /// The island of each node, in a tree without its resistors, inductors and current sources: the resistor that leads
-    /// into it, or none if it is the first of those that resistors connect.
+    /// The island of each node in the tree without resistors, inductors and current sources. An island is identified by
+    /// the resistor that connects it towards ground; `None` is the first island of a group connected by resistors.
     pub fn islands(&self, elements: &[Element]) -> Vec<Option<usize>> {
         let mut islands = vec![None; self.nodes()];
         for (node, element, _, to) in self.outwards() {
@@ -89,7 +89,7 @@ impl NormalTree {
         islands
     }
 
-    /// The voltage between two nodes as a sum over the tree.
+    /// The voltage between two nodes as a signed sum over tree elements.
     fn between(&self, (mut a, mut b): (usize, usize)) -> Vec<(usize, f64)> {
         let depth = |node: usize| self.parents[node].map_or(0, |step| step.depth);
         let mut path = Vec::new();
@@ -117,7 +117,7 @@ impl NormalTree {
     }
 }
 
-/// Kruskal's algorithm (1956): elements in the order of their rank, each where it closes no loop.
+/// Kruskal's algorithm (1956): adds elements in the order of their rank unless they close a loop.
 fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
     fn root(leader: &mut [usize], mut node: usize) -> usize {
         while leader[node] != node {
@@ -127,7 +127,7 @@ fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
         node
     }
     let mut order: Vec<usize> = (0..elements.len()).collect();
-    // At ground first: the loops are shorter.
+    // Elements at ground first among equal ranks, for shorter loops.
     order.sort_by_key(|&k| (elements[k].law.rank(), elements[k].nodes.0 != 0 && elements[k].nodes.1 != 0));
     let mut leader: Vec<usize> = (0..nodes).collect();
     let mut contains = vec![false; elements.len()];
@@ -140,11 +140,11 @@ fn spanning_tree(elements: &[Element], nodes: usize) -> Vec<bool> {
     contains
 }
 
-/// The step from each node towards ground, breadth first.
+/// The tree element from each node towards ground, by breadth-first search.
 fn parents(elements: &[Element], contains: &[bool], nodes: usize) -> Vec<Option<Step>> {
     let mut branches = vec![Vec::new(); nodes];
     for (element, &Element { nodes: (a, b), .. }) in elements.iter().enumerate().filter(|&(k, _)| contains[k]) {
-        // Ground itself has no step.
+        // A branch from either end; the search below assigns no parent to ground.
         branches[a].push((b, Step { element, sign: -1.0, to: a, depth: 0 }));
         branches[b].push((a, Step { element, sign: 1.0, to: b, depth: 0 }));
     }

@@ -1,6 +1,6 @@
-//! A body on its grid: what its nodes carry, how they are loaded and held, and where they may come into contact.
+//! A body on its grid: material, nodal masses, loads, clamped displacements and possible contacts.
 //!
-//! A displacement is numbered `node * components + component`.
+//! Displacement components are numbered `node * components + component`.
 
 use super::Lame;
 use crate::finite_elements::{Assembly, Element, Grid, Neighbours, Quadrature};
@@ -8,43 +8,44 @@ use expression::Node;
 use factorisation::SparseMatrix;
 use problem::{Control, Interrupted};
 
-/// A body before it is set in motion.
+/// An elastic or viscoelastic body, discretised in space.
 #[derive(Clone, Debug)]
 pub struct Continuum {
-    /// Its grid.
+    /// The finite element grid.
     pub grid: Grid,
-    /// The displacements of a node: as many as the grid has directions, one for a string.
+    /// The number of displacement components per node: the dimension of the grid, one for a string.
     pub components: usize,
-    /// Mass per volume; per length for a string, as the section of a bar is one.
+    /// Mass per volume; mass per length for strings, and for bars, whose cross-section is one.
     pub density: f64,
     /// Hooke's law.
     pub lame: Lame,
-    /// The viscous stress is this time multiplied by the elastic stress of the rates; zero for an elastic body.
+    /// The relaxation time: the viscous stress is this time multiplied by the elastic stress of the displacement rates;
+    /// zero for an elastic body.
     pub relaxation: f64,
-    /// The force on each displacement, in `t` alone.
+    /// The force on each displacement, a function of `t` alone.
     pub loads: Vec<Node>,
-    /// Whether each displacement stays what it is at the start.
+    /// Whether each displacement stays at its initial value.
     pub clamped: Vec<bool>,
-    /// What may come into contact, at most once on either side of a displacement; none of it is clamped.
+    /// The possible contacts, at most one on either side of a displacement; clamped displacements have none.
     pub contacts: Vec<ContactNode>,
 }
 
-/// A displacement that an obstacle bounds.
+/// A displacement bounded by an obstacle.
 #[derive(Clone, Debug)]
 pub struct ContactNode {
     /// The displacement.
     pub displacement: usize,
-    /// 1 if it is bounded above, -1 if below.
+    /// The direction of the bound: 1 if the displacement is bounded above, -1 if below.
     pub towards: f64,
-    /// How far it may go, in `t` alone.
+    /// The bound on `towards` times the displacement, a function of `t` alone.
     pub gap: Node,
-    /// The displacements that carry its mass instead, in equal parts; not clamped, and in no contact.
+    /// The displacements that carry the mass of this displacement, in equal parts; not clamped, and not in contact.
     pub carriers: Vec<usize>,
-    /// Coulomb's coefficient of friction; zero for none.
+    /// Coulomb's coefficient of friction; zero for a frictionless contact.
     pub friction: f64,
-    /// The displacements along the obstacle that have a mass and are not clamped: at most two.
+    /// The tangential displacements that have a mass and are not clamped: at most two.
     pub tangential: Vec<usize>,
-    /// The number of the side that it belongs to.
+    /// The index of the grid side of the node.
     pub side: usize,
 }
 
@@ -52,7 +53,7 @@ pub struct ContactNode {
 const BETWEEN_POLLS: usize = 256;
 
 impl Continuum {
-    /// `K`, between all displacements.
+    /// The stiffness matrix `K` of all displacements, including clamped ones.
     ///
     /// # Errors
     /// If `control` asks to stop.
@@ -68,7 +69,7 @@ impl Continuum {
         Ok(assembly.finish())
     }
 
-    /// The mass that each displacement moves; zero where contact is possible.
+    /// The lumped mass of each displacement; zero for displacements with a possible contact.
     pub fn masses(&self) -> Vec<f64> {
         let share = self.density * self.volume_share();
         let mut masses = vec![0.0; self.grid.nodes() * self.components];
@@ -84,7 +85,7 @@ impl Continuum {
         masses
     }
 
-    /// What a corner has of the volume of its element.
+    /// The share of an element's volume that belongs to one corner.
     fn volume_share(&self) -> f64 {
         let element = Element::of(&self.grid, Quadrature::Nodal);
         element.volume() / (1_u32 << self.grid.dimension()) as f64
@@ -127,7 +128,7 @@ mod tests {
             let total: f64 = masses.iter().skip(component).step_by(2).sum();
             assert!((total - 30.0).abs() < 1e-12, "{component}: {total}");
         }
-        // Along the obstacle the corner keeps a quarter of an element, towards it nothing.
+        // The corner has the mass of a quarter element in the tangential direction, and none in the normal direction.
         assert_eq!((masses[0], masses[1]), (1.25, 0.0));
         assert_eq!((masses[8], masses[9]), (2.5, 3.75));
     }

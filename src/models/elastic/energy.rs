@@ -1,12 +1,12 @@
-//! The energies of a body, `T = sum m v^2 / 2` and `V = u^T K u / 2 - f^T u` with the loads that do not change, and what
-//! changes them:
+//! The energies of a body, `T = sum m v^2 / 2` and `V = u^T K u / 2 - f^T u` with the constant loads `f`, and their
+//! balance:
 //!
 //! ```text
 //! d/dt (T + V) = f(t)^T u' - sum n r u_N' - u'^T C u' - q^T v
 //! ```
 //!
-//! with the loads that change, the forces of contact, which do work where an obstacle moves, and what viscosity and
-//! friction dissipate.
+//! The right-hand side is the power of time-dependent loads and of contact forces on moving obstacles, less the viscous
+//! and frictional dissipation.
 
 use super::{Continuum, DisplacementIndex, Frictional, Slip, Unknowns};
 use expression::{Graph, Node, Tape};
@@ -23,25 +23,26 @@ pub struct EnergyForm {
     relaxation: f64,
     /// The constant load on each displacement.
     loads: Arc<[f64]>,
-    /// The displacements with loads that change, and those with obstacles that move, with their forces.
+    /// The displacements with time-dependent loads or moving obstacles.
     driven: Vec<usize>,
+    /// The forces on the `driven` displacements.
     forces: Tape,
     slips: Arc<[Slip]>,
 }
 
-/// What changes the energy, by unit of time.
+/// The powers in the energy balance.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Power {
-    /// Of loads and of obstacles that move.
+    /// The power supplied by time-dependent loads and moving obstacles.
     pub supplied: f64,
-    /// Dissipated by viscosity.
+    /// The power dissipated by viscosity.
     pub viscous: f64,
-    /// Dissipated by friction.
+    /// The power dissipated by friction.
     pub frictional: f64,
 }
 
 impl EnergyForm {
-    /// The energies of a body whose contacts press on it with these forces, in `t`, `x` and `z`.
+    /// The energies of a body; `reactions` are its contact forces as functions of `t`, `x` and `z`.
     pub fn new(
         graph: &mut Graph,
         continuum: &Continuum,
@@ -86,12 +87,12 @@ impl EnergyForm {
         (kinetic.sum(), 0.5 * self.quadratic(displacement) - work)
     }
 
-    /// Whether anything changes the sum of the energies.
+    /// Whether the total energy is conserved: no viscosity, no friction, no time-dependent loads or moving obstacles.
     pub fn is_closed(&self) -> bool {
         self.relaxation == 0.0 && self.driven.is_empty() && self.slips.is_empty()
     }
 
-    /// What changes the energies at `t` and `y = (x, z)`, where `rates` are those of `y`.
+    /// The powers at `t` and `y = (x, z)`; `rates` is `y'`.
     pub fn power(&mut self, t: f64, y: &[f64], rates: &[f64]) -> Power {
         let mut forces = vec![0.0; self.driven.len()];
         self.forces.evaluate(t, y, &mut forces);

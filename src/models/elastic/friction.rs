@@ -1,40 +1,41 @@
-//! Coulomb's friction between a body and an obstacle at rest: along the obstacle a contact node keeps its mass, and the
-//! force `q` against its sliding dissipates the most that the pressing force allows,
+//! Coulomb friction between a body and an obstacle at rest. A contact node keeps its mass in tangential directions, and
+//! the friction force `q` obeys the principle of maximum dissipation,
 //!
 //! ```text
 //! m v' = .. - q,    |q| <= p,    -<v, q~ - q> >= 0  for all |q~| <= p,    0 = mu r - p
 //! ```
 //!
-//! The limit `p` is an algebraic state, so that the set depends on states alone.
+//! with the normal force `r`. The friction bound `p` is an algebraic state, so that the convex set depends on states
+//! alone.
 
 use super::{Continuum, DisplacementIndex, Unknowns};
 use crate::LinearRows;
 use expression::Graph;
 use problem::{MovingBound, Shape, Side};
 
-/// A contact with friction.
+/// A frictional contact.
 #[derive(Clone, Debug)]
 pub struct Frictional {
-    /// The contact.
+    /// The index of the contact.
     pub contact: usize,
-    /// The place of its limit in `(x, z)`.
+    /// The index of the friction bound `p` in `(x, z)`.
     pub limit: usize,
-    /// Where it may slide: a displacement, with the places of its velocity and of the force against it in `(x, z)`.
+    /// The tangential directions.
     pub slips: Vec<Slip>,
 }
 
-/// A direction in which a contact may slide.
+/// A tangential direction of a frictional contact.
 #[derive(Clone, Copy, Debug)]
 pub struct Slip {
-    /// The displacement.
+    /// The tangential displacement.
     pub displacement: usize,
-    /// The place of its velocity in `(x, z)`.
+    /// The index of the tangential velocity in `(x, z)`.
     pub velocity: usize,
-    /// The place of the force against it in `(x, z)`.
+    /// The index of the friction force in `(x, z)`.
     pub force: usize,
 }
 
-/// Adds the friction of all contacts that have it to the equations of a body without, in which their forces are variables.
+/// Adds friction to the equations of a frictionless body in which contact forces are variables.
 pub(super) fn add(
     graph: &mut Graph,
     rows: &mut LinearRows,

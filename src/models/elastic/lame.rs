@@ -3,22 +3,22 @@
 use crate::finite_elements::Element;
 use nalgebra::DMatrix;
 
-/// The constants of Lame.
+/// The Lame parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lame {
-    /// `lambda`
+    /// The first Lame parameter `lambda`.
     pub first: f64,
-    /// `mu`
+    /// The shear modulus `mu`.
     pub shear: f64,
 }
 
 impl Lame {
-    /// One direction alone, with stress `modulus` times strain: a bar by its Young's modulus, a string by its tension.
+    /// One-dimensional law, stress = `modulus` times strain: Young's modulus of a bar, tension of a string.
     pub fn axial(modulus: f64) -> Self {
         Self { first: modulus, shear: 0.0 }
     }
 
-    /// A body in space, or in plane strain.
+    /// A three-dimensional body, or a body in plane strain.
     pub fn solid(young: f64, poisson: f64) -> Self {
         let first = young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson));
         Self { first, shear: young / (2.0 * (1.0 + poisson)) }
@@ -29,7 +29,8 @@ impl Lame {
         Self { first: young * poisson / (1.0 - poisson * poisson), shear: young / (2.0 * (1.0 + poisson)) }
     }
 
-    /// `int s(N_a e_i) : e(N_b e_j)` over an element of as many directions as components, those of a corner together.
+    /// The element stiffness matrix `int s(N_a e_i) : e(N_b e_j)`, for an element with as many directions as
+    /// components; the components of a corner are adjacent.
     pub fn stiffness(self, element: &Element, components: usize) -> DMatrix<f64> {
         let gradients: Vec<DMatrix<f64>> =
             (0..components * components).map(|k| element.gradients(k / components, k % components)).collect();

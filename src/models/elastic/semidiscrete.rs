@@ -1,4 +1,4 @@
-//! The differential variational inequality that a body on its grid comes to.
+//! The differential variational inequality of a body that is discretised in space.
 
 use super::friction::{self, Frictional};
 use super::{ContactNode, Continuum, DisplacementIndex, EnergyForm, Unknowns};
@@ -7,24 +7,24 @@ use expression::{Graph, Node};
 use factorisation::SparseMatrix;
 use problem::{Control, ConvexSet, Interrupted, Mass, MovingBound, Side};
 
-/// A body as a linear system, with what its unknowns mean.
+/// A body as a linear complementarity system, with the meaning of its unknowns.
 #[derive(Clone, Debug)]
 pub struct Semidiscrete {
     /// The equations.
     pub rows: LinearRows,
-    /// The states at the start.
+    /// The initial states.
     pub initial: Vec<f64>,
-    /// Where the displacements are.
+    /// The positions of the displacements in `(x, z)`.
     pub unknowns: Unknowns,
     /// The energies.
     pub energy: EnergyForm,
-    /// The force with which each contact presses on the body, in `t`, `x` and `z`.
+    /// The force of each contact on the body, a function of `t`, `x` and `z`.
     pub reactions: Vec<Node>,
-    /// Where there is friction.
+    /// The frictional contacts.
     pub rough: Vec<Frictional>,
 }
 
-/// Lowers a body that starts with these displacements and velocities.
+/// Lowers a body with initial displacements and velocities.
 ///
 /// # Errors
 /// If `control` asks to stop.
@@ -56,7 +56,7 @@ pub fn semidiscretise(
     Ok(Semidiscrete { rows, initial, unknowns, energy, reactions, rough })
 }
 
-/// The loads, with what clamped displacements exert.
+/// The loads, plus the elastic forces of clamped displacements on the others.
 fn forces(graph: &mut Graph, continuum: &Continuum, unknowns: &Unknowns, stiffness: &SparseMatrix) -> Vec<Node> {
     let mut held = vec![0.0; continuum.loads.len()];
     for entry in stiffness.triplet_iter() {
@@ -72,7 +72,7 @@ fn forces(graph: &mut Graph, continuum: &Continuum, unknowns: &Unknowns, stiffne
     .collect()
 }
 
-/// What the equations are made of.
+/// The data of the equations of a body.
 struct Body<'a> {
     continuum: &'a Continuum,
     unknowns: &'a Unknowns,
@@ -154,7 +154,7 @@ impl Body<'_> {
                 continue;
             }
             match column.checked_sub(inner) {
-                // The rate of an inner displacement is a state, that of one in contact is not.
+                // The rate of an inner displacement is a state, the rate of a contact displacement is not.
                 None => matrix.push((row, column + inner, -relaxation * value)),
                 Some(_) => mass.push((row, column, relaxation * value)),
             }
@@ -177,7 +177,7 @@ impl Body<'_> {
         }
     }
 
-    /// The force of every contact: `r`, or `-n G` where displacements are bounded.
+    /// The force of every contact: `r`, or `-n G` in the form with bounded displacements.
     fn reactions(&self, graph: &mut Graph, rows: &LinearRows) -> Vec<Node> {
         let states = self.unknowns.states();
         let contacts = &self.continuum.contacts;
@@ -197,7 +197,7 @@ impl Body<'_> {
         contacts.iter().filter_map(of).collect()
     }
 
-    /// The nonzeros of `K` in the rows of all displacements and the columns of those that move, as
+    /// The nonzeros of `K` in all rows and in the columns of unclamped displacements, as
     /// `(displacement, unknown, value)`.
     fn couplings(&self) -> impl Iterator<Item = (usize, usize, f64)> {
         let nonzeros = self.stiffness.triplet_iter().filter(|entry| *entry.val != 0.0);
@@ -205,7 +205,7 @@ impl Body<'_> {
     }
 }
 
-/// The row of the balance of momentum.
+/// The row of the momentum balance of a displacement; `None` if it is clamped.
 fn equation(place: DisplacementIndex) -> Option<usize> {
     match place {
         DisplacementIndex::Inner(_, v) => Some(v),

@@ -1,22 +1,23 @@
-//! Where the displacements of a body stand among the unknowns of its equations. The states are `u_I`, then `u_I'`, then
-//! with viscosity or friction `u_N`, then the limits of friction; the variables are `u_N`, or with viscosity or friction
-//! the forces of contact, then those of friction.
+//! Numbering of the unknowns `(x, z)` of a body. The states are `u_I`, `u_I'`, with viscosity or friction also `u_N`,
+//! and the friction bounds. The variables are `u_N` or, with viscosity or friction, the contact forces and the friction
+//! forces.
 
 use super::Continuum;
 
-/// Where the value of a displacement is found.
+/// The position of a displacement in `(x, z)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DisplacementIndex {
-    /// Nowhere: it does not change.
+    /// A clamped displacement, with its constant value; not an unknown.
     Clamped(f64),
-    /// At this place in `(x, z)`, with its velocity at the second.
+    /// A displacement with mass: the index of the displacement and the index of its velocity.
     Inner(usize, usize),
-    /// At this place in `(x, z)`, in contact or near it, without mass; the second counts such displacements.
+    /// A displacement without mass that may be in contact: its index in `(x, z)`, and its number among such
+    /// displacements.
     Contact(usize, usize),
 }
 
 impl DisplacementIndex {
-    /// The place in `(x, z)`, if it has one.
+    /// The index in `(x, z)`; `None` for a clamped displacement.
     pub fn unknown(self) -> Option<usize> {
         match self {
             Self::Clamped(_) => None,
@@ -24,7 +25,7 @@ impl DisplacementIndex {
         }
     }
 
-    /// The value in `y = (x, z)`.
+    /// The value of the displacement, given `y = (x, z)`.
     pub fn value(self, y: &[f64]) -> f64 {
         match self {
             Self::Clamped(value) => value,
@@ -36,20 +37,20 @@ impl DisplacementIndex {
 /// The numbering of a body's displacements.
 #[derive(Clone, Debug)]
 pub struct Unknowns {
-    /// One place for each displacement.
+    /// The position of each displacement.
     pub places: Vec<DisplacementIndex>,
-    /// The number of `u_I`.
+    /// The length of `u_I`.
     pub inner: usize,
-    /// The number of `u_N`.
+    /// The length of `u_N`.
     pub contact: usize,
-    /// The number of contacts with friction.
+    /// The number of frictional contacts.
     pub rough: usize,
-    /// Whether `u_N` are states, and the forces on them variables: their law has rates, or friction needs the forces.
+    /// Whether `u_N` are states and contact forces are variables, as needed for viscosity or friction.
     pub has_forces: bool,
 }
 
 impl Unknowns {
-    /// Numbers the displacements, which are these at the start.
+    /// Numbers the displacements; `displacement` are their initial values.
     pub fn new(continuum: &Continuum, displacement: &[f64]) -> Self {
         let mut is_contact = vec![false; displacement.len()];
         continuum.contacts.iter().for_each(|contact| is_contact[contact.displacement] = true);
@@ -84,7 +85,7 @@ impl Unknowns {
         2 * self.inner + if self.has_forces { self.contact } else { 0 } + self.rough
     }
 
-    /// The place of the limit of friction of the contact that is the `k`th with friction.
+    /// The index of the friction bound of the `k`-th frictional contact.
     pub fn limit(&self, k: usize) -> usize {
         self.states() - self.rough + k
     }

@@ -1,20 +1,20 @@
-//! The sum of local matrices over the elements of a grid, in a sparse matrix whose pattern is known beforehand.
+//! Assembly of element matrices into a sparse matrix whose pattern is known in advance.
 
 use super::Grid;
 use factorisation::SparseMatrix;
 use faer::sparse::SymbolicSparseColMat;
 use nalgebra::DMatrix;
 
-/// Which nodes a row couples.
+/// The nodes coupled by a matrix row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Neighbours {
-    /// A node and those next to it along an axis: up to `2d + 1`.
+    /// The node and its neighbours along the axes: up to `2d + 1` nodes.
     AlongAxes,
-    /// All nodes of the elements around it: up to `3^d`.
+    /// All nodes of the adjacent elements: up to `3^d` nodes.
     OfElements,
 }
 
-/// A matrix on its way, with `components` unknowns a node: those of a node stand together.
+/// A matrix under assembly, with `components` unknowns per node; unknowns of a node are adjacent.
 #[derive(Clone, Debug)]
 pub struct Assembly {
     grid: Grid,
@@ -24,7 +24,7 @@ pub struct Assembly {
 }
 
 impl Assembly {
-    /// A matrix of zeros.
+    /// A zero matrix with the pattern of the given neighbourhoods.
     pub fn new(grid: &Grid, components: usize, neighbours: Neighbours) -> Self {
         let nodes = grid.nodes();
         let mut starts = Vec::with_capacity(nodes * components + 1);
@@ -44,8 +44,8 @@ impl Assembly {
         Self { grid: grid.clone(), components, pattern, values }
     }
 
-    /// Adds `factor` times a local matrix, whose rows and columns are the components of the first corner of the element,
-    /// then those of the second, and so on.
+    /// Adds `factor` times an element matrix. Its rows and columns are ordered by corner of the element, then by
+    /// component.
     pub fn add(&mut self, element: usize, factor: f64, local: &DMatrix<f64>) {
         let Self { grid, components, pattern, values } = self;
         let n = *components;
@@ -64,13 +64,13 @@ impl Assembly {
         }
     }
 
-    /// The matrix, of `nodes * components` rows and columns.
+    /// The assembled square matrix of size `nodes * components`.
     pub fn finish(self) -> SparseMatrix {
         SparseMatrix::new(self.pattern, self.values)
     }
 }
 
-/// The neighbours of a node in increasing order.
+/// Writes the neighbours of a node, itself included, to `around` in increasing order.
 fn nodes_around(grid: &Grid, node: usize, neighbours: Neighbours, around: &mut Vec<usize>) {
     around.clear();
     let at = grid.indices(node);

@@ -1,26 +1,26 @@
-//! Local matrices of an element, the products over directions of
+//! Element matrices, as tensor products over directions of
 //!
 //! ```text
 //! m = int N_a N_b = h/6 [2 1; 1 2],    k = int N_a' N_b' = 1/h [1 -1; -1 1],    d = int N_a N_b' = 1/2 [-1 1; -1 1]
 //! ```
 //!
-//! With the trapezoidal rule in place of the exact integral `m` is `h/2` times the identity: the mass is lumped, and the
-//! stiffness of a diagonal tensor couples neighbours along the axes alone, with the signs of an M-matrix however long
-//! the elements are (Thomee 2006, *Galerkin Finite Element Methods for Parabolic Problems*, chapter 15).
+//! With the trapezoidal rule instead of the exact integral, `m` is `h/2` times the identity: the mass is lumped, and
+//! the stiffness of a diagonal tensor couples neighbours along the axes alone, with the signs of an M-matrix for
+//! elements of any aspect ratio (Thomee 2006, *Galerkin Finite Element Methods for Parabolic Problems*, chapter 15).
 
 use super::Grid;
 use nalgebra::{DMatrix, Matrix2};
 
-/// How products of shape functions are integrated in the directions in which neither is differentiated.
+/// Quadrature of products of shape functions in directions in which neither factor is differentiated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quadrature {
-    /// Exactly.
+    /// Exact integration.
     Exact,
-    /// By the trapezoidal rule, whose points are the nodes.
+    /// The trapezoidal rule, whose points are the nodes.
     Nodal,
 }
 
-/// An element by its sides.
+/// An element, given by the lengths of its sides.
 #[derive(Clone, Debug)]
 pub struct Element {
     sides: Vec<f64>,
@@ -28,22 +28,22 @@ pub struct Element {
 }
 
 impl Element {
-    /// An element of the grid.
+    /// The element of a grid; all elements of a grid are equal.
     pub fn of(grid: &Grid, quadrature: Quadrature) -> Self {
         Self { sides: grid.axes().iter().map(|axis| axis.spacing()).collect(), quadrature }
     }
 
-    /// Its length, area or volume.
+    /// The length, area or volume of the element.
     pub fn volume(&self) -> f64 {
         self.sides.iter().product()
     }
 
-    /// `int N_a N_b`
+    /// The mass matrix `int N_a N_b`.
     pub fn mass(&self) -> DMatrix<f64> {
         self.product(|_, h| self.one_dimensional_mass(h))
     }
 
-    /// `int d_p N_a d_q N_b`
+    /// The matrix `int d_p N_a d_q N_b`.
     pub fn gradients(&self, p: usize, q: usize) -> DMatrix<f64> {
         let derivative = Matrix2::new(-0.5, 0.5, -0.5, 0.5);
         self.product(|direction, h| match (direction == p, direction == q) {
@@ -54,7 +54,7 @@ impl Element {
         })
     }
 
-    /// `int N_a d_q N_b`
+    /// The matrix `int N_a d_q N_b`.
     pub fn derivative(&self, q: usize) -> DMatrix<f64> {
         self.product(|direction, h| match direction == q {
             true => Matrix2::new(-0.5, 0.5, -0.5, 0.5),
@@ -91,7 +91,7 @@ mod tests {
         (grid, element)
     }
 
-    /// The nodal values of a function on the one element.
+    /// The nodal values of a function on the single element.
     fn nodal(grid: &Grid, u: impl Fn([f64; 3]) -> f64) -> nalgebra::DVector<f64> {
         nalgebra::DVector::from_iterator(8, (0..8).map(|node| u(grid.coordinates(node))))
     }

@@ -1,28 +1,29 @@
-//! A grid of equal elements on an interval, a rectangle or a box. Nodes and elements are numbered with `x` the fastest.
+//! A grid of equal elements on an interval, a rectangle or a box. In the numbering of nodes and elements, `x` varies
+//! fastest.
 
-/// A direction of the grid: the interval `[lower, upper]` in equal parts.
+/// A direction of the grid: the interval `[lower, upper]`, divided into equal elements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// Where it begins.
+    /// The lower end.
     pub lower: f64,
-    /// Where it ends, above `lower`.
+    /// The upper end, above `lower`.
     pub upper: f64,
-    /// The number of parts, at least one.
+    /// The number of elements, at least one.
     pub elements: usize,
 }
 
 impl Axis {
-    /// The length of a part.
+    /// The length of an element.
     pub fn spacing(&self) -> f64 {
         (self.upper - self.lower) / self.elements as f64
     }
 
-    /// The number of points between and around the parts.
+    /// The number of nodes, one more than elements.
     pub fn nodes(&self) -> usize {
         self.elements + 1
     }
 
-    /// The coordinate of a point; that of the last is `upper` to the last digit.
+    /// The coordinate of node `i`; the last node is exactly at `upper`.
     pub fn node(&self, i: usize) -> f64 {
         let part = i as f64 / self.elements as f64;
         self.lower * (1.0 - part) + self.upper * part
@@ -41,18 +42,18 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// The grid on the product of the axes `x`, `y`, `z`, of which there are one to three.
+    /// The grid on the product of one to three axes `x`, `y`, `z`.
     pub fn new(axes: Vec<Axis>) -> Self {
         debug_assert!((1..=3).contains(&axes.len()), "{} axes", axes.len());
         Self { axes }
     }
 
-    /// The number of directions.
+    /// The dimension of the domain.
     pub fn dimension(&self) -> usize {
         self.axes.len()
     }
 
-    /// The directions.
+    /// The axes.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
@@ -67,22 +68,22 @@ impl Grid {
         self.axes.iter().map(|axis| axis.elements).product()
     }
 
-    /// Nodes in each direction, the slowest first: the shape of a vector of nodal values as an array.
+    /// The number of nodes per direction, slowest first: the shape of nodal values as a row-major array.
     pub fn shape(&self) -> Vec<usize> {
         self.axes.iter().rev().map(Axis::nodes).collect()
     }
 
-    /// The place of a node in each direction; zero in those that the grid has not.
+    /// The index of a node in each direction; zero in directions beyond the dimension.
     pub fn indices(&self, node: usize) -> [usize; 3] {
         split(node, self.axes.iter().map(Axis::nodes))
     }
 
-    /// The node at a place in each direction.
+    /// The number of the node with these indices.
     pub fn node(&self, indices: [usize; 3]) -> usize {
         self.axes.iter().zip(indices).rev().fold(0, |node, (axis, i)| node * axis.nodes() + i)
     }
 
-    /// The coordinates of a node; zero in directions that the grid has not.
+    /// The coordinates of a node; zero in directions beyond the dimension.
     pub fn coordinates(&self, node: usize) -> [f64; 3] {
         let indices = self.indices(node);
         self.fill(|direction, axis| axis.node(indices[direction]))
@@ -94,14 +95,15 @@ impl Grid {
         self.fill(|direction, axis| axis.centre(indices[direction]))
     }
 
-    /// The nodes of an element, `2^d` of them: bit `k` of the place among them says on which end of direction `k`.
+    /// The `2^d` nodes of an element; bit `k` of the corner number is 1 at the upper end of direction `k`.
     pub fn corners(&self, element: usize) -> impl Iterator<Item = usize> + '_ {
         let indices = split(element, self.axes.iter().map(|axis| axis.elements));
         let first = self.node(indices);
         (0..1 << self.dimension()).map(move |corner| first + self.offset(corner))
     }
 
-    /// The nodes around a point of the domain with the values of their shape functions there.
+    /// The nodes of the element that contains a point of the domain, with the values of their shape functions at the
+    /// point.
     pub fn interpolation(&self, point: [f64; 3]) -> Vec<(usize, f64)> {
         let (mut indices, mut parts) = ([0; 3], [0.0; 3]);
         for (direction, axis) in self.axes.iter().enumerate() {
@@ -117,7 +119,7 @@ impl Grid {
         (0..1 << self.dimension()).map(|corner| (first + self.offset(corner), weight(corner))).collect()
     }
 
-    /// From the first corner of an element to another.
+    /// The difference of node numbers between a corner of an element and the first corner.
     fn offset(&self, corner: usize) -> usize {
         self.node([corner & 1, corner >> 1 & 1, corner >> 2 & 1])
     }
@@ -131,7 +133,7 @@ impl Grid {
     }
 }
 
-/// A number in a mixed base, the first digit the fastest.
+/// The digits of a number in a mixed radix, least significant digit first.
 fn split(mut number: usize, bases: impl Iterator<Item = usize>) -> [usize; 3] {
     let mut digits = [0; 3];
     for (digit, base) in digits.iter_mut().zip(bases) {

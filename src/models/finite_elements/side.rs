@@ -2,26 +2,26 @@
 
 use super::Grid;
 
-/// An end of a direction.
+/// A side of the domain, normal to an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Side {
-    /// The direction that is normal to it: 0, 1 or 2 for `x`, `y` or `z`.
+    /// The normal direction: 0, 1 or 2 for `x`, `y` or `z`.
     pub direction: usize,
-    /// Whether it is at the upper end.
+    /// Whether the side is at the upper end of the axis.
     pub is_upper: bool,
 }
 
 /// A face of an element on a side.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Face {
-    /// Its `2^(d-1)` nodes.
+    /// The `2^(d-1)` nodes of the face.
     pub nodes: Vec<usize>,
-    /// Its centre.
+    /// The centre of the face.
     pub centre: [f64; 3],
 }
 
 impl Side {
-    /// Every side of a grid of that many directions, in the order of [`Side::place`].
+    /// All sides of a grid of the given dimension, in the order of [`Side::place`].
     pub fn all(dimension: usize) -> impl Iterator<Item = Self> {
         (0..dimension).flat_map(|direction| [false, true].map(|is_upper| Self { direction, is_upper }))
     }
@@ -31,7 +31,7 @@ impl Side {
         ["x_min", "x_max", "y_min", "y_max", "z_min", "z_max"][self.place()]
     }
 
-    /// Its place among all sides.
+    /// The index of the side in [`Side::all`].
     pub fn place(self) -> usize {
         2 * self.direction + usize::from(self.is_upper)
     }
@@ -50,7 +50,7 @@ impl Grid {
         })
     }
 
-    /// The faces of elements on a side; together they are the side.
+    /// The faces of elements on a side; they cover the side.
     pub fn faces_on(&self, side: Side) -> impl Iterator<Item = Face> + '_ {
         let axis = &self.axes()[side.direction];
         let at = if side.is_upper { axis.elements - 1 } else { 0 };
@@ -62,7 +62,7 @@ impl Grid {
         })
     }
 
-    /// The area of such a face: one where the side is a point.
+    /// The area of an element face on a side; one in one dimension, where the side is a point.
     pub fn face_area(&self, side: Side) -> f64 {
         let along = self.axes().iter().enumerate().filter(|(direction, _)| *direction != side.direction);
         along.map(|(_, axis)| axis.spacing()).product()

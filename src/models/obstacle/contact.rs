@@ -1,9 +1,9 @@
-//! Where `u` rests on an obstacle, and how hard.
+//! The contact set: where `u` touches an obstacle, and the contact force.
 //!
-//! Beside the contact set the gap `g = u - phi` of an exact solution grows as the square of the distance from the free
-//! boundary, and so do its nodal values but for a constant: next to the last node `c` in contact, of reduced pressure,
-//! `g_m = kappa h^2 (m (m - 1) / 2 + theta m)`, `0 <= theta <= 1`. Its slope is linear all the same, and vanishes at
-//! `c + (1/2 - theta) h`. This is the free boundary, between nodes.
+//! Near the contact set, the gap `g = u - phi` of an exact solution grows as the square of the distance from the free
+//! boundary. The nodal gaps have an additional linear term: at `m` nodes beyond the last node `c` in contact, whose
+//! pressure is reduced, `g_m = kappa h^2 (m (m - 1) / 2 + theta m)` with `0 <= theta <= 1`. The slope of the gap is
+//! linear in position and vanishes at `c + (1/2 - theta) h`, the position of the free boundary between nodes.
 
 use super::Semidiscrete;
 use crate::finite_elements::Axis;
@@ -11,20 +11,21 @@ use crate::finite_elements::Axis;
 /// The contact set at one time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Contact {
-    /// Its length, area or volume.
+    /// The length, area or volume of the contact set.
     pub measure: f64,
-    /// Where it begins along `x`; the upper end of the domain where it is empty.
+    /// The smallest `x` in the contact set; the upper end of the domain if the set is empty.
     pub from: f64,
-    /// Where it ends along `x`; the lower end of the domain where it is empty.
+    /// The largest `x` in the contact set; the lower end of the domain if the set is empty.
     pub to: f64,
     /// The total force of the obstacles, upwards.
     pub pressure: f64,
-    /// The number of nodes in it.
+    /// The number of nodes in the contact set.
     pub nodes: usize,
 }
 
 impl Contact {
-    /// Measures it at nodal values `u` between the bounds of the system; `force` is the force on each node.
+    /// Measures the contact set of nodal values `u` within the bounds of the system; `force` is the contact force on
+    /// each node.
     pub fn of(system: &Semidiscrete, u: &[f64], force: &[f64]) -> Self {
         let axes = system.problem.grid.axes();
         let (along, across) = (axes[0], &axes[1..]);
@@ -50,7 +51,7 @@ impl Contact {
     }
 }
 
-/// What the `k`-th line along `x` stands for in the other directions.
+/// The length or area represented by the `k`-th grid line along `x`, in the directions across it.
 fn width(across: &[Axis], mut k: usize) -> f64 {
     let mut width = 1.0;
     for axis in across {
@@ -61,16 +62,16 @@ fn width(across: &[Axis], mut k: usize) -> f64 {
     width
 }
 
-/// The nodes of a line along `x`.
+/// The nodes of a grid line along `x`.
 struct Line {
     axis: Axis,
-    /// The distance from the nearer obstacle.
+    /// The distance of each node from the nearer obstacle.
     gaps: Vec<f64>,
     touches: Vec<bool>,
 }
 
 impl Line {
-    /// Takes over the line that begins at a node; how many of its nodes touch.
+    /// Reads the line that begins at node `first`; returns the number of its nodes in contact.
     fn read(&mut self, system: &Semidiscrete, u: &[f64], first: usize) -> usize {
         let n = self.gaps.len();
         for (i, (gap, touches)) in self.gaps.iter_mut().zip(&mut self.touches).enumerate() {
@@ -80,14 +81,15 @@ impl Line {
             *touches = *gap == 0.0 && !system.is_given[node];
         }
         let touching = self.touches.iter().filter(|touches| **touches).count();
-        // A given value belongs to no obstacle; at the end of a run of contact it does not bound it either.
+        // Nodes with given values are not in contact. At the end of a line, such a node extends an adjacent contact
+        // interval.
         for (end, next) in [(0, 1), (n - 1, n - 2)] {
             self.touches[end] |= system.is_given[first + end] && self.touches[next];
         }
         touching
     }
 
-    /// Visits the intervals of contact.
+    /// Visits the contact intervals of the line.
     fn runs(&self, mut visit: impl FnMut(f64, f64)) {
         let n = self.touches.len();
         let mut start = 0;
@@ -101,7 +103,8 @@ impl Line {
         }
     }
 
-    /// `1/2 - theta`: how far the contact reaches beyond its last node; `at` is the `m`-th node from there.
+    /// `1/2 - theta`: the distance, in units of `h`, of the free boundary from the last node in contact; `at(m)` is the
+    /// `m`-th node beyond that node.
     fn beyond(&self, at: impl Fn(usize) -> Option<usize>) -> f64 {
         let gap = |m| at(m).filter(|&i| !self.touches[i]).map(|i| self.gaps[i]);
         let (Some(first), Some(second)) = (gap(1), gap(2)) else { return 0.0 };

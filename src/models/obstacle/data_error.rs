@@ -1,68 +1,68 @@
-//! What is not a number, or not in its range.
+//! Invalid data of an obstacle problem: values that are not finite or out of range.
 
 use crate::finite_elements::Side;
 use std::fmt;
 
-/// A value that makes no obstacle problem, with where and when.
+/// An invalid value of the data of an obstacle problem, with its position and time.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ObstacleDataError {
     /// An expression has no finite value.
     NotFinite {
-        /// Its key in a specification.
+        /// The key of the expression in a specification.
         key: String,
-        /// What it gives.
+        /// The value of the expression.
         value: f64,
-        /// Where.
+        /// The position.
         at: [f64; 3],
-        /// When.
+        /// The time.
         t: f64,
     },
-    /// Diffusion below zero: the equation would run backwards.
+    /// Diffusion is negative: the equation would be ill-posed.
     NegativeDiffusion {
-        /// Its value.
+        /// The diffusion coefficient.
         value: f64,
-        /// Where.
+        /// The position.
         at: [f64; 3],
-        /// When.
+        /// The time.
         t: f64,
     },
     /// The lower obstacle is above the upper one.
     Crossing {
-        /// The lower one.
+        /// The value of the lower obstacle.
         lower: f64,
-        /// The upper one.
+        /// The value of the upper obstacle.
         upper: f64,
-        /// Where.
+        /// The position.
         at: [f64; 3],
-        /// When.
+        /// The time.
         t: f64,
     },
-    /// The value given on a side is beyond an obstacle.
+    /// A Dirichlet value on a side is beyond an obstacle.
     GivenBeyond {
         /// The side.
         side: Side,
-        /// The value.
+        /// The Dirichlet value.
         value: f64,
-        /// The obstacle.
+        /// The value of the obstacle.
         bound: f64,
-        /// Where.
+        /// The position.
         at: [f64; 3],
-        /// When.
+        /// The time.
         t: f64,
     },
     /// The initial value is beyond an obstacle.
     InitialBeyond {
-        /// The value.
+        /// The initial value.
         value: f64,
-        /// The obstacle.
+        /// The value of the obstacle.
         bound: f64,
-        /// Where.
+        /// The position.
         at: [f64; 3],
     },
 }
 
 impl ObstacleDataError {
-    /// The key in a specification that it is about.
+    /// The key of the invalid value in a specification.
     pub fn key(&self) -> String {
         match self {
             Self::NotFinite { key, .. } => key.clone(),
@@ -73,7 +73,7 @@ impl ObstacleDataError {
         }
     }
 
-    /// A stable word for programs.
+    /// A stable error code for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } => "not_finite",
@@ -83,7 +83,7 @@ impl ObstacleDataError {
         }
     }
 
-    /// What should be there instead.
+    /// The expected value, for messages.
     pub fn expected(&self) -> &'static str {
         match self {
             Self::NotFinite { .. } => "a finite value all over the domain",

@@ -1,21 +1,21 @@
-//! What an obstacle problem is made of.
+//! The data of an obstacle problem.
 
 use super::Field;
 use crate::finite_elements::{Grid, Quadrature};
 use analysis::{Analysis, Uniqueness};
 use problem::Warning;
 
-/// What is given on a side.
+/// The boundary condition on a side.
 #[derive(Clone, Debug)]
 pub enum Condition {
-    /// `u`
+    /// The value `u`.
     Dirichlet(Field),
-    /// `a du/dn`, outwards: what flows in.
+    /// The inflow `a du/dn`, with the outward normal `n`.
     Neumann(Field),
 }
 
 impl Condition {
-    /// What is given, of whichever kind.
+    /// The field of the condition, of either kind.
     pub fn field(&self) -> &Field {
         match self {
             Self::Dirichlet(field) | Self::Neumann(field) => field,
@@ -23,53 +23,53 @@ impl Condition {
     }
 }
 
-/// A point at which `u` is told.
+/// A point at which `u` is an output.
 #[derive(Clone, Debug)]
 pub struct Probe {
-    /// Its name.
+    /// The name of the output.
     pub name: String,
-    /// Where it is, within the domain.
+    /// The position, within the domain.
     pub at: [f64; 3],
 }
 
 /// An obstacle problem on a grid.
 #[derive(Clone, Debug)]
 pub struct Obstacle {
-    /// Interval, rectangle or box in elements.
+    /// The grid on an interval, a rectangle or a box.
     pub grid: Grid,
-    /// How mass, advection and reaction are integrated: at the nodes (the lumped mass) or exactly (the consistent one).
+    /// The quadrature of mass, advection and reaction: nodal (lumped mass) or exact (consistent mass).
     pub quadrature: Quadrature,
-    /// `a` in each direction, not below zero.
+    /// The diffusion coefficient `a` in each direction, not negative.
     pub diffusion: Vec<Field>,
-    /// `b`, in each direction; empty where there is none.
+    /// The advection velocity `b` in each direction; empty without advection.
     pub advection: Vec<Field>,
-    /// `c`
+    /// The reaction coefficient `c`.
     pub reaction: Option<Field>,
-    /// `f`
+    /// The source `f`.
     pub source: Option<Field>,
-    /// `phi`
+    /// The lower obstacle `phi`.
     pub lower: Option<Field>,
-    /// `psi`
+    /// The upper obstacle `psi`.
     pub upper: Option<Field>,
-    /// `u` at the start, between the obstacles at every node.
+    /// The initial `u`, between the obstacles at every node.
     pub initial: Field,
-    /// What is given on each side, by [`Side::place`](crate::finite_elements::Side::place).
+    /// The boundary condition of each side, by [`Side::place`](crate::finite_elements::Side::place).
     pub conditions: Vec<Condition>,
-    /// Where `u` is told.
+    /// The points at which `u` is an output.
     pub probes: Vec<Probe>,
-    /// What the user should know before it is solved.
+    /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,
 }
 
 impl Obstacle {
-    /// The names of what is told, see [`Contact`](super::Contact) for those after the probes.
+    /// The names of the outputs: probes, then scalars of the whole domain (see [`Contact`](super::Contact)).
     pub fn output_names(&self) -> Vec<String> {
         let probes = self.probes.iter().map(|probe| probe.name.clone());
         let scalars = Self::scalar_names(self.has_obstacle(), self.grid.dimension());
         probes.chain(scalars.iter().map(|&name| name.to_owned())).collect()
     }
 
-    /// The names of what is told of a whole domain of so many directions, with or without obstacles.
+    /// The names of the scalar outputs of a domain of the given dimension, with or without obstacles.
     pub fn scalar_names(has_obstacle: bool, dimension: usize) -> &'static [&'static str] {
         const NAMES: [&str; 5] = ["total", "pressure", "contact", "contact_from", "contact_to"];
         match (has_obstacle, dimension) {
@@ -79,18 +79,18 @@ impl Obstacle {
         }
     }
 
-    /// Whether `A` is the same at all times.
+    /// Whether `A` does not depend on time.
     pub fn has_constant_operator(&self) -> bool {
         let mut coefficients = self.diffusion.iter().chain(&self.advection).chain(&self.reaction);
         !coefficients.any(Field::varies_in_time)
     }
 
-    /// Whether there is anything to rest on.
+    /// Whether the problem has a lower or an upper obstacle.
     pub fn has_obstacle(&self) -> bool {
         self.lower.is_some() || self.upper.is_some()
     }
 
-    /// What the theory says of it.
+    /// Index, existence and uniqueness according to the theory of parabolic variational inequalities.
     pub fn analyse(&self) -> Analysis {
         let n = self.grid.nodes();
         let (index, levels, because) = if self.has_obstacle() {

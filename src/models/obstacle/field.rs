@@ -1,9 +1,9 @@
-//! A function of time and place, from an expression.
+//! Functions of time and position, given as expressions.
 
 use expression::{Graph, IntervalWorkspace, Node, Tape};
 use numerics::Interval;
 
-/// A function of `t` and `x`, `y`, `z`, which are the inputs 0 to 3 of its expression.
+/// A function of `t`, `x`, `y`, `z`, which are inputs 0 to 3 of its expression.
 #[derive(Clone, Debug)]
 pub struct Field {
     tape: Tape,
@@ -13,7 +13,7 @@ pub struct Field {
 }
 
 impl Field {
-    /// The function that a node of the graph is.
+    /// Compiles a node of the graph.
     pub fn new(graph: &Graph, node: Node) -> Self {
         let inputs = graph.inputs(node);
         let tape = Tape::compile(graph, &[node]);
@@ -25,24 +25,24 @@ impl Field {
         }
     }
 
-    /// Its value, if it is the same at all times and places.
+    /// The value, if the function is constant in time and space.
     pub fn constant(&self) -> Option<f64> {
         self.constant
     }
 
-    /// Whether it depends on time.
+    /// Whether the function depends on time.
     pub fn varies_in_time(&self) -> bool {
         self.varies_in_time
     }
 
-    /// An interval that holds its values at these times, all over a box.
+    /// Encloses the values over a time interval and a box.
     pub fn over(&mut self, t: Interval, at: &[Interval; 3]) -> Interval {
         let mut value = [Interval::EMPTY];
         self.tape.enclose(t, at, &mut self.enclosures, &mut value);
         value[0]
     }
 
-    /// Its value at a time and a place; what is not defined comes out as NaN or an infinity.
+    /// The value at a time and a position; NaN or infinite outside the domain of the expression.
     pub fn at(&mut self, t: f64, [x, y, z]: [f64; 3]) -> f64 {
         match self.constant {
             Some(value) => value,

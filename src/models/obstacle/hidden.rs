@@ -1,36 +1,38 @@
-//! What nodes do between the stages of a step without its error knowing.
+//! Hidden motion: bounds on the motion of nodes between the stages of a step, which the error estimate does not detect.
 //!
-//! The error of a node on an obstacle is zero whatever the step, and that of all nodes is small in a steady state, so that
-//! steps grow; a source that wakes them for a moment, or takes them from one obstacle to the other and back, is then
-//! between the stages. So
+//! The error estimate of a node on an obstacle is zero for any step size, and all estimates are small in a steady
+//! state, so that steps grow. A short pulse of the source may then lie between the stages. To detect it, three
+//! contributions are added to the error:
 //!
-//! - a node that is on one obstacle at one of the beginning, the stage and the end, and on the other at another, or that
-//!   leaves an obstacle for the stage alone, counts with the way there;
-//! - nodes that rest at all three are proven to rest between them, or count with the way that they may move: [`Resting`];
-//! - data that depend on time are enclosed over the whole step, in interval arithmetic. Where they leave what they are at
-//!   the stages they are evaluated: a node that rests nowhere counts with the way that a load beyond the parabola through
-//!   the stages stands for, one whose value is given with what that is beyond its own, and one that an obstacle passes
-//!   with how far it does.
+//! - A node in contact with different obstacles at two of the three times (beginning, stage, end), or out of contact at
+//!   the stage alone, contributes its displacement range.
+//! - Nodes in contact at all three times are proven to stay in contact in between, or contribute a bound on their
+//!   possible displacement: [`Resting`].
+//! - Time-dependent data are enclosed over the whole step in interval arithmetic. Where they leave their range at the
+//!   three times, they are evaluated. A node that is in contact at none of the three times contributes the displacement
+//!   caused by the deviation of its load from the parabola through the three times; a node with a given value, the
+//!   deviation of that value from its parabola; a node overtaken by an obstacle, its penetration.
 
 use super::resting::{Moment, Resting};
 use super::{Condition, Field, GAMMA, ObstacleError, Semidiscrete};
 use numerics::Interval;
 use problem::Control;
 
-/// Parts of a step that are enclosed for each of the data.
+/// Limit on the number of subdivisions of a step, per field.
 const PARTS: usize = 48;
 
-/// What data may leave their range at the stages by, as a part of it: a smooth extremum between them.
+/// Admissible excess of a field over its range at the three times, relative to the range: allows a smooth extremum in
+/// between.
 const BEYOND: f64 = 0.25;
 
-/// Room for the data at a time between the stages.
+/// Workspace for data at times between the stages.
 pub struct Hidden {
     domain: [Interval; 3],
     kept: Kept,
     resting: Resting,
 }
 
-/// The vectors of the end of a step.
+/// Copies of the vectors at the end of a step.
 #[derive(Default)]
 struct Kept {
     load: Vec<f64>,
@@ -38,24 +40,24 @@ struct Kept {
     upper: Vec<f64>,
 }
 
-/// The beginning, the stage and the end of a step.
+/// The solution at the beginning, the stage and the end of a step.
 pub struct Seen<'a> {
-    /// When they are.
+    /// The three times.
     pub times: [f64; 3],
-    /// The nodal values there.
+    /// The nodal values at the three times.
     pub values: [&'a [f64]; 3],
-    /// The forces there.
+    /// The forces and contact states at the three times.
     pub moments: &'a [Moment; 3],
 }
 
 impl Seen<'_> {
-    /// The least and the largest value of a node.
+    /// The smallest and the largest value of a node at the three times.
     fn range(&self, node: usize) -> (f64, f64) {
         let of = self.values.iter().map(|values| values[node]);
         of.fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), u| (least.min(u), most.max(u)))
     }
 
-    /// The value at `t` of the parabola through three values.
+    /// The value at `t` of the parabola through values at the three times.
     fn parabola(&self, t: f64, [a, b, c]: [f64; 3]) -> f64 {
         let part = (t - self.times[0]) / (self.times[2] - self.times[0]);
         let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
@@ -65,7 +67,7 @@ impl Seen<'_> {
 }
 
 impl Hidden {
-    /// Room for a system.
+    /// Allocates the workspace for a system.
     pub fn new(system: &Semidiscrete) -> Self {
         let mut domain = [Interval::point(0.0); 3];
         for (side, axis) in domain.iter_mut().zip(system.problem.grid.axes()) {
@@ -74,11 +76,11 @@ impl Hidden {
         Self { domain, kept: Kept::default(), resting: Resting::new(system.weights.len()) }
     }
 
-    /// The root of the mean square, over the domain, of how far nodes may have moved unseen in a step, where less than
-    /// `negligible` is as good as none. The system is at the end, and is so afterwards.
+    /// The root mean square over the domain of the hidden motion of nodes in a step. Bounds on resting nodes are not
+    /// refined below `negligible`. The vectors of `system` must be those of the end of the step, and are restored.
     ///
     /// # Errors
-    /// Data between the stages that are not finite or contradict each other; or `control` asks to stop.
+    /// If data between the stages are not finite or contradict each other, or if `control` asks to stop.
     pub fn error(
         &mut self,
         system: &mut Semidiscrete,
@@ -104,7 +106,7 @@ impl Hidden {
         Ok((weighted.sum::<f64>() / system.weights.iter().sum::<f64>()).sqrt())
     }
 
-    /// A time for each of the data that leave their range at the stages: that at which they are farthest from it.
+    /// For each field that leaves its range at the three times, the time of the largest excess found.
     fn suspects(&self, system: &mut Semidiscrete, times: [f64; 3]) -> Vec<f64> {
         let problem = &mut system.problem;
         let given = problem.conditions.iter_mut().map(|condition| match condition {
@@ -146,7 +148,7 @@ impl Hidden {
         suspect
     }
 
-    /// How far the data at `t` would move nodes that do not know of them.
+    /// Raises `moved` to the displacements that the data at time `t` would cause.
     fn look(
         &mut self,
         system: &mut Semidiscrete,

@@ -1,5 +1,5 @@
-//! `f` at the nodes: the source at the centre of each element and what flows in through each face of a side, shared out to
-//! their nodes; at a time, or enclosed over an interval of time.
+//! The nodal load vector `f`: the source at element centres and the inflow through the faces of sides, distributed to
+//! their nodes. It is evaluated at a time, or enclosed over a time interval.
 
 use super::semidiscrete::{finite, go_on, side_key};
 use super::{Condition, Field, Obstacle, ObstacleError};
@@ -7,20 +7,20 @@ use crate::finite_elements::{Element, Quadrature, Side};
 use numerics::Interval;
 use problem::Control;
 
-/// What an element or a face gives to each of its nodes: `part` times the value of `field` there.
+/// The contribution of an element or a face to each of its nodes: `part` times the value of `field` at `at`.
 struct Share<'a> {
     field: &'a mut Field,
-    /// The side that a face belongs to.
+    /// The side of a face; `None` for an element.
     side: Option<Side>,
     at: [f64; 3],
     part: f64,
     nodes: &'a [usize],
 }
 
-/// `f` at time `t`.
+/// Evaluates `f` at time `t`.
 ///
 /// # Errors
-/// A value that is not finite; or `control` asks to stop.
+/// If a value is not finite, or if `control` asks to stop.
 pub(super) fn load_at(
     problem: &mut Obstacle,
     load: &mut [f64],
@@ -38,7 +38,7 @@ pub(super) fn load_at(
     })
 }
 
-/// Intervals that hold `f` at all these times at the nodes that are wanted.
+/// Encloses `f` over a time interval, at the `wanted` nodes.
 ///
 /// # Errors
 /// If `control` asks to stop.
@@ -59,7 +59,7 @@ pub(super) fn load_over(
     })
 }
 
-/// Visits what elements and faces give.
+/// Visits the contributions of all elements and faces.
 fn each(
     problem: &mut Obstacle,
     t: f64,

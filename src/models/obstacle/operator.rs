@@ -1,12 +1,13 @@
-//! `A(t)` from the coefficients at the centres of the elements. Along each direction `a` is raised to
+//! Assembly of `A(t)` from coefficients at element centres, with exponential fitting: along each direction, `a` is
+//! raised to
 //!
 //! ```text
 //! a* = a p coth p,    p = |b| h / (2a),
 //! ```
 //!
-//! with which, where `a`, `b` and `f` are constant in one dimension, the nodal values of a stationary `u` are exact (Allen
-//! and Southwell 1955; Scharfetter and Gummel 1969): still of second order where the grid resolves `a / b`, free of
-//! oscillations where it does not. With nodal quadrature the entries off the diagonal are never positive.
+//! so that in one dimension with constant `a`, `b` and `f` the nodal values of a stationary `u` are exact (Allen and
+//! Southwell 1955; Scharfetter and Gummel 1969). The method is of second order if the grid resolves `a / b`, and free
+//! of oscillations otherwise. With nodal quadrature, off-diagonal entries are never positive.
 
 use super::semidiscrete::{finite, go_on};
 use super::{Field, Obstacle, ObstacleDataError, ObstacleError};
@@ -15,10 +16,10 @@ use factorisation::SparseMatrix;
 use nalgebra::DMatrix;
 use problem::Control;
 
-/// `A` at time `t`, assembled in a zero matrix.
+/// Assembles `A` at time `t`; `matrix` must be zero.
 ///
 /// # Errors
-/// A coefficient that is not finite, or diffusion below zero; or `control` asks to stop.
+/// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
 pub(super) fn stiffness(
     problem: &mut Obstacle,
     mut matrix: Assembly,
@@ -52,10 +53,10 @@ pub(super) fn stiffness(
     Ok(matrix.finish())
 }
 
-/// Looks at all coefficients of `A` at time `t`.
+/// Checks all coefficients of `A` at time `t`.
 ///
 /// # Errors
-/// A coefficient that is not finite, or diffusion below zero; or `control` asks to stop.
+/// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
 pub(super) fn check_coefficients(problem: &mut Obstacle, t: f64, control: &Control) -> Result<(), ObstacleError> {
     let Obstacle { grid, diffusion, advection, reaction, .. } = problem;
     for index in 0..grid.elements() {
@@ -86,7 +87,7 @@ fn coefficients(
     Ok((a, b))
 }
 
-/// The largest `|b| h / (2a)` of an element at time `t`.
+/// The largest element Peclet number `|b| h / (2a)` at time `t`.
 ///
 /// # Errors
 /// If `control` asks to stop.
@@ -109,11 +110,12 @@ pub fn largest_peclet(problem: &mut Obstacle, t: f64, control: &Control) -> Resu
 
 /// `a p coth p` for `p = flow / (2a)`.
 fn fitted(a: f64, flow: f64) -> f64 {
-    // p coth p - 1 = p^2/3 - .. is below rounding there, and 1/tanh divides zero by zero.
+    // Here p coth p - 1 = p^2/3 - .. is below rounding, and the formula would divide zero by zero if flow and a are
+    // zero.
     if flow <= 1e-8 * a {
         return a;
     }
-    // Where a = 0, p is infinite, and this is flow / 2.
+    // For a = 0, p is infinite and the result is flow / 2.
     0.5 * flow / (0.5 * flow / a).tanh()
 }
 

@@ -1,71 +1,71 @@
-//! Nodes that rest at the beginning, the stage and the end of a step: do they rest in between?
+//! Proof that nodes in contact at the beginning, the stage and the end of a step stay in contact in between.
 //!
-//! An obstacle holds a node while what its neighbours push it with, less `f`, does not pull it away. The push is known at the
-//! three times, and taken for a parabola between them; `f` is enclosed over parts of the step, in interval arithmetic. A part
-//! in which the obstacle might have to pull is halved, the worst first, until what all of them could move the nodes by is
-//! negligible: then they are proven to rest. What is left when a bound on the work is met counts with the way that the
-//! pull stands for, and the step is cut.
+//! A node stays in contact while the contact force, the force from its neighbours less `f`, is not adhesive. The force
+//! from the neighbours is known at the three times and interpolated by a parabola; `f` is enclosed over subintervals of
+//! the step, in interval arithmetic. Subintervals in which the contact force may be adhesive are bisected, the worst
+//! first, until the displacement of the nodes caused by all of them is negligible: contact is then proven. If the limit
+//! on subintervals is reached, the remaining displacement is added to the error of the step.
 
 use super::load::load_over;
 use super::{ObstacleError, Semidiscrete};
 use numerics::Interval;
 use problem::Control;
 
-/// Parts of a step that are enclosed.
+/// Limit on the number of bisections per step.
 const PARTS: usize = 64;
 
-/// Rounding of the forces of a node, in parts of their terms.
+/// Rounding error of the forces on a node, relative to their terms.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 
-/// The forces at a time of a step, with the obstacles that hold the nodes there.
+/// Contact states and forces of all nodes at one time of a step.
 #[derive(Clone, Default)]
 pub struct Moment {
-    /// 1 from below, -1 from above, 0 none.
+    /// The contact state of each node: 1 on the lower obstacle, -1 on the upper obstacle, 0 free.
     pub held: Vec<i8>,
-    /// What the obstacles push with.
+    /// The contact force on each node.
     pub force: Vec<f64>,
-    /// How far an obstacle keeps each node from where it would be without it, its neighbours as they are.
+    /// The displacement of each node due to its contact force, with neighbours fixed.
     pub kept: Vec<f64>,
-    /// `f`
+    /// The load `f`.
     pub load: Vec<f64>,
 }
 
 impl Moment {
-    /// Room for so many nodes.
+    /// Allocates vectors for `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
         Self { held: vec![0; nodes], force: vec![0.0; nodes], kept: vec![0.0; nodes], load: vec![0.0; nodes] }
     }
 
-    /// What the neighbours of a node push it with.
+    /// The force on a node from its neighbours: contact force plus load.
     fn push(&self, node: usize) -> f64 {
         self.force[node] + self.load[node]
     }
 }
 
-/// A part of a step in which obstacles might have to pull.
+/// A subinterval of a step in which contact forces may be adhesive.
 struct Part {
     from: f64,
     to: f64,
-    /// How far nodes would move in it.
+    /// The nodes concerned, with bounds on their displacements.
     moved: Vec<(usize, f64)>,
-    /// The mean square of that over the domain, as a root.
+    /// The root mean square of the displacements over the domain.
     size: f64,
 }
 
-/// Room for the proof.
+/// Workspace of the proof.
 pub struct Resting {
     wanted: Vec<bool>,
     load: Vec<Interval>,
 }
 
 impl Resting {
-    /// Room for so many nodes.
+    /// Allocates the workspace for `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
         Self { wanted: vec![false; nodes], load: vec![Interval::point(0.0); nodes] }
     }
 
-    /// Adds to `moved` how far nodes that rest at these times may have moved between them, if that is more than `negligible`
-    /// in the mean square over the domain.
+    /// Adds to `moved` bounds on the displacement, between the given times, of nodes in contact at all of them. Adds
+    /// nothing if the root mean square of the bounds is below `negligible`.
     ///
     /// # Errors
     /// If `control` asks to stop.
@@ -113,7 +113,7 @@ impl Resting {
         Ok(())
     }
 
-    /// What nodes that rest at all times of a step may do in a part of it, if anything.
+    /// Bounds the displacement, in a subinterval, of nodes in contact at all three times; `None` if contact is proven.
     fn part(
         &mut self,
         system: &mut Semidiscrete,
@@ -134,7 +134,7 @@ impl Resting {
             let (first, whole) = ((b - a) / middle, (c - a) / end);
             let bend = (whole - first) / (end - middle);
             let push = [from, to].map(|t| a + (t - times[0]) * (first + bend * (t - times[1])));
-            // A parabola is below its chord by no more than this.
+            // Lower bound of the parabola: its chord less `bend (to - from)^2 / 4`.
             let least = push[0].min(push[1]) - 0.25 * bend.max(0.0) * (to - from).powi(2);
             let load = self.load[node];
             let most = if side > 0.0 { load.hi } else { -load.lo };

@@ -1,4 +1,4 @@
-//! Space discretised: `M`, `A(t)`, `f(t)` and the bounds of `K(t)` at the nodes of the grid.
+//! Semidiscretisation in space: `M`, `A(t)`, `f(t)` and the bounds of `K(t)` at the nodes of the grid.
 
 use super::load::load_at;
 use super::operator::{check_coefficients, stiffness};
@@ -7,44 +7,44 @@ use crate::finite_elements::{Assembly, Element, Neighbours, Quadrature, Side};
 use factorisation::SparseMatrix;
 use problem::{Control, ConvexSet, Interrupted};
 
-/// The equations of the nodal values `u`, with the matrices and vectors as of the time they were asked for last.
+/// The equations of the nodal values `u`, with matrices and vectors at the time of their last evaluation.
 pub struct Semidiscrete {
     /// The problem.
     pub problem: Obstacle,
-    /// `M`
+    /// The mass matrix `M`.
     pub mass: SparseMatrix,
-    /// `A`, on the pattern of `M`.
+    /// The operator `A`, with the pattern of `M`.
     pub stiffness: SparseMatrix,
-    /// `f`, with what flows in through the sides.
+    /// The load `f`, with the inflow through the sides.
     pub load: Vec<f64>,
-    /// `K`; a node on a side where `u` is given has that value for both its ends.
+    /// The set `K`; both bounds of a node with a Dirichlet condition are equal to the given value.
     pub set: ConvexSet,
     /// The integral of each shape function.
     pub weights: Vec<f64>,
-    /// Whether `u` is given at a node.
+    /// For each node, whether `u` is given by a Dirichlet condition.
     pub is_given: Vec<bool>,
-    /// The zero matrix that `A` is assembled in.
+    /// A zero matrix for the assembly of `A`.
     blank: Assembly,
     has_operator: bool,
     has_vectors: bool,
     varying: Varying,
 }
 
-/// What depends on time.
+/// Which parts of the equations depend on time.
 struct Varying {
     operator: bool,
     load: bool,
     set: bool,
 }
 
-/// Elements assembled between two looks at whether to stop: about a millisecond's work.
+/// Elements assembled between two polls of [`Control`]: about a millisecond's work.
 const AT_ONCE: usize = 1 << 13;
 
-/// How far a value may be on the wrong side of an obstacle and still be taken for one on it, relative to its size.
+/// Relative tolerance for values beyond an obstacle, which count as values on the obstacle.
 const ROUNDING: f64 = 1e-10;
 
 impl Semidiscrete {
-    /// Assembles what does not depend on time; the rest is there after [`Self::operator_at`] and [`Self::vectors_at`].
+    /// Assembles the mass matrix. [`Self::operator_at`] and [`Self::vectors_at`] evaluate `A`, `f` and `K`.
     ///
     /// # Errors
     /// If `control` asks to stop.
@@ -102,10 +102,10 @@ impl Semidiscrete {
         self.varying.set
     }
 
-    /// Brings `A` to time `t`; whether it is another than before.
+    /// Evaluates `A` at time `t`; returns whether `A` was assembled anew.
     ///
     /// # Errors
-    /// A coefficient that is not finite, or diffusion below zero; or `control` asks to stop.
+    /// If a coefficient is not finite, if diffusion is negative, or if `control` asks to stop.
     pub fn operator_at(&mut self, t: f64, control: &Control) -> Result<bool, ObstacleError> {
         if self.has_operator && !self.varying.operator {
             return Ok(false);
@@ -115,10 +115,11 @@ impl Semidiscrete {
         Ok(true)
     }
 
-    /// Brings `f` and `K` to time `t`.
+    /// Evaluates `f` and `K` at time `t`.
     ///
     /// # Errors
-    /// A value that is not finite, obstacles that cross, or a given value beyond one; or `control` asks to stop.
+    /// If a value is not finite, if obstacles cross, if a Dirichlet value is beyond an obstacle, or if `control` asks
+    /// to stop.
     pub fn vectors_at(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         if self.varying.load || !self.has_vectors {
             load_at(&mut self.problem, &mut self.load, t, control)?;
@@ -130,21 +131,22 @@ impl Semidiscrete {
         Ok(())
     }
 
-    /// The nodal values at the start, on the sides those given there.
+    /// The initial nodal values, with Dirichlet values on the sides. `f` and `K` must have been evaluated at the
+    /// initial time.
     ///
     /// # Errors
-    /// A value that is not finite, or the one farthest beyond an obstacle; or `control` asks to stop. The bounds must be those
-    /// of the start.
+    /// If a value is not finite, if a value is beyond an obstacle (the worst is reported), or if `control` asks to
+    /// stop.
     pub fn initial(&mut self, t: f64, control: &Control) -> Result<Vec<f64>, ObstacleError> {
         initial(&mut self.problem, &self.set, &self.is_given, t, control)
     }
 }
 
 impl Obstacle {
-    /// Looks at all data of the time `t`, the start among them, and assembles nothing.
+    /// Checks all data at the initial time `t`, initial values included, without assembling matrices.
     ///
     /// # Errors
-    /// What offends; or `control` asks to stop.
+    /// The first invalid value, or an interruption if `control` asks to stop.
     pub fn check(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
         let n = self.grid.nodes();
         check_coefficients(self, t, control)?;
@@ -155,7 +157,7 @@ impl Obstacle {
         Ok(())
     }
 
-    /// Whether `u` is given at a node.
+    /// For each node, whether `u` is given by a Dirichlet condition.
     fn is_given(&self) -> Vec<bool> {
         let mut is_given = vec![false; self.grid.nodes()];
         for (side, condition) in Side::all(self.grid.dimension()).zip(&self.conditions) {
@@ -167,7 +169,7 @@ impl Obstacle {
     }
 }
 
-/// The nodal values at the start, on the sides those given there.
+/// The initial nodal values, with Dirichlet values on the sides.
 fn initial(
     problem: &mut Obstacle,
     set: &ConvexSet,
@@ -188,10 +190,10 @@ fn initial(
         }
         u.push(bound);
     }
-    worst.1.map_or(Ok(u), |offence| Err(offence.into()))
+    worst.1.map_or(Ok(u), |error| Err(error.into()))
 }
 
-/// `K` at time `t`.
+/// Evaluates the bounds of `K` at time `t`.
 fn set_at(
     problem: &mut Obstacle,
     set: &mut ConvexSet,
@@ -231,10 +233,10 @@ fn set_at(
     Ok(())
 }
 
-/// Polls `control` before some of the nodes or elements.
+/// Polls `control` before every `AT_ONCE`-th node or element.
 ///
 /// # Errors
-/// If it asks to stop.
+/// If `control` asks to stop.
 pub(super) fn go_on(item: usize, t: f64, control: &Control) -> Result<(), ObstacleError> {
     if item.is_multiple_of(AT_ONCE) { control.go_on().map_err(|_| ObstacleError::Interrupted { t }) } else { Ok(()) }
 }
@@ -247,12 +249,15 @@ fn varies(field: &Field) -> bool {
     field.varies_in_time()
 }
 
-/// The key of what is given on a side.
+/// The specification key of a boundary condition.
 pub(super) fn side_key(side: Side, kind: &str) -> String {
     format!("boundary/{}/{kind}", side.name())
 }
 
-/// The value of a field, if it is a number.
+/// The value of a field.
+///
+/// # Errors
+/// If the value is not finite.
 pub(super) fn finite(key: &str, field: &mut Field, t: f64, at: [f64; 3]) -> Result<f64, ObstacleDataError> {
     let value = field.at(t, at);
     if value.is_finite() { Ok(value) } else { Err(ObstacleDataError::NotFinite { key: key.to_owned(), value, at, t }) }

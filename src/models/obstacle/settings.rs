@@ -1,71 +1,71 @@
-//! What may be chosen of the method, what was done, and why a step could not be made.
+//! Settings, statistics and errors of the time integration of an obstacle problem.
 
 use super::ObstacleDataError;
 
-/// The choices of a run.
+/// The settings of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
-    /// The error of a step, in the mean square over the domain, relative to the largest `|u|`.
+    /// The tolerance for the root mean square error of a step over the domain, relative to the largest `|u|`.
     pub rtol: f64,
-    /// What is added to it, in the unit of `u`.
+    /// The absolute tolerance, added to the relative one, in the unit of `u`.
     pub atol: f64,
-    /// A fixed step; none is adaptive.
+    /// The fixed step size; `None` for adaptive steps.
     pub step: Option<f64>,
     /// The first step to try.
     pub first_step: Option<f64>,
     /// The longest step.
     pub max_step: f64,
-    /// The shortest step before the run fails.
+    /// The minimum step size; the run fails below it.
     pub min_step: f64,
-    /// The natural-map residual to reach at a stage, relative to the largest `|u|`.
+    /// The tolerance for the natural-map residual of a stage, relative to the largest `|u|`.
     pub vi_tolerance: f64,
 }
 
-/// Why a step could not be made.
+/// Why a step failed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ObstacleError {
-    /// The data are not what they should be.
+    /// Data of the problem are invalid.
     #[error("{0}")]
     ObstacleDataError(ObstacleDataError),
-    /// The step size fell to the rounding level of `t`, or to the least allowed.
+    /// The step size fell to the rounding level of `t`, or below the minimum.
     #[error("the step size fell to {h:e} at t = {t:?}: {why}")]
     StepTooSmall {
-        /// When.
+        /// The time.
         t: f64,
         /// The step size.
         h: f64,
-        /// What the last rejection was for.
+        /// The reason for the last rejection.
         why: &'static str,
     },
-    /// The inequality of a stage was not solved where the step is fixed.
+    /// The variational inequality of a stage was not solved, with a fixed step size.
     #[error("the inequality at a stage was not solved at t = {t:?}, step {h:e}: {why}")]
     Unsolved {
-        /// When.
+        /// The time.
         t: f64,
         /// The step size.
         h: f64,
-        /// Why not.
+        /// The reason.
         why: &'static str,
     },
     /// The factors of the matrix do not fit into memory.
     #[error("the factors of a matrix of {nodes} nodes do not fit into memory")]
     Memory {
-        /// Its rows.
+        /// The number of rows of the matrix.
         nodes: usize,
     },
-    /// The outside asked to stop.
+    /// The run was interrupted through [`Control`](problem::Control).
     #[error("stopped at t = {t:?}")]
     Interrupted {
-        /// When.
+        /// The time.
         t: f64,
     },
 }
 
 impl ObstacleError {
-    /// A stable word for programs.
+    /// A stable error code for programs.
     pub fn code(&self) -> &'static str {
         match self {
-            Self::ObstacleDataError(offence) => offence.code(),
+            Self::ObstacleDataError(error) => error.code(),
             Self::StepTooSmall { .. } => "step_too_small",
             Self::Unsolved { .. } => "vi_unsolved",
             Self::Memory { .. } => "too_large",
@@ -74,14 +74,14 @@ impl ObstacleError {
     }
 }
 
-/// What was done.
+/// Statistics of a run.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counts {
     /// Accepted steps.
     pub accepted: u64,
-    /// Steps rejected for their error.
+    /// Steps rejected because their error was too large.
     pub inaccurate: u64,
-    /// Steps rejected for an inequality that was not solved.
+    /// Steps rejected because a variational inequality was not solved.
     pub unsolved: u64,
     /// Evaluations of `f` and `K`.
     pub vectors: u64,
@@ -91,10 +91,10 @@ pub struct Counts {
     pub matrices: u64,
     /// Variational inequalities solved.
     pub solves: u64,
-    /// Active sets tried for them.
+    /// Active sets tried, over all solves.
     pub passes: u64,
-    /// Fixed steps between whose stages nodes would have moved.
+    /// Fixed steps with hidden motion of nodes between the stages above tolerance.
     pub unproven: u64,
-    /// The largest natural-map residual, of rows divided by their diagonal, relative to the largest `|u|`.
+    /// The largest natural-map residual, with rows divided by their diagonal entry, relative to the largest `|u|`.
     pub residual: f64,
 }

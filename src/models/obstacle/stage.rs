@@ -4,22 +4,22 @@
 //! U in K,    <S U + q, V - U> >= 0  for all V in K,    S = M + s A,    q = -M base - s f,
 //! ```
 //!
-//! and `(S U + q) / s` is what the obstacles push with.
+//! and `(S U + q) / s` is the contact force of the obstacles.
 
 use super::Semidiscrete;
 use factorisation::SparseMatrix;
 use problem::Control;
 use vi::{ActiveSet, Outcome, Unsuitable};
 
-/// A solver of the inequalities of the stages, with the matrix and the active set of the last.
+/// Solver of the variational inequalities of stages, with the matrix and the active set of the last stage.
 pub struct Stage {
-    /// What the obstacles push with at each node, where the sides do not.
+    /// The contact force on each node; zero at nodes with Dirichlet conditions.
     pub force: Vec<f64>,
-    /// Which obstacle holds each node: 1 from below, -1 from above, 0 none.
+    /// The contact state of each node: 1 on the lower obstacle, -1 on the upper obstacle, 0 free.
     pub held: Vec<i8>,
-    /// How far an obstacle keeps each node from where it would be without it, its neighbours as they are.
+    /// The displacement of each node due to its contact force, with neighbours fixed.
     pub kept: Vec<f64>,
-    /// What was done.
+    /// Statistics.
     pub work: Work,
     matrix: SparseMatrix,
     shape: Vec<usize>,
@@ -27,23 +27,23 @@ pub struct Stage {
     q: Vec<f64>,
 }
 
-/// What was done.
+/// Statistics of the solver.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Work {
     /// Matrices set up.
     pub matrices: u64,
-    /// Inequalities solved.
+    /// Variational inequalities solved.
     pub solves: u64,
     /// Active sets tried.
     pub passes: u64,
 }
 
-/// Why an inequality was not solved.
+/// Why a variational inequality was not solved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unsolved {
-    /// The outside asked to stop.
+    /// The solve was interrupted through [`Control`].
     Interrupted,
-    /// The factors do not fit.
+    /// The factors do not fit into memory.
     Memory,
     /// A diagonal entry is not positive.
     Singular,
@@ -52,7 +52,7 @@ pub enum Unsolved {
 }
 
 impl Stage {
-    /// Room for the stages of a system.
+    /// Allocates the solver for a system.
     pub fn new(system: &Semidiscrete) -> Self {
         let n = system.load.len();
         Self {
@@ -67,11 +67,12 @@ impl Stage {
         }
     }
 
-    /// Solves from `u`, and leaves the answer there: its natural-map residual, of rows divided by their diagonal, relative
-    /// to the largest `|u|`. The system is at the time of the stage; `changed` says that `A` is another than the last time.
+    /// Solves the inequality from the initial guess `u`, which is replaced by the solution. Returns the natural-map
+    /// residual, with rows divided by their diagonal entry, relative to the largest `|u|`. `system` must be evaluated
+    /// at the time of the stage; `changed` states whether `A` has changed since the last call.
     ///
     /// # Errors
-    /// Why it was not solved.
+    /// The reason why the inequality was not solved.
     pub fn solve(
         &mut self,
         system: &Semidiscrete,
@@ -117,7 +118,8 @@ impl Stage {
         Ok(residual / largest)
     }
 
-    /// `error = S^-1 M difference` on the nodes that no obstacle and no side holds, zero elsewhere.
+    /// Sets `error = S^-1 M difference` on free nodes, zero on nodes in contact or with Dirichlet conditions. Returns
+    /// whether the solve succeeded.
     pub fn damp(&mut self, system: &Semidiscrete, difference: &[f64], error: &mut [f64], control: &Control) -> bool {
         error.fill(0.0);
         add_product(1.0, &system.mass, difference, error);
@@ -141,7 +143,7 @@ impl Stage {
     }
 }
 
-/// `y += factor A x`
+/// Adds `factor A x` to `y`.
 fn add_product(factor: f64, matrix: &SparseMatrix, x: &[f64], y: &mut [f64]) {
     for (j, &x) in x.iter().enumerate() {
         let rows = matrix.symbolic().row_idx_of_col_raw(j);

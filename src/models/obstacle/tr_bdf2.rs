@@ -1,18 +1,19 @@
-//! The trapezoidal rule to `t + gamma h`, then the second backward difference to `t + h`, with a variational inequality
-//! at either end:
+//! TR-BDF2: the trapezoidal rule to `t + gamma h`, then the second-order backward differentiation formula to `t + h`,
+//! with a variational inequality at both stages:
 //!
 //! ```text
 //! U_1 = u,    M (U_i - u - h sum_{j<i} a_ij k_j) + d h A(t_i) U_i - d h f(t_i) = d h w_i,    U_i in K(t_i),
 //! k_i = (U_i - u - h sum_{j<i} a_ij k_j) / (d h),    <w_i, v - U_i> <= 0  for all v in K(t_i),    u_+ = U_3
 //! ```
 //!
-//! with `gamma = 2 - sqrt 2`, `d = gamma / 2`, `a_21 = d`, `a_31 = a_32 = sqrt 2 / 4`: of second order, L-stable, stiffly
-//! accurate, one matrix `M + d h A` for both stages, and a third-order companion for the error (Bank et al. 1985; Hosea
-//! and Shampine 1996, *Analysis and implementation of TR-BDF2*, equations 3 and 16). For options of American style Le
-//! Floc'h 2014 found it the most accurate of the usual schemes.
+//! with `gamma = 2 - sqrt 2`, `d = gamma / 2`, `a_21 = d`, `a_31 = a_32 = sqrt 2 / 4`. The method is of second order,
+//! L-stable and stiffly accurate, uses one matrix `M + d h A` for both stages, and has a third-order companion for
+//! error estimation (Bank et al. 1985; Hosea and Shampine 1996, *Analysis and implementation of TR-BDF2*, equations 3
+//! and 16). For American options, Le Floc'h 2014 found it the most accurate of the usual schemes.
 //!
-//! `u_t` of a parabolic obstacle problem is continuous where the free boundary passes; only `u_tt` jumps. A step over it
-//! is in error by `h^2` on the nodes passed, a fraction `h` of the domain: the order stays, and no step need end there.
+//! Where the free boundary passes, `u_t` of a parabolic obstacle problem is continuous; only `u_tt` jumps. The error of
+//! a step is then `h^2` on the nodes passed by the free boundary, a fraction `h` of the domain: the order is preserved,
+//! and steps need not end at such times.
 
 use super::hidden::{Hidden, Seen};
 use super::resting::Moment;
@@ -27,40 +28,40 @@ use std::ops::Range;
 pub const GAMMA: f64 = 2.0 - SQRT_2;
 /// The diagonal of the method.
 const D: f64 = 0.5 * GAMMA;
-/// `a_31 = a_32`
+/// The weights `a_31 = a_32`.
 const W: f64 = 0.25 * SQRT_2;
 /// The weights of the third-order companion less those of the method.
 const E: [f64; 3] = [(1.0 - W) / 3.0 - W, (3.0 * W + 1.0) / 3.0 - W, D / 3.0 - D];
 
-/// A step that would change by such a factor is left as it is: it is not worth a new matrix.
+/// Range of step size factors for which the step size is kept, to save a new matrix factorisation.
 const UNCHANGED: Range<f64> = 0.95..1.2;
 
-/// The first step tried, of the horizon.
+/// The default initial step size, relative to the integration interval.
 const FIRST: f64 = 1e-4;
 
-/// The part of the largest value that a run of fixed steps may be off by.
+/// The relative tolerance for hidden motion in runs with a fixed step size, in place of `rtol`.
 const FIXED: f64 = 1e-3;
 
-/// The part of what a step may be off by that is not worth a closer look between its stages.
+/// Hidden motion below this fraction of the error tolerance is not refined further.
 const NEGLIGIBLE: f64 = 0.1;
 
-/// The part of the first step whose backward difference is the slope at the start: short enough not to be seen, and a step
-/// into `K` all the same.
+/// The length of the implicit Euler step that gives the initial slope, relative to the first step: short compared with
+/// the accuracy of the run, and yet a step into `K`.
 const INITIAL: f64 = 1e-3;
 
-/// The nodal values on their way through time.
+/// The TR-BDF2 stepper and its state.
 pub struct TrBdf2<'c> {
-    /// The equations, as of the time reached.
+    /// The equations, evaluated at the current time.
     pub system: Semidiscrete,
-    /// The time reached.
+    /// The current time.
     pub t: f64,
-    /// The nodal values there.
+    /// The nodal values at the current time.
     pub u: Vec<f64>,
-    /// What the obstacles push with at each node.
+    /// The contact force on each node at the current time.
     pub force: Vec<f64>,
-    /// The time before the last step, and the nodal values there and at its first stage.
+    /// The start time of the last step, the nodal values at that time, and the nodal values at the first stage.
     pub last: (f64, Vec<f64>, Vec<f64>),
-    /// What was done.
+    /// Statistics.
     pub counts: Counts,
     end: f64,
     settings: Settings,
@@ -68,31 +69,33 @@ pub struct TrBdf2<'c> {
     stage: Stage,
     /// The step to try next.
     h: f64,
-    /// The slopes at the beginning of the step and its stages.
+    /// The slopes `k_j` at the beginning of the step and at both stages.
     slopes: [Vec<f64>; 3],
-    /// `u + h sum_{j<i} a_ij k_j`
+    /// The explicit part `u + h sum_{j<i} a_ij k_j` of a stage.
     base: Vec<f64>,
-    /// The error of the step, and nodal values on trial.
+    /// The error estimate of the step.
     error: Vec<f64>,
+    /// The nodal values of both stages.
     trial: [Vec<f64>; 2],
-    /// The forces at the beginning of the step and at its stages; once it is accepted, those of its end come first.
+    /// The forces at the beginning of the step and at both stages. `accept` swaps the first and the last.
     moments: [Moment; 3],
     hidden: Hidden,
     was_rejected: bool,
 }
 
-/// How an attempt ended.
+/// The result of a step attempt.
 enum Attempt {
-    /// With this error, in units of the tolerance.
+    /// The error of the step, in units of the tolerance.
     Made(f64),
+    /// A stage was not solved, with the reason.
     Unsolved(&'static str),
 }
 
 impl<'c> TrBdf2<'c> {
-    /// Starts at `start`.
+    /// Initialises the stepper at `start`.
     ///
     /// # Errors
-    /// If the data there make no problem, or its first inequality is not solved.
+    /// If the data at `start` are invalid, or if the variational inequality of the initial slope is not solved.
     pub fn new(
         problem: Obstacle,
         (start, end): (f64, f64),
@@ -129,14 +132,15 @@ impl<'c> TrBdf2<'c> {
         Ok(stepper)
     }
 
-    /// Whether the end is reached.
+    /// Whether the end time is reached.
     pub fn is_done(&self) -> bool {
         self.t >= self.end
     }
 
-    /// The value of a node at this part of the last step: on the parabola through its ends and its stage and, where
-    /// obstacles stand still, between them. A node that came to one goes on as it began, with its slope there and through its
-    /// stage if that is before, until it is there.
+    /// Interpolates a node within the last step, at the fraction `part`, by the parabola through both ends and the
+    /// stage. With obstacles at rest, the value is projected onto `K`, and a node that came into contact within the
+    /// step follows the parabola (or line) of its initial slope and, if still free there, its stage value, until it
+    /// reaches the obstacle.
     pub fn within(&self, node: usize, part: f64) -> f64 {
         let (_, before, middle) = &self.last;
         let on_its_way = || parabola(before[node], middle[node], self.u[node], part);
@@ -150,22 +154,23 @@ impl<'c> TrBdf2<'c> {
         self.system.set.project(node, value)
     }
 
-    /// The coefficients of `part` and of its square in the way that a node came to its obstacle within the last step; none
-    /// where it did not.
+    /// The coefficients of `part` and `part^2` in the displacement of a node that came into contact within the last
+    /// step; `None` for other nodes.
     fn approach(&self, node: usize) -> Option<[f64; 2]> {
         let (start, before, middle) = &self.last;
         let [at_end, at_middle, at_start] = &self.moments;
         if at_start.held[node] != 0 || at_end.held[node] == 0 {
             return None;
         }
-        // The slopes of the first and the last moment have changed places since.
+        // `accept` has swapped the slopes at the beginning and the end of the step.
         let change = (self.t - start) * self.slopes[2][node];
         let bends = at_middle.held[node] == 0;
         let curvature = (middle[node] - before[node] - GAMMA * change) / (GAMMA * GAMMA);
         Some([change, if bends { curvature } else { 0.0 }])
     }
 
-    /// When the first of the nodes that came to an obstacle within the last step did so; the time reached where obstacles move.
+    /// The time of the first contact of a node within the last step; the current time if there is none or if obstacles
+    /// move.
     pub fn first_arrival(&self) -> f64 {
         let (start, before, _) = &self.last;
         let set = &self.system.set;
@@ -182,17 +187,17 @@ impl<'c> TrBdf2<'c> {
         start + part * (self.t - start)
     }
 
-    /// Makes one accepted step.
+    /// Makes one accepted step, reducing the step size as needed.
     ///
     /// # Errors
-    /// Why it cannot be made.
+    /// The reason why no step is accepted.
     pub fn step(&mut self) -> Result<(), ObstacleError> {
         loop {
             if self.control.poll().is_some() {
                 return Err(ObstacleError::Interrupted { t: self.t });
             }
             let remaining = self.end - self.t;
-            // A last step within rounding of the end is none.
+            // Extend the step to the end time if only rounding would remain.
             let is_last = self.h >= remaining * (1.0 - 1e-9);
             let h = if is_last { remaining } else { self.h };
             let next = if is_last { self.end } else { self.t + h };
@@ -221,7 +226,7 @@ impl<'c> TrBdf2<'c> {
         }
     }
 
-    /// The slope of a short step of implicit Euler, which also puts the start into `K`.
+    /// Sets the initial slope and contact forces by a short implicit Euler step.
     fn find_initial_slope(&mut self) -> Result<(), ObstacleError> {
         let h = INITIAL * self.h;
         self.base.copy_from_slice(&self.u);
@@ -258,7 +263,7 @@ impl<'c> TrBdf2<'c> {
         }
         let size = self.settings.atol + self.settings.rtol * self.largest(h);
         if self.settings.step.is_some() {
-            // A fixed step is told from its answer by a thousandth of it, where another has its tolerance.
+            // With a fixed step size, hidden motion is compared with the tolerance `FIXED` instead of `rtol`.
             let size = FIXED / self.settings.rtol * size;
             self.counts.unproven += u64::from(self.hidden_error(h, next, size)? > size);
             return Ok(Attempt::Made(0.0));
@@ -267,7 +272,8 @@ impl<'c> TrBdf2<'c> {
         Ok(Attempt::Made(if error == 0.0 { 0.0 } else { error / size }))
     }
 
-    /// The largest value at the ends of the step; where nothing has moved yet, what its load would move.
+    /// The largest `|u|` at both ends of the step; if `u` is zero, the largest displacement that the load causes in a
+    /// step.
     fn largest(&self, h: f64) -> f64 {
         let largest = self.trial[1].iter().chain(&self.u).fold(0.0_f64, |largest, u| largest.max(u.abs()));
         if largest > 0.0 {
@@ -277,14 +283,15 @@ impl<'c> TrBdf2<'c> {
         loads.fold(0.0, |largest, (load, weight)| largest.max(h * load.abs() / weight))
     }
 
-    /// The error of what nodes do between the stages without the error of the step knowing, to a part of `size`.
+    /// The hidden motion of nodes between the stages, resolved to the fraction `NEGLIGIBLE` of `size`.
     fn hidden_error(&mut self, h: f64, next: f64, size: f64) -> Result<f64, ObstacleError> {
         let times = [self.t, self.t + GAMMA * h, next];
         let seen = Seen { times, values: [&self.u, &self.trial[0], &self.trial[1]], moments: &self.moments };
         self.hidden.error(&mut self.system, &seen, NEGLIGIBLE * size, self.control)
     }
 
-    /// Solves stage `i`, from the nodal values on trial there, and finds its slope; why not, if not.
+    /// Solves stage `i` from the initial guess `trial[i]` and computes its slope; the inner error is the reason for a
+    /// failed solve.
     fn solve(&mut self, i: usize, shift: f64, t: f64) -> Result<Result<(), &'static str>, ObstacleError> {
         self.system.vectors_at(t, self.control)?;
         self.counts.vectors += 1;
@@ -315,9 +322,9 @@ impl<'c> TrBdf2<'c> {
         Ok(Ok(()))
     }
 
-    /// The error of the step, its stiff part damped by the matrix of the stages. A node that came to an obstacle within the
-    /// step is where it should be, unless the error that it would have without the obstacle is larger than what this keeps
-    /// it from.
+    /// The root mean square error estimate of the step, with stiff components damped by the matrix of the stages. The
+    /// position of a node that came into contact at the end of the step is exact, unless its error without the obstacle
+    /// exceeds its displacement by the obstacle: the excess is its error.
     fn error(&mut self, h: f64) -> f64 {
         let Self { slopes: [a, b, c], base: difference, error, moments, system, stage, control, .. } = self;
         for (i, difference) in difference.iter_mut().enumerate() {
@@ -338,9 +345,9 @@ impl<'c> TrBdf2<'c> {
         (square / domain).sqrt()
     }
 
-    /// Adds the error of the accepted step to its end, which makes it one of third order. Damped once more, it leaves the
-    /// method A- and L-stable, the slope there being that of the sum: with `S e = M e_1`, `S = M + d h A` for the nodes that
-    /// are free, `M^-1 A e = (e_1 - e) / (d h)`. Where an obstacle holds a node, there is none.
+    /// Local extrapolation: adds the error estimate `e_1` of the accepted step to its end, for third order. The
+    /// estimate is damped once more, `S e = M e_1` with `S = M + d h A` on free nodes, to keep the method A- and
+    /// L-stable; the slope changes by `-M^-1 A e = -(e_1 - e) / (d h)`. Nodes in contact are not changed.
     fn extrapolate(&mut self, h: f64) {
         let Self { base: once, error, trial: [_, last], slopes: [.., slope], system, stage, control, .. } = self;
         once.copy_from_slice(error);
@@ -378,7 +385,8 @@ impl<'c> TrBdf2<'c> {
     }
 }
 
-/// The value at `part` of a step on the parabola through `a` at its start, `b` at its first stage and `c` at its end.
+/// The value at the fraction `part` of a step of the parabola through `a` at the start, `b` at the first stage and `c`
+/// at the end.
 fn parabola(a: f64, b: f64, c: f64, part: f64) -> f64 {
     let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
     let of_end = part * (part - GAMMA) / (1.0 - GAMMA);
@@ -386,7 +394,7 @@ fn parabola(a: f64, b: f64, c: f64, part: f64) -> f64 {
 }
 
 impl From<ObstacleDataError> for ObstacleError {
-    fn from(offence: ObstacleDataError) -> Self {
-        Self::ObstacleDataError(offence)
+    fn from(error: ObstacleDataError) -> Self {
+        Self::ObstacleDataError(error)
     }
 }

@@ -1,8 +1,9 @@
-//! Forces and torques on a body as programs in time and in the motion of bodies.
+//! Forces and torques on a body as functions of time and of the motion of bodies.
 //!
-//! Over a step they are taken in its middle, with the mean velocities: their work is `f . v + l . w`, exactly what they change
-//! the kinetic energy by. Newton's method knows the derivative by the velocity and the place of the body itself; what depends on
-//! orientations or on other bodies converges by iteration, as long as it changes little within a step.
+//! A step evaluates them at its midpoint, with mean velocities: their work `f . v + l . w` is then exactly the change
+//! of the kinetic energy. Newton's method uses their derivatives with respect to velocity and position of the body
+//! itself. Terms that depend on orientations or on other bodies are treated by fixed-point iteration, which converges
+//! if they change little within a step.
 
 use super::frame::Frame;
 use super::midpoint::{apart, join};
@@ -12,37 +13,38 @@ use super::scene::Body;
 use expression::Tape;
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 
-/// The numbers of a body that its own programs are derived by: place and velocity of its origin, and angular velocity.
+/// The state components of a body with respect to which its actions are differentiated: position and velocity of the
+/// origin, and angular velocity; indices into [`OF_BODY`].
 pub const DERIVED: [usize; 9] = [0, 1, 2, 7, 8, 9, 10, 11, 12];
 
-/// The outputs of a program: a force, a torque, and the derivatives of each of the six.
+/// The number of outputs of a program: force, torque, and the derivatives of their six components.
 pub const OUTPUTS: usize = 6 * (1 + DERIVED.len());
 
-/// A force and a torque.
+/// A force and a torque on a body.
 #[derive(Clone, Debug)]
 pub struct Action {
-    /// The body that it acts on, and then those that the program asks for; places in the scene, and their centres of mass in the
-    /// frames of the user.
+    /// The body acted upon, then the other bodies that the program depends on: indices in the multibody system, and
+    /// centres of mass in the user's body frames.
     pub bodies: Vec<(usize, Vector3<f64>)>,
-    /// Force, torque, and their derivatives by what is [`DERIVED`], in the inputs `t` and, of each body, what is told of it.
+    /// Force, torque, and their derivatives with respect to [`DERIVED`]. Inputs are `t` and the state of each body.
     pub program: Tape,
-    /// Where the force acts, from the centre of mass, in the frame of the body.
+    /// The point of application relative to the centre of mass, in the frame of the body.
     pub at: Vector3<f64>,
-    /// Whether its components are along the axes of the body.
+    /// Whether force and torque are given in the frame of the body.
     pub is_local: bool,
 }
 
-/// A body in the middle of a step.
+/// A body at the midpoint of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Middle {
-    /// Its centre of mass and orientation.
+    /// The centre of mass and the orientation.
     pub pose: Isometry3<f64>,
-    /// Its mean velocities.
+    /// The mean velocity and angular velocity.
     pub velocities: Vector6<f64>,
 }
 
 impl Middle {
-    /// That of a motion from a start, with mean frames.
+    /// The midpoint between two motions, with their mean frame and mean velocities.
     pub fn new(start: &Motion, end: &Motion, mean: &Frame, velocities: &Vector6<f64>) -> Self {
         let half = start.pose.rotation.nlerp(&end.pose.rotation, 0.5);
         Self { pose: Isometry3::from_parts(mean.at.into(), half), velocities: *velocities }
@@ -50,8 +52,8 @@ impl Middle {
 }
 
 impl Action {
-    /// Force and torque about the centre of mass, and their derivative by the mean velocities of a step `h`; `middles` are its
-    /// bodies, in its order.
+    /// Force and torque about the centre of mass, and their derivative with respect to the mean velocities of a step
+    /// `h`; `middles` are the bodies in the order of `bodies`.
     pub fn evaluate(
         &mut self,
         t: f64,
@@ -81,7 +83,8 @@ impl Action {
         let torque = axes * Vector3::from_column_slice(&values[3..]) + arm.cross(&force);
         let mut matrix = Matrix6::zeros();
         for k in 0..2 {
-            // The origin is at `x - o` and has the velocity `v - w x o`; the centre of mass is half a step on its way.
+            // The origin is at `x - o` with velocity `v - w x o`; the centre of mass has moved by `v h / 2` at the
+            // midpoint.
             let by_velocity = axes * (block(k, 3) + block(k, 0) * (0.5 * h));
             let by_omega = axes * (block(k, 6) + (block(k, 3) + block(k, 0) * (0.5 * h)) * origin.cross_matrix());
             matrix.fixed_view_mut::<3, 3>(3 * k, 0).copy_from(&by_velocity);
@@ -93,7 +96,7 @@ impl Action {
         (join(&force, &torque), matrix)
     }
 
-    /// Whether its force is finite with the bodies as they are at the start.
+    /// Whether force and torque are finite at the initial states of the bodies.
     pub fn is_finite_at(&self, t: f64, bodies: &[Body]) -> bool {
         let of = |&(place, _): &(usize, Vector3<f64>)| {
             let body = &bodies[place];
@@ -104,7 +107,7 @@ impl Action {
     }
 }
 
-/// The inputs of the numbers of a body, by its place in an action.
+/// The first input with the state of a body, by the index of the body in [`Action::bodies`].
 pub const fn inputs_of(place: usize) -> usize {
     1 + place * OF_BODY.len()
 }

@@ -1,58 +1,59 @@
-//! One contact between two bodies: its frame, its levers, and the velocity of the second body against the first there,
+//! One contact between two bodies: its frame, its lever arms, and the velocity of the second body relative to the first
+//! at the contact point,
 //!
 //! ```text
 //! u = E (v_2 + w_2 x r_2 - v_1 - w_1 x r_1) + b,    E = [n t_1 t_2]^T
 //! ```
 //!
-//! with the velocity `b` of bodies whose motion is given.
+//! with the contribution `b` of bodies with prescribed motion.
 
 use super::collision::ContactPoint;
 use super::motion::Motion;
 use super::scene::Law;
 use nalgebra::{Matrix3, Vector3};
 
-/// The least identity of a stop of a joint; points of surfaces are numbered from zero.
+/// The smallest identity of a joint stop; contact points of surfaces are numbered from zero.
 pub const STOPS: u64 = 1 << 63;
 
-/// A contact as a step sees it.
+/// A contact within one step.
 #[derive(Clone, Copy, Debug)]
 pub struct Contact {
-    /// Places among the moving bodies; none for a body that does not move.
+    /// Indices of both bodies among the moving bodies; `None` for a body that is fixed or has prescribed motion.
     pub bodies: [Option<u32>; 2],
     /// `E`: the normal from the first body to the second, and two tangents.
     pub frame: Matrix3<f64>,
-    /// The point, in the world.
+    /// The contact point, in world coordinates.
     pub position: Vector3<f64>,
-    /// From the centres of mass to the point.
+    /// The lever arms from the centres of mass to the contact point.
     pub arms: [Vector3<f64>; 2],
-    /// Whether it is a stop of a hinge: what meets is the angle about the normal, in radians, and impulses are those of torques.
+    /// Whether this is the stop of a hinge: the gap is an angle about the normal in radians, and impulses are angular.
     pub turns: bool,
-    /// The size of the smaller body, with which gaps compare; one radian for an angle.
+    /// The reference size for gaps: that of the smaller body, or one radian for angles.
     pub size: f64,
-    /// The distance of the surfaces.
+    /// The gap between the surfaces at the beginning of the step.
     pub gap: f64,
     /// Friction and restitution.
     pub law: Law,
-    /// What bodies whose motion is given add to `u`, in the mean of the step.
+    /// The contribution `b` of bodies with prescribed motion to `u`, averaged over the step.
     pub surface: Vector3<f64>,
-    /// Which point of which bodies this is.
+    /// The identity of the contact: both bodies and the contact point.
     pub key: (u32, u32, u64),
-    /// The impulse, normal and tangents: at first that of the last step.
+    /// The normal and tangential impulse; the initial guess is the impulse of the last step.
     pub impulse: Vector3<f64>,
-    /// `u` at the end of the last step, before forces.
+    /// `u` at the end of the last step, before forces act.
     pub before: Vector3<f64>,
-    /// Added to the normal velocity without impulses.
+    /// A bias added to the free normal velocity.
     pub bias: f64,
-    /// A gap that is none.
+    /// The tolerance below which a gap counts as closed.
     pub no_gap: f64,
     /// The gap at the end of the step.
     pub gap_at_end: f64,
-    /// What it did over the step, by normal and tangents, in joules.
+    /// The work of the contact over the step by normal and tangential components, in joules.
     pub work: Vector3<f64>,
 }
 
 impl Contact {
-    /// The contact at a point.
+    /// Builds the contact at a detected contact point.
     pub fn new(point: &ContactPoint, bodies: [Option<u32>; 2], moving: &[Motion], law: Law, pair: (u32, u32)) -> Self {
         let arm = |body: Option<u32>| {
             body.map_or_else(Vector3::zeros, |body| point.position - moving[body as usize].pose.translation.vector)
@@ -79,12 +80,12 @@ impl Contact {
         contact
     }
 
-    /// `u`, for velocities `(v, w)` by body.
+    /// `u`, for given velocities `(v, w)` of the bodies.
     pub fn velocity(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
         self.surface + self.change(of)
     }
 
-    /// The same for changes of velocities.
+    /// The change of `u`, for given changes of the velocities `(v, w)` of the bodies.
     pub fn change(&self, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) -> Vector3<f64> {
         let at = |side: usize| {
             self.bodies[side].map_or_else(Vector3::zeros, |body| {
@@ -95,7 +96,8 @@ impl Contact {
         self.frame * (at(1) - at(0))
     }
 
-    /// The frictionless contact at which velocities are displacements, and an overlap is a velocity that closes it.
+    /// The frictionless contact for position correction: velocities stand for displacements, and penetration becomes a
+    /// bias.
     pub fn of_displacements(self) -> Self {
         Self {
             gap: self.gap.max(0.0),
@@ -107,28 +109,28 @@ impl Contact {
         }
     }
 
-    /// The same between bodies whose motion is given.
+    /// Adds the surface velocities of bodies with prescribed motion.
     pub fn carried(self, surfaces: [Vector3<f64>; 2]) -> Self {
         let surface = self.frame * (surfaces[1] - surfaces[0]);
         Self { surface, before: self.before + surface, ..self }
     }
 
-    /// Notes the gap at the end of a step `h` with these mean velocities.
+    /// Predicts the gap at the end of a step `h` with the given mean velocities.
     pub fn foresee(&mut self, h: f64, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) {
         self.gap_at_end = self.gap + h * self.velocity(of).x;
     }
 
-    /// Whether it is a stop of a joint.
+    /// Whether the contact is a stop of a joint.
     pub fn is_stop(&self) -> bool {
         self.key.2 >= STOPS
     }
 
-    /// Whether its bodies touch at the end of the step.
+    /// Whether the contact is closed at the end of the step.
     pub fn stays_closed(&self) -> bool {
         self.gap_at_end <= self.no_gap
     }
 
-    /// `J^T r` for one side: impulse and angular impulse on that body.
+    /// `J^T r` for one side: impulse and angular impulse on the body.
     pub fn wrench(&self, side: usize, r: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let impulse = self.frame.tr_mul(r) * if side == 0 { -1.0 } else { 1.0 };
         if self.turns {
@@ -137,14 +139,15 @@ impl Contact {
         (impulse, self.arms[side].cross(&impulse))
     }
 
-    /// `J` for the angular velocity of one side: `u = +-(E v + A w)`, `A = -E [r]x`.
+    /// The block `A` of `J` for the angular velocity of one side: `u = +-(E v + A w)`, `A = -E [r]x`.
     pub fn angular(&self, side: usize) -> Matrix3<f64> {
         -self.frame * self.arms[side].cross_matrix()
     }
 }
 
-/// Normal and tangents as rows. The first tangent is the x axis as seen along the normal, or the y axis where that is
-/// nearly the normal, so that the frame changes smoothly while a body turns and means something to who chose the axes.
+/// The contact frame, with normal and tangents as rows. The first tangent is the projection of the x axis onto the
+/// tangent plane (of the y axis if the normal is nearly the x axis), so that the frame varies smoothly while a body
+/// rotates and is aligned with the user's axes.
 pub(super) fn frame(normal: &Vector3<f64>) -> Matrix3<f64> {
     let along = if normal.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
     let first = (along - normal * normal.dot(&along)).normalize();

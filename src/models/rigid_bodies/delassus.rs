@@ -1,5 +1,5 @@
-//! The Delassus operator of the contacts of an island: `W = J M^-1 J^T`, assembled body by body. Two contacts on one body
-//! with mass `m` and inverse inertia `I^-1` couple by
+//! The Delassus operator of the contacts of an island, `W = J M^-1 J^T`. Two contacts on the same body with mass `m`
+//! and inverse inertia `I^-1` are coupled by
 //!
 //! ```text
 //! W_ij = s_i s_j (E_i E_j^T / m + A_i I^-1 A_j^T),    s = -1 on the first side, +1 on the second
@@ -11,10 +11,10 @@ use nalgebra::Matrix3;
 use problem::Control;
 use vi::coulomb::BlockMatrix;
 
-/// Rows between two looks at whether to stop.
+/// Rows assembled between two polls of [`Control`].
 const ROWS_AT_ONCE: usize = 1 << 6;
 
-/// A contact as one of its bodies feels it.
+/// One side of a contact.
 struct Touch {
     body: u32,
     contact: u32,
@@ -27,7 +27,8 @@ struct Touch {
 /// A block of `W` with its row and column.
 pub type Block = (usize, usize, Matrix3<f64>);
 
-/// `W`, as the blocks of a sparse matrix; a pair of contacts that share two bodies has two. Nothing if `control` asks to stop.
+/// `W` as the blocks of a sparse matrix, with two blocks for a pair of contacts that share two bodies. `None` if
+/// `control` asks to stop.
 pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<Vec<Block>> {
     let mut touches: Vec<Touch> = Vec::with_capacity(2 * contacts.len());
     for (k, contact) in contacts.iter().enumerate() {
@@ -50,7 +51,7 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
         start += group.len();
     }
     let mut blocks = Vec::with_capacity(touches.iter().map(|touch| on_body[touch.body as usize].len()).sum());
-    // Row by row, so that the matrix finds its entries in order but for the two bodies of each row.
+    // Assembled by rows, so that blocks are almost sorted: only the two bodies of each row have to be merged.
     for (i, contact) in contacts.iter().enumerate() {
         if i % ROWS_AT_ONCE == 0 {
             control.go_on().ok()?;
@@ -70,7 +71,7 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
     Some(blocks)
 }
 
-/// `W` where there are no joints; nothing if `control` asks to stop.
+/// `W` of an island without joints; `None` if `control` asks to stop.
 pub fn matrix(contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<BlockMatrix> {
     BlockMatrix::from_blocks(contacts.len(), blocks(contacts, moving, control)?)
 }

@@ -1,146 +1,151 @@
-//! What acts along the one coordinate that a hinge or a slider leaves, or along the distance of two points: springs, dampers,
-//! motors and servos, as one more equation between its impulse `L` and the change of the coordinate over a step.
+//! Drives: springs, dampers, motors and servos along the free coordinate of a hinge or a slider, or along the distance
+//! of two points. A drive adds one equation between its impulse `L` and the change of the coordinate over a step.
 //!
-//! A motor that prescribes the coordinate asks for `c = 0` at the end of a step, as joints do, with `c` the deviation from what it
-//! prescribes. Everything else is a law of force in the means of the step, with the coordinate `s` and its change `d`,
+//! A motor that prescribes the coordinate requires `c = 0` at the end of a step, as joints do, where `c` is the
+//! deviation from the prescribed value. All other drives are force laws, averaged over the step, with the coordinate
+//! `s` and its change `d`,
 //!
 //! ```text
 //! F = effort + k (target - s - d/2) + b (rate - d/h),    L G h = h F d / c
 //! ```
 //!
-//! where `c` is the change as the bilinear equation has it: `d` of a distance, `sin d` of an angle. So `F d` is the work of the
-//! force exactly, what a spring holds is `k (s - rest)^2 / 2` to rounding, and a damper takes `b d^2 / h`, whatever the step.
+//! where `c` is the value of the bilinear equation: `d` for a distance, `sin d` for an angle. For any step size, `F d`
+//! is exactly the work of the force, the energy of a spring is `k (s - rest)^2 / 2` up to rounding, and the dissipation
+//! of a damper is `b d^2 / h`.
 
 use super::frame::Frame;
 use super::joint::{Alpha, Beta, Equation};
 use super::signals::SignalStep;
 use nalgebra::Vector3;
 
-/// The largest change of an angle within a step, in radians: the sine must tell it, and beyond a right angle it does not; nor
-/// does a step with such a change resolve a motion.
+/// The largest change of an angle within a step, in radians. The angle must be determined by its sine, which fails
+/// beyond a right angle; steps with larger changes do not resolve the motion either.
 const MOST_ANGLE: f64 = 1.0;
 
 /// A coordinate between two bodies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Coordinate {
-    /// The angle by which a direction of the first body is turned from the first to the second of two directions of the second.
+    /// The angle of a direction of the first body in the plane of two directions of the second body, from the first of
+    /// them towards the second.
     Angle {
-        /// In the first body.
+        /// The direction in the first body.
         first: Vector3<f64>,
-        /// In the second: a right angle apart.
+        /// Two orthogonal directions in the second body.
         second: [Vector3<f64>; 2],
     },
-    /// How far the anchor of the first body is along a direction of the second.
+    /// The displacement of the first body's anchor from the second body's anchor, along a direction of the second body.
     Distance(Vector3<f64>),
-    /// The distance of the anchors.
+    /// The distance between the anchors.
     Length,
 }
 
-/// What acts along a coordinate.
+/// A drive along a coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Drive {
     /// The coordinate.
     pub coordinate: Coordinate,
-    /// How.
+    /// The law of the drive.
     pub law: DriveLaw,
-    /// Where it ends.
+    /// The limits of the coordinate.
     pub limits: Limits,
 }
 
-/// The ends of a coordinate: stops of a joint, which act as contacts without friction do.
+/// The limits of a coordinate: stops of a joint, which act as frictionless contacts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The least value.
+    /// The smallest value.
     pub lower: f64,
-    /// The greatest.
+    /// The largest value.
     pub upper: f64,
-    /// Of Newton's law, from 0 to 1.
+    /// The coefficient of restitution in Newton's impact law, from 0 to 1.
     pub restitution: f64,
 }
 
 impl Limits {
-    /// No ends.
+    /// No limits.
     pub const NONE: Self = Self { lower: f64::NEG_INFINITY, upper: f64::INFINITY, restitution: 0.0 };
 }
 
-/// How a drive acts. Functions of time are places among those of the scene.
+/// The law of a drive. Functions of time are given by their index among the signals of the multibody system.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DriveLaw {
-    /// The coordinate is this function.
+    /// The coordinate is a prescribed function of time.
     Position(usize),
-    /// Its rate is this function.
+    /// The rate of the coordinate is a prescribed function of time.
     Velocity(usize),
-    /// A force by a law.
+    /// The force follows a law.
     Force(ForceLaw),
 }
 
-/// A law of force along a coordinate.
+/// A force law along a coordinate.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ForceLaw {
-    /// Newtons a metre, or newton metres a radian.
+    /// The spring stiffness, in newtons per metre or newton metres per radian.
     pub stiffness: f64,
-    /// Newton seconds a metre, or newton metre seconds a radian.
+    /// The damping, in newton seconds per metre or newton metre seconds per radian.
     pub damping: f64,
     /// The coordinate at which the spring has no force.
     pub rest: f64,
-    /// What a servo moves it to instead, by stiffness and damping of its own and with no more force than this.
+    /// A servo, with its own stiffness and damping and a bound on its force.
     pub servo: Option<Servo>,
-    /// A force besides.
+    /// An additional force, as the index of a signal.
     pub effort: Option<usize>,
 }
 
-/// A force towards a target that moves.
+/// A force towards a moving target.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Servo {
-    /// The function that it follows.
+    /// The target, as the index of a signal.
     pub target: usize,
-    /// As of a spring.
+    /// The stiffness, in the unit of a spring stiffness.
     pub stiffness: f64,
-    /// Against the rate of the target.
+    /// The damping of the rate relative to the target.
     pub damping: f64,
-    /// The largest force, infinite where there is no bound.
+    /// The bound on the force; infinite if unbounded.
     pub most: f64,
 }
 
-/// A drive from step to step.
+/// The state of a drive between steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DriveState {
-    /// The coordinate, with all turns of an angle.
+    /// The coordinate; angles include full revolutions.
     pub coordinate: f64,
-    /// What a motor with a given rate has come to.
+    /// The integral of the prescribed rate of a motor.
     pub target: f64,
 }
 
 /// A drive within one step.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Driving {
-    /// The coordinate at the start.
+    /// The coordinate at the beginning of the step.
     pub start: f64,
-    /// The coordinate that the equation is zero at: what a motor prescribes at the end of the step, else that of the start.
+    /// The coordinate at which the equation is zero: the value prescribed by a motor at the end of the step, otherwise
+    /// the value at the beginning.
     pub reference: f64,
-    /// What a motor prescribes of the rate at the end.
+    /// The rate prescribed by a motor at the end of the step.
     pub rate: f64,
-    /// Target and rate of a servo in the mean of the step, and an effort.
+    /// The mean target and the mean target rate of a servo over the step.
     servo: [f64; 2],
+    /// The additional force at the midpoint of the step.
     effort: f64,
 }
 
-/// What a drive did over a step, in joules.
+/// The energy exchanged by a drive over a step, in joules.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Done {
     /// The work of motors, servos and efforts.
     pub drives: f64,
-    /// What dampers took.
+    /// The energy dissipated by dampers.
     pub damped: f64,
 }
 
-/// A law of force at a change of its coordinate.
+/// The value of a force law at a change of its coordinate.
 struct At {
     force: f64,
-    /// The derivative of the force by the change.
+    /// The derivative of the force with respect to the change.
     slope: f64,
     damper: f64,
-    /// The part that is neither a spring nor a damper.
+    /// The force of servo and effort, without spring and damper.
     active: f64,
 }
 
@@ -162,12 +167,12 @@ impl ForceLaw {
 }
 
 impl Drive {
-    /// Whether it prescribes the coordinate.
+    /// Whether the drive prescribes the coordinate.
     pub fn prescribes(&self) -> bool {
         !matches!(self.law, DriveLaw::Force(_))
     }
 
-    /// The equation for a reference; none of a distance of points, which is not bilinear.
+    /// The bilinear equation for a reference value; `None` for the distance of two points, which is not bilinear.
     pub(super) fn equation(&self, reference: f64) -> Option<Equation> {
         match self.coordinate {
             Coordinate::Angle { first, second: [along, across] } => {
@@ -179,12 +184,14 @@ impl Drive {
         }
     }
 
-    /// The part of the value of the equation that no bodies make: distances are less their reference, angles are turned by it.
+    /// The constant to subtract from the bilinear form: the reference of a distance; zero for an angle, whose reference
+    /// is part of the form.
     pub fn offset(&self, reference: f64) -> f64 {
         if matches!(self.coordinate, Coordinate::Distance(_)) { reference } else { 0.0 }
     }
 
-    /// The coordinate in frames, an angle as near to `near` as turns make it; `apart` is the difference of the anchors.
+    /// The coordinate for given frames and difference `apart` of the anchors; angles are chosen, up to revolutions,
+    /// nearest to `near`.
     pub fn value(&self, [first_frame, second_frame]: [&Frame; 2], apart: &Vector3<f64>, near: f64) -> f64 {
         match self.coordinate {
             Coordinate::Angle { first, second: [along, across] } => {
@@ -197,7 +204,7 @@ impl Drive {
         }
     }
 
-    /// What it does over a step from this state, with the coordinate as it is at the start.
+    /// Prepares the drive for a step that begins at the coordinate `start`.
     pub fn begin(&self, start: f64, state: &DriveState, course: &SignalStep) -> Driving {
         let mut driving = Driving { start, reference: start, ..Driving::default() };
         match self.law {
@@ -219,7 +226,8 @@ impl Drive {
         driving
     }
 
-    /// The change of the coordinate for a value of the equation, and its derivative; none for what the equation does not tell.
+    /// The change of the coordinate for a value of the equation, and its derivative; `None` if the change is larger
+    /// than `MOST_ANGLE`.
     fn change(&self, c: f64) -> Option<(f64, f64)> {
         if !matches!(self.coordinate, Coordinate::Angle { .. }) {
             return Some((c, 1.0));
@@ -227,12 +235,12 @@ impl Drive {
         (c.abs() < MOST_ANGLE.sin()).then(|| (c.asin(), 1.0 / (1.0 - c * c).sqrt()))
     }
 
-    /// The law of force about a value of the equation and an impulse, as `slope dc/h + weight dL = -rest`; none if the step is
-    /// too long for it.
+    /// Linearises the force law at a value `c` of the equation and an impulse, as `slope dc/h + weight dL = -rest`;
+    /// returns `[slope, weight, rest]`, or `None` if the step is too long.
     pub fn linearise(&self, driving: &Driving, c: f64, impulse: f64, h: f64) -> Option<[f64; 3]> {
         let DriveLaw::Force(law) = &self.law else { return Some([1.0, 0.0, c / h]) };
         let (change, by_c) = self.change(c)?;
-        // sin d / d, and its derivative by c.
+        // sin d / d, and its derivative with respect to c.
         let (ratio, of_ratio) = if c == change {
             (1.0, 0.0)
         } else if change.abs() < 1e-4 {
@@ -245,8 +253,8 @@ impl Drive {
         Some([slope * h, ratio, impulse * ratio - h * at.force])
     }
 
-    /// The state at the end of a step, and what was done in it; `c` is the value of the equation there, and `work` that of the
-    /// impulse over the step.
+    /// The state at the end of a step and the energy exchanged in it; `c` is the value of the equation at the end, and
+    /// `work` is the work of the impulse over the step.
     pub fn end(&self, driving: &Driving, c: f64, work: f64, h: f64) -> (DriveState, Done) {
         let DriveLaw::Force(law) = &self.law else {
             let state = DriveState { coordinate: driving.reference, target: driving.reference };
@@ -259,7 +267,7 @@ impl Drive {
         (DriveState { coordinate, target: coordinate }, done)
     }
 
-    /// What takes energy by the rate of the coordinate: dampers, and servos.
+    /// The total damping coefficient of damper and servo.
     pub fn damping(&self) -> f64 {
         match &self.law {
             DriveLaw::Force(law) => law.damping + law.servo.map_or(0.0, |servo| servo.damping),
@@ -267,7 +275,7 @@ impl Drive {
         }
     }
 
-    /// What the spring holds, in joules.
+    /// The potential energy of the spring, in joules.
     pub fn potential(&self, coordinate: f64) -> f64 {
         match &self.law {
             DriveLaw::Force(law) => 0.5 * law.stiffness * (coordinate - law.rest).powi(2),
@@ -275,7 +283,7 @@ impl Drive {
         }
     }
 
-    /// The force along the coordinate that an impulse and the value of the equation at the end of a step make, in its mean.
+    /// The mean force along the coordinate over a step, from the impulse and the value of the equation at the end.
     pub fn force(&self, c: f64, impulse: f64, h: f64) -> f64 {
         let ratio = self.change(c).filter(|(change, _)| *change != 0.0).map_or(1.0, |(change, _)| c / change);
         impulse * ratio / h

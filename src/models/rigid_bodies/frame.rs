@@ -1,17 +1,17 @@
-//! Frames of bodies at an instant, and their means over a step.
+//! Body frames at an instant, and mean frames over a step.
 //!
-//! A mean frame is no rotation. Equations that are bilinear in the vectors of two frames have in it their discrete
-//! gradient: `c(q+) - c(q) = G(mean) . (change of the vectors)`, exactly (Gonzalez 1996, *Time integration and discrete
-//! Hamiltonian systems*; Betsch and Steinmann 2002, for joints).
+//! The axes of a mean frame are not a rotation matrix. For constraints bilinear in the vectors of two frames, the
+//! gradient at the mean frames is a discrete gradient: `c(q+) - c(q) = G(mean) . (change of the vectors)` holds exactly
+//! (Gonzalez 1996, *Time integration and discrete Hamiltonian systems*; Betsch and Steinmann 2002, for joints).
 
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
-/// An origin, and the directions of a body's own axes as columns.
+/// The centre of mass of a body, and its axes as columns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frame {
     /// The centre of mass.
     pub at: Vector3<f64>,
-    /// The axes.
+    /// The axes of the body, as columns.
     pub axes: Matrix3<f64>,
 }
 
@@ -25,7 +25,7 @@ impl Frame {
         Self { at: pose.translation.vector, axes: pose.rotation.to_rotation_matrix().into_inner() }
     }
 
-    /// The mean of two.
+    /// The mean of two frames.
     pub fn mean(&self, other: &Self) -> Self {
         Self { at: 0.5 * (self.at + other.at), axes: 0.5 * (self.axes + other.axes) }
     }

@@ -1,4 +1,4 @@
-//! One step of one island, whose bodies are solved together.
+//! One step of one island: a set of bodies coupled by contacts and joints, solved together.
 //!
 //! Without joints, with `v_free = v + h M^-1 f` and the contact law `r = L(W, J v_free, ..)`,
 //!
@@ -6,7 +6,8 @@
 //! v+ = v_free + M^-1 J^T r,    q+ = q (+) h v+
 //! ```
 //!
-//! With joints, or forces that depend on how bodies move, the motion is that of [`articulated`](self::articulated).
+//! Islands with joints, or with forces that depend on the motion of bodies, are solved by
+//! [`articulated`](self::articulated).
 
 mod articulated;
 
@@ -25,24 +26,25 @@ use nalgebra::{Vector3, Vector6};
 use problem::Control;
 use vi::coulomb::BlockMatrix;
 
-/// What all islands of a scene share.
+/// Data shared by all islands of a multibody system.
 #[derive(Debug)]
 pub struct Mechanism<'a> {
     /// All joints.
     pub joints: &'a [Joint],
-    /// All linkages, and one for bodies without joints.
+    /// All linkages.
     pub linkages: Vec<Linkage>,
+    /// The linkage of a body without joints.
     pub alone: Linkage,
-    /// Of each joint its linkage.
+    /// For each joint, the index of its linkage.
     pub of_joint: Vec<u32>,
-    /// Metres a second squared.
+    /// The gravitational acceleration, in metres per second squared.
     pub gravity: Vector3<f64>,
     /// Functions of time that drive joints.
     pub signals: &'a Signals,
 }
 
 impl<'a> Mechanism<'a> {
-    /// That of a scene; `places` are those of its bodies among the `moving`.
+    /// The mechanism of a multibody system; `places` are the indices of its bodies among the `moving` bodies.
     pub fn new(scene: &'a MultibodySystem, places: &[Option<u32>], moving: usize) -> Self {
         let linkages = Linkage::all(&scene.joints, places, moving);
         let mut of_joint = vec![0; scene.joints.len()];
@@ -60,23 +62,23 @@ impl<'a> Mechanism<'a> {
     }
 }
 
-/// What a linkage keeps from step to step.
+/// The state of a linkage between steps.
 #[derive(Clone, Debug, Default)]
 pub struct Carried {
     /// The forces of its joints in the last step.
     pub tensions: Vec<Vector6<f64>>,
     /// The largest kinetic energy so far, in joules.
     pub largest_energy: f64,
-    /// The halvings of a step that held in the last.
+    /// The number of halvings with which the last step succeeded.
     pub halvings: u32,
-    /// The drives of its joints.
+    /// The states of the drives of its joints.
     pub states: Vec<DriveState>,
-    /// What its joints did in the last step.
+    /// The reactions of its joints in the last step.
     pub reactions: Vec<Reaction>,
 }
 
 impl Carried {
-    /// That of a linkage at the start.
+    /// The initial state of a linkage.
     pub fn of(linkage: &Linkage, scene: &MultibodySystem) -> Self {
         let coordinate = |&joint: &u32| scene.joints[joint as usize].coordinate_at_start(&scene.bodies);
         let state = |joint| DriveState { coordinate: coordinate(joint), target: 0.0 };
@@ -93,14 +95,14 @@ impl Carried {
     }
 }
 
-/// What was done in a step, in joules.
+/// Work and dissipation in a step, in joules.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Work {
-    /// By forces.
+    /// The work of forces.
     pub forces: f64,
-    /// By what moves by itself: motors and servos.
+    /// The work of drives: motors and servos.
     pub drives: f64,
-    /// Taken by dampers.
+    /// The energy dissipated by dampers.
     pub damped: f64,
 }
 
@@ -117,53 +119,55 @@ impl std::ops::AddAssign for Work {
 pub enum Unsolved {
     /// The equations of the joints have no solution.
     Joints,
-    /// The step is too long for them.
+    /// The step is too long for the equations of the joints.
     TooLong,
 }
 
-/// The bodies, contacts and joints of an island, copied out so that islands can be solved side by side.
+/// The bodies, contacts and joints of an island, copied so that islands can be solved in parallel.
 #[derive(Debug)]
 pub struct Island {
-    /// Which of the moving bodies these are.
+    /// The indices of its bodies among all moving bodies.
     pub bodies: Vec<u32>,
-    /// The bodies: forces are in their velocities where there are no joints. After the solve with the velocities at the end of
-    /// the step and, where there are joints, there.
+    /// Its bodies. Before the solve, velocities include the forces if the island is explicit (no joints or
+    /// motion-dependent forces). After the solve, velocities are those at the end of the step and, for an implicit
+    /// island, poses as well.
     pub moving: Vec<Motion>,
-    /// The contacts, between places in `moving`.
+    /// Its contacts; bodies are indices into `moving`.
     pub contacts: Vec<Contact>,
-    /// Their places among all contacts.
+    /// The indices of its contacts among all contacts.
     pub sources: Vec<u32>,
-    /// The joints, as places among all.
+    /// The indices of its joints among all joints.
     pub joints: Vec<u32>,
-    /// The linkages likewise, in ascending order.
+    /// The indices of its linkages among all linkages, in ascending order.
     pub linkages: Vec<u32>,
-    /// What its linkages keep.
+    /// The states of its linkages.
     pub carried: Vec<Carried>,
-    /// Forces on its bodies as programs, with the places of their bodies.
+    /// The motion-dependent forces on its bodies, with the indices of their bodies.
     pub actions: Vec<(Action, Vec<u32>)>,
-    /// The time that its bodies have come to.
+    /// The current time of its bodies.
     pub t: f64,
-    /// What drives and forces did.
+    /// The work of drives and forces.
     pub done: Work,
-    /// The largest kinetic energy that they had, in joules.
+    /// The largest kinetic energy of its bodies, in joules.
     pub largest_energy: f64,
-    /// The halvings of a step that held in the last.
+    /// The number of halvings with which the last step succeeded.
     pub halvings: u32,
-    /// The steps that it took, and Newton's iterations in them and in those that were too long.
+    /// The number of steps.
     pub steps: u64,
+    /// The number of Newton iterations, in accepted and rejected steps.
     pub newton: u64,
-    /// The set that friction is taken from.
+    /// The friction cone or its approximation.
     pub cone: Cone,
-    /// How simultaneous impacts come about.
+    /// The law of simultaneous impacts.
     pub impact_law: ImpactLaw,
-    /// How the contact law was solved, if there were contacts.
+    /// The report of the contact solver, if there were contacts.
     pub report: Option<Report>,
-    /// Why it was not solved.
+    /// Why the island was not solved, if it was not.
     pub unsolved: Option<Unsolved>,
 }
 
 impl Island {
-    /// Room for an island.
+    /// An empty island.
     pub fn new(cone: Cone, impact_law: ImpactLaw) -> Self {
         Self {
             bodies: Vec::new(),
@@ -187,7 +191,7 @@ impl Island {
         }
     }
 
-    /// Empties the island, keeping its memory.
+    /// Clears the island, keeping its allocations.
     pub fn clear(&mut self) {
         self.bodies.clear();
         self.moving.clear();
@@ -202,19 +206,19 @@ impl Island {
         (self.report, self.unsolved) = (None, None);
     }
 
-    /// Whether its bodies move by their mean velocities: they are joined, or forces depend on how they move.
+    /// Whether the step is implicit (midpoint rule): with joints, or forces that depend on the motion.
     pub fn is_implicit(&self) -> bool {
         !(self.joints.is_empty() && self.actions.is_empty())
     }
 
-    /// Solves for the impulses and puts them into the velocities; moves what joints hold together.
+    /// Solves for the impulses and applies them to the velocities; an implicit island also moves its bodies.
     pub fn solve(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         if self.is_implicit() {
             self.solve_joined(h, mechanism, law, control);
             return;
         }
         self.steps = 1;
-        // Who stops it throws away what the island was left with.
+        // On interruption the caller discards the island.
         let Some(matrix) = delassus::matrix(&self.contacts, &self.moving, control) else { return };
         let moving = &self.moving;
         let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
@@ -240,7 +244,8 @@ impl Island {
         }
     }
 
-    /// The contact law with these velocities without impulses, from impulses that may be near.
+    /// Solves the contact law for the free velocities `free`, from the initial guess `r`; adds the impulses of the
+    /// sequential impact law if it is selected.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn impulses(
         &mut self,

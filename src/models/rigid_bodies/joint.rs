@@ -1,15 +1,17 @@
-//! Joints: equations `c(q) = 0` between two bodies or one and the world, with anchors and axes fixed in each.
+//! Joints: constraints `c(q) = 0` between two bodies, or a body and the world, with anchors and axes fixed in each.
 //!
 //! | joint | equations |
 //! |---|---|
 //! | ball | the anchors coincide |
-//! | hinge | and the axes are parallel: `t_1 . a = t_2 . a = 0` with `t_1, t_2` across the axis in one body, `a` the axis in the other |
-//! | slider | there is no relative rotation, and the anchors differ along the axis only |
-//! | fixed | there is neither rotation nor difference of anchors |
+//! | hinge | the anchors coincide, and the axes are parallel: `t_1 . a = t_2 . a = 0` |
+//! | slider | no relative rotation, and the anchors differ along the axis only |
+//! | fixed | no relative rotation, and the anchors coincide |
 //!
-//! Every equation is a product `alpha . beta` of two vectors: `alpha` is constant or turns with the second body, `beta` is
-//! the difference of the anchors or turns with the first. The derivative of `c` along a motion is `G v`, row by row a
-//! wrench on each body; in the mean frames of a step it is the discrete gradient of `c`.
+//! Here `t_1` and `t_2` are normal to the axis of the hinge in one body, and `a` is the axis in the other.
+//!
+//! Every equation is a product `alpha . beta` of two vectors: `alpha` is constant or fixed in the second body, `beta`
+//! is the difference of the anchors or fixed in the first body. The time derivative of `c` is `G v`; each row of `G` is
+//! a wrench on each body. Evaluated at the mean frames of a step, `G` is the discrete gradient of `c`.
 
 use super::drive::{Coordinate, Drive, DriveLaw, Limits};
 use super::frame::Frame;
@@ -17,50 +19,50 @@ use super::scene::Body;
 use nalgebra::{Isometry3, Unit, Vector3};
 use std::collections::HashSet;
 
-/// What a joint leaves free.
+/// The kind of a joint, with its degrees of freedom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointKind {
-    /// Three rotations.
+    /// Three rotations are free.
     Ball,
-    /// One rotation.
+    /// One rotation is free.
     Hinge,
-    /// One translation.
+    /// One translation is free.
     Slider,
-    /// Nothing.
+    /// No relative motion is free.
     Fixed,
 }
 
-/// A joint between a moving body and another or the world.
+/// A joint between a moving body and another body or the world.
 #[derive(Clone, Debug)]
 pub struct Joint {
-    /// The bodies; none is the world.
+    /// The bodies; `None` is the world.
     pub bodies: (usize, Option<usize>),
-    /// The anchor, in the frames of the bodies or the world.
+    /// The anchors, in the frames of the bodies or the world.
     pub(super) anchors: [Vector3<f64>; 2],
-    /// What it asks for; no more than six, with that of the drive.
+    /// The constraint equations; at most six, including the equation of the drive.
     pub(super) equations: Vec<Equation>,
-    /// What acts along the coordinate that it leaves, or between its points: an equation more.
+    /// The drive along the free coordinate, or between the anchors; adds one equation.
     pub drive: Option<Drive>,
-    /// Whether its bodies do not touch each other.
+    /// Whether contacts between the bodies are excluded.
     pub separates: bool,
-    /// What its outputs begin with; none for one that has none.
+    /// The prefix of the output names; `None` if the joint has no outputs.
     pub name: Option<String>,
 }
 
-/// What a joint does to its first body, in the mean of a step.
+/// The mean reaction of a joint on its first body over a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Reaction {
-    /// In the world, in newtons.
+    /// The force in world axes, in newtons.
     pub force: Vector3<f64>,
-    /// About the point of the joint, in newton metres.
+    /// The torque about the anchor, in newton metres.
     pub torque: Vector3<f64>,
-    /// The coordinate that a hinge or slider leaves, or the length of a spring.
+    /// The free coordinate of a hinge or slider, or the length of a spring.
     pub coordinate: f64,
-    /// The force or torque along it.
+    /// The force or torque along the coordinate.
     pub effort: f64,
 }
 
-/// One equation, `alpha . beta = 0`.
+/// A constraint equation `alpha . beta = 0`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Equation {
     pub alpha: Alpha,
@@ -85,19 +87,19 @@ pub(super) enum Beta {
     First(Vector3<f64>),
 }
 
-/// One equation: its value, and the derivative by the velocity and the angular velocity of each body.
+/// The value of an equation, and its derivative with respect to the velocity and the angular velocity of each body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
-    /// `c`.
+    /// The value `c`.
     pub value: f64,
-    /// By the velocity of the first body; by that of the second it is the opposite.
+    /// The derivative with respect to the velocity of the first body; the negative of that of the second body.
     pub force: Vector3<f64>,
-    /// By the angular velocities.
+    /// The derivatives with respect to the angular velocities.
     pub torques: [Vector3<f64>; 2],
 }
 
 impl Row {
-    /// How fast the equation is left, with the velocity and the angular velocity of each body.
+    /// The rate `c'` for given velocity and angular velocity of each body.
     pub fn velocity(&self, of: [(Vector3<f64>, Vector3<f64>); 2]) -> f64 {
         let [(v, w), (other_v, other_w)] = of;
         self.force.dot(&(v - other_v)) + self.torques[0].dot(&w) + self.torques[1].dot(&other_w)
@@ -105,7 +107,7 @@ impl Row {
 }
 
 impl Joint {
-    /// A joint at a point and along an axis of the world, as the bodies are at the start.
+    /// A joint at a point and along an axis in world coordinates, for the initial poses of the bodies.
     pub fn new(
         kind: JointKind,
         bodies: (usize, Option<usize>),
@@ -134,19 +136,19 @@ impl Joint {
         Self { bodies, anchors, equations, drive: None, separates: true, name: None }
     }
 
-    /// The same with a drive along the coordinate that it leaves.
+    /// Adds a drive along the free coordinate.
     #[must_use]
     pub fn with_drive(self, drive: Option<Drive>) -> Self {
         Self { drive, ..self }
     }
 
-    /// The same with a name for its outputs.
+    /// Sets the name of the outputs.
     #[must_use]
     pub fn with_name(self, name: Option<String>) -> Self {
         Self { name, ..self }
     }
 
-    /// The rate of the coordinate of its drive, as all bodies are at the start.
+    /// The initial rate of a coordinate that is prescribed by the drive; `None` for other joints.
     pub fn rate(&self, all: &[Body]) -> Option<f64> {
         let world = (Frame::WORLD, (Vector3::zeros(), Vector3::zeros()));
         let start = |body: &Body| (Frame::of(&body.pose), (body.velocity, body.omega));
@@ -154,7 +156,7 @@ impl Joint {
         Some(self.driven([&first.0, &second.0], 0.0)?.velocity([first.1, second.1]))
     }
 
-    /// A force along the distance of two points of the world, as the bodies are at the start.
+    /// A force along the line between two points, given in world coordinates for the initial poses of the bodies.
     pub fn spring(bodies: (usize, Option<usize>), all: &[Body], at: [Vector3<f64>; 2], law: DriveLaw) -> Self {
         let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
         let anchors = [0, 1].map(|side| poses[side].inverse_transform_point(&at[side].into()).coords);
@@ -162,7 +164,7 @@ impl Joint {
         Self { bodies, anchors, equations: Vec::new(), drive, separates: false, name: None }
     }
 
-    /// The coordinate that a hinge or a slider leaves, zero as the bodies are at the start.
+    /// The free coordinate of a hinge or a slider, zero at the initial poses of the bodies.
     pub fn coordinate(
         kind: JointKind,
         bodies: (usize, Option<usize>),
@@ -181,7 +183,7 @@ impl Joint {
         }
     }
 
-    /// Its coordinate as the bodies are at the start.
+    /// The initial value of the coordinate of the drive; zero without a drive.
     pub(super) fn coordinate_at_start(&self, all: &[Body]) -> f64 {
         let second = self.bodies.1.map_or(Frame::WORLD, |body| Frame::of(&all[body].pose));
         let frames = [&Frame::of(&all[self.bodies.0].pose), &second];
@@ -189,7 +191,7 @@ impl Joint {
         self.drive.as_ref().map_or(0.0, |drive| drive.value(frames, &apart, 0.0))
     }
 
-    /// Names of its outputs.
+    /// The names of the outputs.
     pub fn output_names(&self) -> Vec<String> {
         let Some(name) = &self.name else { return Vec::new() };
         let keys: &[&str] = match &self.drive {
@@ -200,12 +202,12 @@ impl Joint {
         keys.iter().map(|key| format!("{name}.{key}")).collect()
     }
 
-    /// Which of its outputs is its coordinate.
+    /// For each output, whether it is the coordinate or the length.
     pub fn are_coordinates(&self) -> Vec<bool> {
         self.output_names().iter().map(|name| name.ends_with(".coordinate") || name.ends_with(".length")).collect()
     }
 
-    /// Its outputs, in their order.
+    /// Appends the outputs in the order of [`output_names`](Self::output_names).
     pub fn outputs(&self, reaction: &Reaction, out: &mut Vec<f64>) {
         if self.name.is_none() {
             return;
@@ -218,12 +220,13 @@ impl Joint {
         out.extend(if self.drive.is_some() { &ends[..] } else { &[] });
     }
 
-    /// The number of its equations.
+    /// The number of equations, including the equation of the drive.
     pub(super) fn rank(&self) -> usize {
         self.equations.len() + usize::from(self.drive.is_some())
     }
 
-    /// The derivative of the coordinate of a drive, which is at this value; `apart` is the difference of the anchors.
+    /// The derivative of the coordinate of a drive at the coordinate `value`; `apart` is the difference of the anchors.
+    /// `None` for coincident points of a length.
     pub(super) fn along(&self, drive: &Drive, frames: [&Frame; 2], value: f64, apart: &Vector3<f64>) -> Option<Row> {
         let (arms, _) = self.arms(frames);
         match drive.equation(value) {
@@ -235,7 +238,7 @@ impl Joint {
         }
     }
 
-    /// The equation of a drive that prescribes its coordinate, in these frames.
+    /// The equation of a drive that prescribes its coordinate, for given frames.
     pub(super) fn driven(&self, frames: [&Frame; 2], reference: f64) -> Option<Row> {
         let drive = self.drive.as_ref().filter(|drive| drive.prescribes())?;
         let (arms, apart) = self.arms(frames);
@@ -243,8 +246,8 @@ impl Joint {
         Some(Row { value: row.value - drive.offset(reference), ..row })
     }
 
-    /// How fast its points part, in metres a second, and how fast its bodies turn as it does not let them, in radians a
-    /// second, as they all are at the start; `None` if that is less than `fraction` of their velocities.
+    /// The constraint violation of the initial velocities: separation velocity of the anchors in metres per second, and
+    /// forbidden relative angular velocity in radians per second. `None` if all are below `fraction` of the velocities.
     pub fn torn(&self, all: &[Body], fraction: f64) -> Option<[f64; 2]> {
         let world = (Frame::WORLD, (Vector3::zeros(), Vector3::zeros()));
         let start = |body: &Body| (Frame::of(&body.pose), (body.velocity, body.omega));
@@ -262,7 +265,7 @@ impl Joint {
         torn.then_some(speeds)
     }
 
-    /// The size of its bodies: the distance of an anchor from the centre of one that moves, or how far that reaches.
+    /// The length scale of the joint: the largest lever arm or radius of its moving bodies.
     pub fn size(&self, bodies: &[Body]) -> f64 {
         let moving = |(body, anchor): (Option<usize>, &Vector3<f64>)| {
             let body = body.map(|body| &bodies[body]).filter(|body| !body.fixed)?;
@@ -272,18 +275,18 @@ impl Joint {
         both.into_iter().filter_map(moving).fold(f64::MIN_POSITIVE, f64::max)
     }
 
-    /// The places of its bodies, as `places` gives them; none for the world.
+    /// The indices of its bodies according to `places`; `None` for the world.
     pub fn places(&self, places: &impl Fn(usize) -> Option<u32>) -> [Option<u32>; 2] {
         [places(self.bodies.0), self.bodies.1.and_then(places)]
     }
 
-    /// The anchors as seen from the centres of mass, and their difference.
+    /// The lever arms from the centres of mass to the anchors, and the difference of the anchors.
     pub(super) fn arms(&self, [p, q]: [&Frame; 2]) -> ([Vector3<f64>; 2], Vector3<f64>) {
         let arms = [p.axes * self.anchors[0], q.axes * self.anchors[1]];
         (arms, p.at + arms[0] - q.at - arms[1])
     }
 
-    /// The equations in these frames.
+    /// The constraint equations, without the drive, for given frames.
     pub fn rows<'j>(&'j self, frames: [&'j Frame; 2]) -> impl Iterator<Item = Row> + 'j {
         let (arms, apart) = self.arms(frames);
         self.equations.iter().map(move |equation| equation.row(frames, arms, apart))
@@ -291,7 +294,7 @@ impl Joint {
 }
 
 impl Alpha {
-    /// The direction in the world, with the frame of the second body.
+    /// The direction in world axes, for a given frame of the second body.
     pub fn in_world(&self, second: &Frame) -> Vector3<f64> {
         match self {
             Self::World(e) => *e,
@@ -299,14 +302,14 @@ impl Alpha {
         }
     }
 
-    /// Whether it turns with the second body.
+    /// Whether the direction is fixed in the second body.
     pub fn turns(&self) -> bool {
         matches!(self, Self::Second(_))
     }
 }
 
 impl Equation {
-    /// Its value and derivative in these frames.
+    /// The value and derivative of the equation, for given frames, lever arms and difference of the anchors.
     pub fn row(&self, [p, q]: [&Frame; 2], arms: [Vector3<f64>; 2], apart: Vector3<f64>) -> Row {
         let alpha = self.alpha.in_world(q);
         match self.beta {
@@ -324,7 +327,7 @@ impl Equation {
     }
 }
 
-/// The pairs of bodies that a joint holds together, the lesser first.
+/// The pairs of bodies, smaller index first, whose contacts are excluded by a joint.
 pub fn joined(joints: &[Joint]) -> HashSet<(u32, u32)> {
     let pair = |joint: &Joint| joint.bodies.1.map(|b| (joint.bodies.0.min(b) as u32, joint.bodies.0.max(b) as u32));
     joints.iter().filter(|joint| joint.separates).filter_map(pair).collect()

@@ -1,9 +1,9 @@
-//! The memory that the contacts of a scene take, told while they are found and before anything of them is assembled. Two
-//! contacts on one body are coupled, and so are all in an island that touch bodies with joints: a body that much else
-//! touches makes a matrix of the square of that.
+//! Memory estimate for the contacts of a multibody system, updated while contacts are detected and before matrices are
+//! assembled. All contacts on the same body are coupled, and so are all contacts of an island on bodies with joints:
+//! the matrix size grows as the square of the number of contacts on a body.
 //!
-//! Islands are sets of bodies that grow together as contacts are found (Tarjan 1975); they are solved one after the other,
-//! the largest side by side.
+//! Islands are disjoint sets of bodies, merged as contacts are found (union-find, Tarjan 1975). Islands are solved in
+//! parallel, as many at a time as there are threads; the estimate assumes that these are the largest.
 
 use super::contact::Contact;
 use super::joint::Joint;
@@ -14,39 +14,42 @@ use contact::islands::threads;
 use contact::law::{Cone, Size};
 use nalgebra::{Matrix3, Vector6};
 
-/// Bytes of a contact beside those that the law takes: among all, in its island, and in what is remembered of it.
+/// Bytes per contact besides those of the contact law: in the list of all contacts, in its island, and in stored
+/// impulses.
 const OF_CONTACT: usize = 4 * size_of::<Contact>();
-/// Bytes of a pair of bodies that are near.
+/// Bytes per pair of nearby bodies.
 const OF_PAIR: usize = size_of::<(u32, u32)>();
-/// Bytes of a body that joints hold, and of a joint, beside the matrix: where they were, are and come to be, and what is
-/// kept to come back to.
+/// Bytes per body with joints besides the matrix: motions at the beginning and the end of a step, and copies for
+/// rejected steps.
 const OF_HELD_BODY: usize = 8 * size_of::<Motion>();
+/// Bytes per joint besides the matrix.
 const OF_JOINT: usize = 24 * size_of::<Vector6<f64>>();
-/// Bytes of what couples two contacts on bodies that joints bring together, beside what the law takes: the compliance as it is
-/// assembled, whole and symmetric, with both halves of that.
+/// Bytes per pair of contacts coupled through joints, besides those of the contact law: the assembled compliance and
+/// its symmetric part.
 const OF_COUPLING: usize = 2 * size_of::<(usize, Matrix3<f64>)>();
 
-/// What is known of the contacts so far.
+/// The memory estimate for the contacts found so far.
 #[derive(Clone, Debug, Default)]
 pub struct Load {
-    /// Pairs of bodies that are near.
+    /// The number of pairs of nearby bodies.
     pub pairs: usize,
-    /// Contacts between them.
+    /// The number of contacts.
     pub contacts: usize,
     friction: Option<Cone>,
     bodies: Vec<Touched>,
-    /// The bytes of the largest islands, by their roots: of as many as are solved at a time.
+    /// The largest islands as `(root, bytes)`, at most `at_a_time`.
     largest: Vec<(u32, usize)>,
+    /// The number of islands solved in parallel.
     at_a_time: usize,
-    /// A body of each linkage, and the bytes that its equations take.
+    /// For each linkage, one of its bodies and the bytes of its equations.
     linkages: Vec<(usize, usize)>,
 }
 
-/// A body, and if it is the root of its island that as well.
+/// A body as a node of the union-find forest; `island` is valid for roots.
 #[derive(Clone, Copy, Debug)]
 struct Touched {
     parent: u32,
-    /// Its contacts.
+    /// The number of contacts on the body.
     contacts: u32,
     has_joints: bool,
     island: Island,
@@ -56,14 +59,14 @@ struct Touched {
 struct Island {
     contacts: usize,
     blocks: usize,
-    /// Contacts on bodies with joints.
+    /// The number of contacts on bodies with joints.
     joined: usize,
-    /// The bytes of linkages.
+    /// The bytes of the equations of linkages.
     linkages: usize,
 }
 
 impl Load {
-    /// Nothing touches yet.
+    /// The estimate for a multibody system without contacts.
     pub fn of(scene: &MultibodySystem) -> Self {
         let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
         let place = |body: usize| moving.binary_search(&body).ok().map(|place| place as u32);
@@ -78,7 +81,7 @@ impl Load {
         load
     }
 
-    /// The same, in the memory of what was there before.
+    /// Resets the estimate to a multibody system without contacts, keeping its allocations.
     pub fn begin(&mut self, scene: &MultibodySystem) {
         (self.pairs, self.contacts) = (0, 0);
         self.friction = scene.laws.any(|law| law.friction > 0.0).then_some(scene.cone);
@@ -102,7 +105,7 @@ impl Load {
         }
     }
 
-    /// Takes in so many contacts between two bodies, of which those are given that move.
+    /// Adds `contacts` contacts between two bodies; `None` is a body that does not move.
     pub fn add(&mut self, [a, b]: [Option<usize>; 2], contacts: usize) {
         if contacts == 0 {
             return;
@@ -125,19 +128,19 @@ impl Load {
         self.weigh(root);
     }
 
-    /// The bytes that a step with these contacts takes.
+    /// The estimated bytes of a step with the contacts found so far.
     pub fn bytes(&self) -> usize {
         let islands = self.largest.iter().map(|(_, bytes)| *bytes).fold(0, usize::saturating_add);
         islands.saturating_add(self.pairs * OF_PAIR).saturating_add(self.contacts * OF_CONTACT)
     }
 
-    /// The body with the most contacts, as its place in the scene, and how many it has.
+    /// The index of the body with the most contacts, and the number of its contacts.
     pub fn most_touched(&self) -> Option<(usize, u32)> {
         let touched = self.bodies.iter().map(|body| body.contacts).enumerate();
         touched.max_by_key(|(body, contacts)| (*contacts, std::cmp::Reverse(*body)))
     }
 
-    /// Makes one island of those of two bodies, and gives its root.
+    /// Merges the islands of two bodies; returns the root of the merged island.
     fn join(&mut self, a: Option<usize>, b: Option<usize>) -> Option<usize> {
         let root = self.root(a.or(b)?);
         let other = self.root(b.or(a)?);
@@ -160,7 +163,7 @@ impl Load {
         body
     }
 
-    /// Keeps the largest islands up to date.
+    /// Updates the list of the largest islands with the island of `root`.
     fn weigh(&mut self, root: usize) {
         let bytes = self.bodies[root].island.bytes(self.friction);
         let island = (root as u32, bytes);
@@ -185,7 +188,7 @@ impl Island {
     }
 
     fn bytes(&self, friction: Option<Cone>) -> usize {
-        // Beside the blocks of bodies those of all contacts that joints bring together.
+        // Blocks of contacts coupled through joints, besides blocks of contacts on the same body.
         let coupled = self.joined.saturating_mul(self.joined);
         let size = Size { contacts: self.contacts, blocks: self.blocks.saturating_add(coupled), friction };
         size.bytes().saturating_add(coupled.saturating_mul(OF_COUPLING)).saturating_add(self.linkages)

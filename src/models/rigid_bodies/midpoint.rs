@@ -1,13 +1,13 @@
-//! The motion of bodies over a step by their mean velocities: the midpoint rule on the group,
+//! The motion of bodies over a step, determined by their mean velocities: the midpoint rule on the group,
 //!
 //! ```text
 //! x+ = x + h v,    Q+ = cay(h w) Q,    2 m (v - v-) = p,    Q+ J W+ - Q J W- = l,    (W- + W+) / 2 = Q^T w
 //! ```
 //!
 //! with the impulse `p` and the angular impulse `l` of all forces over the step. The kinetic energy changes by
-//! `p . v + l . w` exactly, and the angular momentum by `l` (Simo and Wong 1991, *Unconditionally stable algorithms for rigid
-//! body dynamics that exactly preserve energy and momentum*). A vector that is fixed in a body turns by its chord, as the
-//! centres of bodies move on chords: a linkage that turns as one body turns so exactly.
+//! `p . v + l . w` exactly, and the angular momentum by `l` (Simo and Wong 1991, *Unconditionally stable algorithms for
+//! rigid body dynamics that exactly preserve energy and momentum*). Centres of mass and vectors fixed in a body both
+//! move along chords, so that a linkage in rigid rotation is integrated exactly as one rigid body.
 
 use super::action::{Action, Middle};
 use super::contact::Contact;
@@ -15,59 +15,66 @@ use super::frame::Frame;
 use super::motion::Motion;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// The change of velocities, in the norm of the masses and in parts of them, that is Newton's last. Its convergence is of second
-/// order: the change after one of the root of rounding, 1.5e-8, is rounding, and this leaves a constant of 15; a smaller one asks
-/// for an iteration whose change nobody sees.
+/// Newton's tolerance for the change of velocities in the mass norm, relative to the velocities. Convergence is
+/// quadratic: after a change of 1.5e-8, the square root of rounding, the next change is rounding. The tolerance leaves
+/// a factor of 15 for the constant; a smaller tolerance would only add an iteration without visible effect.
 pub const CONVERGED: f64 = 1e-9;
 
-/// Rounding of positions, in parts of them, as a size of velocities: what it makes of these is to be below [`CONVERGED`].
+/// Velocity scale of the rounding of positions, relative to position over step size: velocity changes due to rounding
+/// are below [`CONVERGED`] relative to this scale.
 const ROUNDING: f64 = 32.0 * f64::EPSILON / CONVERGED;
 
-/// Bodies on their way through a step.
+/// A Newton iterate of the midpoint rule for a set of bodies.
 #[derive(Debug)]
 pub struct Midpoint {
-    /// When the step begins, and its length.
+    /// The start time of the step.
     pub t: f64,
+    /// The step size.
     pub h: f64,
-    /// The bodies at its start.
+    /// The bodies at the beginning of the step.
     pub start: Vec<Motion>,
-    /// Their mean velocities and angular velocities.
+    /// The mean velocities and angular velocities.
     pub mean: Vec<Vector6<f64>>,
-    /// The impulses of forces, and those of contacts.
+    /// The impulses of constant forces.
     pub forces: Vec<Vector6<f64>>,
+    /// The impulses of contacts.
     pub pushes: Vec<Vector6<f64>>,
-    /// Forces as programs, with the places of their bodies; their impulses with these mean velocities, and the derivatives.
+    /// The motion-dependent forces, with the indices of their bodies.
     actions: Vec<(Action, Vec<u32>)>,
+    /// The impulses of `actions` at the mean velocities.
     applied: Vec<Vector6<f64>>,
+    /// The derivatives of `applied` with respect to the mean velocities.
     gradients: Vec<Matrix6<f64>>,
-    /// The bodies at the end, but for their velocities.
+    /// The bodies at the end of the step, with the velocities of the beginning.
     pub moved: Vec<Motion>,
-    /// Frames at the start and the end, and their means.
+    /// The frames at the beginning of the step.
     pub starts: Vec<Frame>,
+    /// The frames at the end of the step.
     pub ends: Vec<Frame>,
+    /// The mean frames.
     pub means: Vec<Frame>,
-    /// `B`, by body.
+    /// The matrix `B = (I + [h w / 2]x + (h w / 2)(h w / 2)^T) / (1 + |h w / 2|^2)` of each body.
     pub turning: Vec<Matrix3<f64>>,
     inertia: Vec<Matrix3<f64>>,
 }
 
-/// The velocity and the angular velocity of a body in one.
+/// The velocity and the angular velocity of a body as one vector.
 pub fn twist(motion: &Motion) -> Vector6<f64> {
     join(&motion.velocity, &motion.omega)
 }
 
-/// Both in one.
+/// Joins a velocity and an angular velocity (or an impulse and an angular impulse) to one vector.
 pub fn join(velocity: &Vector3<f64>, omega: &Vector3<f64>) -> Vector6<f64> {
     Vector6::new(velocity.x, velocity.y, velocity.z, omega.x, omega.y, omega.z)
 }
 
-/// The velocity and the angular velocity.
+/// Splits a vector into velocity and angular velocity; inverse of [`join`].
 pub fn apart(twist: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned())
 }
 
 impl Midpoint {
-    /// Bodies at the start of a step with the impulses of forces over it.
+    /// Starts the iteration with bodies at the beginning of a step and the impulses of constant forces.
     pub fn new(
         start: Vec<Motion>,
         forces: Vec<Vector6<f64>>,
@@ -100,7 +107,7 @@ impl Midpoint {
         midpoint
     }
 
-    /// Moves the bodies as their mean velocities say.
+    /// Updates poses, frames and motion-dependent forces for the current mean velocities.
     pub fn arrive(&mut self) {
         for k in 0..self.start.len() {
             let (velocity, omega) = apart(&self.mean[k]);
@@ -114,7 +121,7 @@ impl Midpoint {
         self.apply();
     }
 
-    /// Evaluates the forces.
+    /// Evaluates the motion-dependent forces.
     fn apply(&mut self) {
         self.applied.fill(Vector6::zeros());
         self.gradients.fill(Matrix6::zeros());
@@ -133,7 +140,7 @@ impl Midpoint {
         }
     }
 
-    /// The energy of what forces change by from their means to these velocities at the end, as far as they depend on velocities.
+    /// The energy of the change of velocity-dependent impulses between the mean velocities and `velocities` at the end.
     pub fn stiffness_of_actions(&self, velocities: &[Vector6<f64>]) -> f64 {
         let energy = |k: usize| {
             let (push, twist_push) = apart(&(self.gradients[k] * (velocities[k] - self.mean[k])));
@@ -143,12 +150,13 @@ impl Midpoint {
         if self.actions.is_empty() { 0.0 } else { (0..velocities.len()).map(energy).sum() }
     }
 
-    /// The work of the forces that are programs.
+    /// The work of the motion-dependent forces.
     pub fn work_of_actions(&self) -> f64 {
         self.applied.iter().zip(&self.mean).map(|(impulse, mean)| impulse.dot(mean)).sum()
     }
 
-    /// The left side less the right side of the balances of a body without joints, and its derivative.
+    /// The residual of the momentum balances of body `k` without joint forces, and its derivative with respect to the
+    /// mean velocities.
     pub fn balance(&self, k: usize) -> (Vector6<f64>, Matrix6<f64>) {
         let (motion, inertia, h) = (&self.start[k], &self.inertia[k], self.h);
         let (velocity, omega) = apart(&self.mean[k]);
@@ -165,7 +173,7 @@ impl Midpoint {
         (join(&linear, &change) - self.forces[k] - self.pushes[k] - self.applied[k], matrix - self.gradients[k])
     }
 
-    /// The velocities at the end.
+    /// The velocities at the end of the step.
     pub fn end_velocities(&self) -> Vec<Vector6<f64>> {
         let end = |k: usize| {
             let (motion, (velocity, omega)) = (&self.start[k], apart(&self.mean[k]));
@@ -175,7 +183,7 @@ impl Midpoint {
         (0..self.start.len()).map(end).collect()
     }
 
-    /// The bodies at the end, with the velocities of the start.
+    /// The bodies at the end of the step, with the velocities of the beginning.
     pub fn moved_bodies(&self) -> Vec<Motion> {
         let moved = |motion: &Motion| {
             let mut moved = *motion;
@@ -185,7 +193,7 @@ impl Midpoint {
         self.moved.iter().map(moved).collect()
     }
 
-    /// The kinetic energy of these velocities at the end.
+    /// The kinetic energy at the end of the step, for the given velocities.
     pub fn kinetic_energy_at_end(&self, velocities: &[Vector6<f64>]) -> f64 {
         let energy = |(motion, velocities): (&Motion, &Vector6<f64>)| {
             let mut motion = *motion;
@@ -208,8 +216,8 @@ impl Midpoint {
         }
     }
 
-    /// The square of the velocities that changes of them compare with, in the norm of the masses: those of the start, the mean
-    /// ones, what forces make of them, and what rounding of positions does in so short a step.
+    /// The squared velocity scale of the convergence test, in the mass norm: sum of initial velocities, mean
+    /// velocities, velocity changes by forces, and rounding of positions divided by the step size.
     pub fn size(&self) -> f64 {
         let far = self.start.iter().map(|motion| motion.pose.translation.vector.amax()).fold(0.0, f64::max);
         let mass: f64 = self.start.iter().map(|motion| motion.mass).sum();
@@ -222,7 +230,7 @@ impl Midpoint {
         rounding + self.weigh(&start) + self.weigh(&self.mean) + (0..self.start.len()).map(kicked).sum::<f64>()
     }
 
-    /// The kinetic energy of these velocities at the start, twice.
+    /// Twice the kinetic energy of the given velocities at the initial poses: the squared mass norm.
     pub fn weigh(&self, velocities: &[Vector6<f64>]) -> f64 {
         let twice = |k: usize| {
             let (velocity, omega) = apart(&velocities[k]);

@@ -1,7 +1,8 @@
-//! Rigid bodies in space: spheres to convex hulls that touch, slide, roll and hang on joints.
+//! Rigid bodies in space, from spheres to convex hulls, with frictional contacts and joints.
 //!
-//! A [`MultibodySystem`] is what a user describes; a [`MoreauStepping`] steps it. Positions and orientations move on the group, contacts
-//! obey Coulomb's law itself, and joints are eliminated exactly.
+//! A [`MultibodySystem`] is described by the user; [`MoreauStepping`] integrates it. Positions and orientations are
+//! updated on the group, contacts obey Coulomb's law without regularisation, and joint constraints are satisfied
+//! exactly.
 
 mod action;
 pub mod collision;

@@ -1,33 +1,34 @@
-//! The bodies that move, as a step sees them: small records side by side, apart from names and shapes.
+//! The state of moving bodies: small contiguous records, without names and shapes.
 
 use super::rotation::rotate;
 use super::scene::Body;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 
-/// A body that moves.
+/// The state of a moving body.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
-    /// Of the frame at the centre of mass.
+    /// The pose of the frame at the centre of mass.
     pub pose: Isometry3<f64>,
-    /// Of the centre of mass.
+    /// The velocity of the centre of mass.
     pub velocity: Vector3<f64>,
-    /// In the world.
+    /// The angular velocity in world axes.
     pub omega: Vector3<f64>,
-    /// Kilograms.
+    /// The mass in kilograms.
     pub mass: f64,
-    /// In the frame of the body.
+    /// The inertia in the frame of the body.
     pub inertia: Matrix3<f64>,
     inertia_inverse: Matrix3<f64>,
-    /// The inverse inertia in the world, at this pose.
+    /// The inverse inertia in world axes, at the current pose.
     pub mobility: Matrix3<f64>,
-    /// The time by which its velocity is behind its pose: half a step where the velocity is that of a step's middle.
+    /// The time of the pose less that of the velocity: half a step if the velocity is that of the midpoint of a step,
+    /// else zero.
     pub lag: f64,
-    /// Whether the inertia is the same about every axis.
+    /// Whether the inertia is isotropic.
     is_round: bool,
 }
 
 impl Motion {
-    /// A body at the start; `None` if its inertia cannot be inverted.
+    /// The initial state of a body; `None` if its inertia is singular.
     pub fn new(body: &Body) -> Option<Self> {
         let inertia_inverse = body.inertia.try_inverse()?;
         let round = body.inertia - Matrix3::from_diagonal_element(body.inertia[(0, 0)]);
@@ -59,12 +60,12 @@ impl Motion {
         self.omega += self.mobility * angular;
     }
 
-    /// The same with another velocity.
+    /// A copy with the velocity changed by `by`.
     pub fn kicked(&self, by: &Vector3<f64>) -> Self {
         Self { velocity: self.velocity + by, ..*self }
     }
 
-    /// Moves freely for a time `h`, the angular velocity with the gyroscopic terms.
+    /// Moves freely for a time `h`, with gyroscopic terms in the angular velocity.
     pub fn drift(&mut self, h: f64) {
         self.pose.translation.vector += self.velocity * h;
         if self.omega == Vector3::zeros() {
@@ -80,7 +81,7 @@ impl Motion {
         self.turn_mobility();
     }
 
-    /// The inertia in the world, at this pose.
+    /// The inertia in world axes, at the current pose.
     pub fn inertia_in_world(&self) -> Matrix3<f64> {
         if self.is_round {
             return self.inertia;
@@ -89,27 +90,28 @@ impl Motion {
         rotation.matrix() * self.inertia * rotation.matrix().transpose()
     }
 
-    /// The pose after a time `h` with these mean velocities, as centre and directions move on chords: by Cayley's rotation.
+    /// The pose after a time `h` with given mean velocities; centre and directions move along chords (Cayley's
+    /// rotation).
     pub fn moved_by_chords(&self, velocity: &Vector3<f64>, omega: &Vector3<f64>, h: f64) -> Isometry3<f64> {
         let turn = UnitQuaternion::new_normalize(Quaternion::from_parts(1.0, omega * (0.5 * h)));
         let rotation = UnitQuaternion::new_normalize((turn * self.pose.rotation).into_inner());
         Isometry3::from_parts((self.pose.translation.vector + velocity * h).into(), rotation)
     }
 
-    /// Comes to be at a pose with these velocities.
+    /// Sets pose and velocities, with zero lag.
     pub fn arrive(&mut self, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) {
         (self.pose, self.velocity, self.omega, self.lag) = (*pose, *velocity, *omega, 0.0);
         self.turn_mobility();
     }
 
-    /// The displacement and the rotation vector to another pose.
+    /// The displacement and the rotation vector to the pose of another motion.
     pub fn way_to(&self, other: &Self) -> Vector6<f64> {
         let by = other.pose.translation.vector - self.pose.translation.vector;
         let turn = (other.pose.rotation * self.pose.rotation.inverse()).scaled_axis();
         Vector6::new(by.x, by.y, by.z, turn.x, turn.y, turn.z)
     }
 
-    /// Moves by a displacement and a rotation vector, without a change of velocity.
+    /// Moves the pose by a displacement and a rotation vector, without changing velocities.
     pub fn displace(&mut self, by: &Vector3<f64>, rotation: &Vector3<f64>) {
         self.pose.translation.vector += by;
         self.turn(rotation);
@@ -121,13 +123,13 @@ impl Motion {
         self.pose.rotation = UnitQuaternion::new_normalize(turned.into_inner());
     }
 
-    /// `(m v.v + w.J w) / 2`.
+    /// The kinetic energy `(m v.v + w.J w) / 2`.
     pub fn kinetic_energy(&self) -> f64 {
         let omega = self.pose.rotation.inverse() * self.omega;
         0.5 * (self.mass * self.velocity.norm_squared() + omega.dot(&(self.inertia * omega)))
     }
 
-    /// Whether every number of its state is finite, and its kinetic energy.
+    /// Whether the state and the kinetic energy are finite.
     pub fn is_finite(&self) -> bool {
         let sum = self.pose.translation.vector.sum() + self.pose.rotation.coords.sum();
         (sum + self.velocity.sum() + self.omega.sum() + self.kinetic_energy()).is_finite()

@@ -1,8 +1,8 @@
-//! The numbers that a scene puts out, by name.
+//! The outputs of a multibody system, by name.
 //!
-//! Of a body that moves: `x y z` the origin of its frame, `qw qx qy qz` its orientation, `vx vy vz` the velocity of that
-//! origin, `wx wy wz` its angular velocity, all in the world. Then the energies and the contacts of the whole scene,
-//! the contact forces of bodies for which they are asked for, and what joints with a name do.
+//! For each moving body: `x y z` is the origin of its frame, `qw qx qy qz` its orientation, `vx vy vz` the velocity of
+//! the origin, `wx wy wz` its angular velocity, all in world axes. Then follow energies and contacts of the whole
+//! system, the contact forces of selected bodies, and the reactions of named joints.
 
 use super::joint::Joint;
 use super::motion::Motion;
@@ -10,13 +10,13 @@ use super::scene::{Body, MultibodySystem};
 use analysis::{Analysis, Uniqueness};
 use nalgebra::{Isometry3, Vector3};
 
-/// What is told of a body.
+/// The outputs of a body.
 pub const OF_BODY: [&str; 13] = ["x", "y", "z", "qw", "qx", "qy", "qz", "vx", "vy", "vz", "wx", "wy", "wz"];
 
-/// What is told of the contacts of a body where it is asked for: their force on it, and their torque about its centre of mass.
+/// The contact outputs of a selected body: the contact force on the body, and the torque about its centre of mass.
 const OF_CONTACTS: [&str; 6] = ["contact_fx", "contact_fy", "contact_fz", "contact_tx", "contact_ty", "contact_tz"];
 
-/// What is told of the scene.
+/// The outputs of the multibody system as a whole.
 pub const OF_SCENE: [&str; 7] = [
     "kinetic_energy",
     "potential_energy",
@@ -28,7 +28,7 @@ pub const OF_SCENE: [&str; 7] = [
 ];
 
 impl MultibodySystem {
-    /// The names of the states of the bodies that move.
+    /// The names of the states of all moving bodies.
     pub fn state_names(&self) -> Vec<String> {
         let moving = self.bodies.iter().filter(|body| !body.fixed);
         moving.flat_map(|body| OF_BODY.map(|key| format!("{}.{key}", body.name))).collect()
@@ -42,13 +42,13 @@ impl MultibodySystem {
         self.state_names().into_iter().chain(OF_SCENE.map(str::to_owned)).chain(contacts).chain(joints).collect()
     }
 
-    /// The states at the start.
+    /// The initial states.
     pub fn initial(&self) -> Vec<f64> {
         let moving = self.bodies.iter().filter(|body| !body.fixed);
         moving.flat_map(|body| state(&body.centre, &body.pose, &body.velocity, &body.omega)).collect()
     }
 
-    /// What the theory says.
+    /// Index, existence and uniqueness according to the theory of measure differential inclusions.
     pub fn analyse(&self) -> Analysis {
         let because = "unilateral constraints on positions: velocities jump in impacts. A solution exists for the velocities \
                        and impulses (Monteiro Marques 1993, Stewart 1998); with friction it need not be unique";
@@ -61,7 +61,8 @@ impl MultibodySystem {
     }
 }
 
-/// The thirteen numbers of a body with its centre of mass, so given in its frame, at a pose.
+/// The outputs [`OF_BODY`] of a body at a pose of its centre of mass; `centre` is the centre of mass in the user's
+/// frame.
 pub fn state(centre: &Vector3<f64>, pose: &Isometry3<f64>, velocity: &Vector3<f64>, omega: &Vector3<f64>) -> [f64; 13] {
     let offset = pose.rotation * centre;
     let (x, v) = (pose.translation.vector - offset, velocity - omega.cross(&offset));
@@ -69,8 +70,8 @@ pub fn state(centre: &Vector3<f64>, pose: &Isometry3<f64>, velocity: &Vector3<f6
     [x.x, x.y, x.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, omega.x, omega.y, omega.z]
 }
 
-/// The numbers of a body a fraction of the way through a step `h`: on a parabola if nothing pushed it; else on a line,
-/// with the velocities of the end.
+/// The outputs [`OF_BODY`] at a fraction of a step `h`. Positions follow a parabola if no impulse acted on the body;
+/// otherwise a line, with the velocities of the end.
 pub fn between(body: &Body, [from, to]: [&Motion; 2], is_pushed: bool, h: f64, fraction: f64) -> [f64; 13] {
     if fraction >= 1.0 {
         return state(&body.centre, &to.pose, &to.velocity, &to.omega);

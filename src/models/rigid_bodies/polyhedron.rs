@@ -1,60 +1,60 @@
-//! Convex polyhedra: vertices, faces with outward unit normals, and edges with the two faces that meet there, which is
-//! what separating axes need of them. Faces are planar polygons, not triangles: a box lies on four corners of its foot,
-//! not on two triangles.
+//! Convex polyhedra: vertices, faces with outward unit normals, and edges with their two adjacent faces, as needed for
+//! separating axes. Faces are planar polygons, not triangles: a box rests on the four corners of a face, not on two
+//! triangles.
 
 use nalgebra::{Matrix3, Vector3};
 use parry3d_f64::math::Vector;
 use parry3d_f64::shape::ConvexPolyhedron;
 
-/// A planar face, counter-clockwise from outside.
+/// A planar face, oriented counter-clockwise as seen from outside.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Face {
-    /// Outward unit normal.
+    /// The outward unit normal.
     pub normal: Vector3<f64>,
-    /// `normal . x` of its points, in metres.
+    /// The value of `normal . x` on the face, in metres.
     pub offset: f64,
-    /// Its vertices, in order.
+    /// The indices of the vertices, in order.
     pub vertices: Vec<usize>,
 }
 
 /// An edge between two faces.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Edge {
-    /// Its ends.
+    /// The indices of both ends.
     pub vertices: [usize; 2],
-    /// The faces that it bounds.
+    /// The indices of the adjacent faces.
     pub faces: [usize; 2],
 }
 
 /// A bounded convex polyhedron with a volume.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polyhedron {
-    /// In metres, in the frame of its body.
+    /// The vertices in metres, in the frame of the body.
     pub vertices: Vec<Vector3<f64>>,
-    /// Its faces.
+    /// The faces.
     pub faces: Vec<Face>,
-    /// Its edges, each once.
+    /// The edges, without duplicates.
     pub edges: Vec<Edge>,
 }
 
 impl Polyhedron {
-    /// The box `[-a, a] x [-b, b] x [-c, c]` with these half sides.
+    /// The box `[-a, a] x [-b, b] x [-c, c]` with the half side lengths `half = (a, b, c)`.
     pub fn cuboid(half: Vector3<f64>) -> Self {
-        // Vertex k lies at the signs of its bits.
+        // The bits of k are the signs of the coordinates of vertex k.
         let sign = |k: usize, axis: usize| if k >> axis & 1 == 1 { 1.0 } else { -1.0 };
         let vertices = (0..8).map(|k| Vector3::from_fn(|axis, _| sign(k, axis) * half[axis])).collect();
         let loops = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
         Self::from_loops(vertices, loops.into_iter().map(Vec::from))
     }
 
-    /// The convex hull of points; `None` if they span no volume.
+    /// The convex hull of points; `None` if the points span no volume.
     pub fn hull(points: &[Vector3<f64>]) -> Option<Self> {
         let centre = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
         let size = points.iter().map(|p| (p - centre).amax()).fold(0.0, f64::max);
         if !(size > 0.0 && size.is_finite()) {
             return None;
         }
-        // The library's thresholds are absolute, so that it is given a body of size one.
+        // The library's thresholds are absolute: points are scaled to unit size.
         let unit: Vec<Vector> =
             points.iter().map(|p| (p - centre) / size).map(|p| Vector::new(p.x, p.y, p.z)).collect();
         if !spans_volume(&unit) {
@@ -75,7 +75,7 @@ impl Polyhedron {
         let faces: Vec<Face> = loops
             .map(|vertices_of| {
                 let corner = |k: usize| vertices[vertices_of[k % vertices_of.len()]];
-                // Newell: the vector area of the polygon.
+                // Newell's method: the vector area of the polygon.
                 let area: Vector3<f64> =
                     (1..vertices_of.len()).map(|k| (corner(k) - corner(0)).cross(&(corner(k + 1) - corner(0)))).sum();
                 let normal = area.normalize();
@@ -97,14 +97,14 @@ impl Polyhedron {
         Self { vertices, faces, edges }
     }
 
-    /// Euler's formula, which holds if every edge was found with both of its faces.
+    /// Checks Euler's formula, which holds if every edge was found with both adjacent faces.
     fn is_closed(&self) -> bool {
         let used: std::collections::HashSet<usize> =
             self.faces.iter().flat_map(|face| &face.vertices).copied().collect();
         used.len() + self.faces.len() == self.edges.len() + 2
     }
 
-    /// Tetrahedra `(0, a, b, c)` with signed volumes that add up to the polyhedron.
+    /// Tetrahedra `(0, a, b, c)` whose signed volumes sum to the volume of the polyhedron.
     fn tetrahedra(&self) -> impl Iterator<Item = (f64, [Vector3<f64>; 3])> + '_ {
         self.faces.iter().flat_map(move |face| {
             let corner = move |k: usize| self.vertices[face.vertices[k]];
@@ -115,7 +115,7 @@ impl Polyhedron {
         })
     }
 
-    /// Cubic metres.
+    /// The volume in cubic metres.
     pub fn volume(&self) -> f64 {
         self.tetrahedra().map(|(volume, _)| volume).sum()
     }
@@ -126,7 +126,7 @@ impl Polyhedron {
         moment / self.volume()
     }
 
-    /// `int x x^T dV` about the origin: over a tetrahedron `V/20 sum_ij (1 + delta_ij) v_i v_j^T`.
+    /// The second moment `int x x^T dV` about the origin; for a tetrahedron, `V/20 sum_ij (1 + delta_ij) v_i v_j^T`.
     pub fn second_moment(&self) -> Matrix3<f64> {
         self.tetrahedra()
             .map(|(v, [a, b, c])| {
@@ -136,7 +136,7 @@ impl Polyhedron {
             .sum()
     }
 
-    /// Moves the origin of its frame to `centre`.
+    /// Moves the origin of the frame to `centre`.
     pub fn shift(&mut self, centre: &Vector3<f64>) {
         for vertex in &mut self.vertices {
             *vertex -= centre;
@@ -146,13 +146,13 @@ impl Polyhedron {
         }
     }
 
-    /// The vertex farthest in a direction.
+    /// The support point: the vertex farthest in a direction.
     pub fn support(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         let farthest = self.vertices.iter().max_by(|a, b| a.dot(direction).total_cmp(&b.dot(direction)));
         farthest.copied().unwrap_or_else(Vector3::zeros)
     }
 
-    /// The nearest point of the surface to `p`, the outward direction there, and the distance, negative inside.
+    /// The point of the surface nearest to `p`, the outward normal at this point, and the distance, negative inside.
     pub fn nearest(&self, p: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>, f64) {
         let height = |face: &Face| face.normal.dot(p) - face.offset;
         let highest = self.faces.iter().max_by(|a, b| height(a).total_cmp(&height(b)));
@@ -167,7 +167,7 @@ impl Polyhedron {
             .min_by(|a, b| (a - p).norm_squared().total_cmp(&(b - p).norm_squared()));
         let point = nearest.unwrap_or(*p);
         let distance = (p - point).norm();
-        // On the surface itself the direction comes from the face.
+        // For points on the surface, use the normal of the face.
         let normal = if distance > f64::EPSILON * p.norm() { (p - point) / distance } else { face.normal };
         (point, normal, distance)
     }
@@ -190,7 +190,7 @@ impl Polyhedron {
     }
 }
 
-/// Whether points of size one span more than a thousandth of their size in every direction.
+/// Whether points of unit size have an extent (standard deviation) above 1e-3 in every direction.
 fn spans_volume(points: &[Vector]) -> bool {
     let mut covariance = Matrix3::zeros();
     let mean = points.iter().fold(Vector3::zeros(), |sum, p| sum + Vector3::new(p.x, p.y, p.z)) / points.len() as f64;

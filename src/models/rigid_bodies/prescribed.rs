@@ -1,44 +1,44 @@
-//! Bodies whose motion is given: they push others, and nothing pushes them.
+//! Bodies with prescribed motion: they act on other bodies, but are not acted upon.
 
 use super::signals::{SignalStep, Signals};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-/// A motion as functions of time, by their places among those of the scene.
+/// A prescribed motion; functions of time are given by their index among the signals of the multibody system.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prescription {
-    /// How the origin of its frame moves.
+    /// The motion of the origin of the body's frame; at rest if `None`.
     pub linear: Option<Linear>,
-    /// The angular velocity in the world.
+    /// The angular velocity in world axes; zero if `None`.
     pub angular: Option<[usize; 3]>,
 }
 
-/// How a point moves.
+/// The prescribed motion of a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Linear {
-    /// By its place.
+    /// The position is given.
     Position([usize; 3]),
-    /// By its velocity.
+    /// The velocity is given.
     Velocity([usize; 3]),
 }
 
-/// A prescribed body within a step: where it is, where it comes to, and its mean velocities.
+/// A body with prescribed motion within a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Prescribed {
-    /// Its place in the scene.
+    /// The index of the body.
     pub body: usize,
-    /// The pose at the start of the step, then at its end.
+    /// The pose at the beginning of the step; set to `end` after the step.
     pub pose: Isometry3<f64>,
-    /// The pose at the end.
+    /// The pose at the end of the step.
     pub end: Isometry3<f64>,
-    /// In the mean of the step.
+    /// The mean velocity of the step.
     pub velocity: Vector3<f64>,
-    /// Likewise.
+    /// The mean angular velocity of the step.
     pub omega: Vector3<f64>,
 }
 
 impl Prescription {
-    /// The pose at the end of a step: a turn is the exponential of the integral of the angular velocity, which is exact about an
-    /// axis that stays and of second order else.
+    /// The pose at the end of a step. The rotation is the exponential of the integral of the angular velocity: exact
+    /// for a constant axis, otherwise of second order.
     fn end(&self, from: &Isometry3<f64>, course: &SignalStep) -> Isometry3<f64> {
         let at = |values: &[f64], of: [usize; 3]| Vector3::from(of.map(|function| values[function]));
         let start = from.translation.vector;
@@ -54,19 +54,19 @@ impl Prescription {
 }
 
 impl Prescribed {
-    /// A body at rest at its start.
+    /// The body at its initial pose, with zero velocities.
     pub fn new(body: usize, pose: Isometry3<f64>) -> Self {
         Self { body, pose, end: pose, velocity: Vector3::zeros(), omega: Vector3::zeros() }
     }
 
-    /// Begins a step of length `h` at a time.
+    /// Sets end pose and mean velocities for a step of length `h` from time `t`.
     pub fn begin(&mut self, by: &Prescription, signals: &Signals, t: f64, h: f64) {
         self.end = by.end(&self.pose, &signals.over(t, h));
         self.velocity = (self.end.translation.vector - self.pose.translation.vector) / h;
         self.omega = (self.end.rotation * self.pose.rotation.inverse()).scaled_axis() / h;
     }
 
-    /// The mean velocity of its point at a place at the start of the step.
+    /// The mean velocity of the material point that is at `place` at the beginning of the step.
     pub fn velocity_at(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.velocity + self.omega.cross(&(place - self.pose.translation.vector))
     }

@@ -1,24 +1,24 @@
-//! The free rotation of a rigid body: with the angular velocity `W` and the inertia `J` in its own frame,
+//! The free rotation of a rigid body, with the angular velocity `W` and the inertia `J` in the frame of the body:
 //!
 //! ```text
 //! J (W+ - W) = k J Wm x Wm,    Q+ = Q exp(h Wm),    Wm = (W + W+) / 2,    k = 2 tan(h |Wm| / 2) / |Wm|
 //! ```
 //!
 //! This is the implicit midpoint rule on the group (Austin, Krishnaprasad and Wang 1993, *Almost Poisson integration of
-//! rigid body systems*). Since `exp(h Wm)` is the Cayley transform of `k Wm`, both equations say the same of the angular
-//! momentum, `Q+ J W+ = Q J W`: it is kept to rounding, and so is the energy `W.J W / 2`, for any step. Steady rotation
-//! about a principal axis comes out exactly. The order is two.
+//! rigid body systems*). Since `exp(h Wm)` is the Cayley transform of `k Wm`, both equations together imply
+//! conservation of the angular momentum, `Q+ J W+ = Q J W`, and of the energy `W.J W / 2`, up to rounding and for any
+//! step size. Steady rotation about a principal axis is exact. The order is two.
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// Newton from the explicit guess converges in three to five; a spin too fast for the step takes Cayley's angle.
+/// Limit on Newton iterations. From the explicit guess, three to five suffice; for fast rotation see [`LARGEST_ANGLE`].
 const ITERATIONS: usize = 20;
 
-/// Above this angle a step, in radians, `k` is taken as `h`: a body that turns so far within a step is not resolved, and
-/// `tan` would soon have no bound.
+/// The angle per step, in radians, above which `k = h` is used: the rotation is not resolved, and `tan` would become
+/// unbounded.
 const LARGEST_ANGLE: f64 = 2.0;
 
-/// Rotates freely for a time `h`: the rotation, in the frame of the body, and the new angular velocity there.
+/// Free rotation for a time `h`: returns the rotation and the new angular velocity, both in the frame of the body.
 pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuaternion<f64>, Vector3<f64>) {
     let momentum = inertia * omega;
     let mut next = *omega;
@@ -26,7 +26,7 @@ pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuat
         let mean = (omega + next) * 0.5;
         let k = cayley_step(&mean, h);
         let residual = inertia * next - momentum - (inertia * mean).cross(&mean) * k;
-        // d(J w x w) = (J dw) x w + (J w) x dw, at half of the change.
+        // d(J w x w) = (J dw) x w + (J w) x dw, with half of the change for the mean.
         let spin = (inertia * mean).cross_matrix() - mean.cross_matrix() * inertia;
         let Some(change) = (inertia - spin * (0.5 * k)).lu().solve(&residual) else { break };
         next -= change;
@@ -40,7 +40,7 @@ pub fn rotate(inertia: &Matrix3<f64>, omega: &Vector3<f64>, h: f64) -> (UnitQuat
     (axis.map_or_else(UnitQuaternion::identity, |axis| UnitQuaternion::from_axis_angle(&axis, angle)), next)
 }
 
-/// `k`, for which the Cayley transform of `k w` is the exponential of `h w`.
+/// The factor `k` for which the Cayley transform of `k w` is the exponential of `h w`.
 fn cayley_step(omega: &Vector3<f64>, h: f64) -> f64 {
     let half = 0.5 * h * omega.norm();
     if half == 0.0 || 2.0 * half > LARGEST_ANGLE { h } else { h * half.tan() / half }
@@ -77,8 +77,8 @@ mod tests {
         assert!(q.angle_to(&exact) < 1e-14);
     }
 
-    /// Jacobi's solution: for `J = (1, 2, 3)` and `W = (sqrt(3/2) .. )` the middle component is `sn`, whose quarter
-    /// period `K(m)` the arithmetic-geometric mean gives.
+    /// Jacobi's solution: the middle component of the angular velocity is `sn`, whose quarter period `K(m)` is given by
+    /// the arithmetic-geometric mean.
     #[test]
     fn the_period_of_eulers_top_comes_out_at_second_order() {
         let (j, omega) = (Vector3::new(1.0_f64, 2.0, 3.0), Vector3::new(1.0_f64, 0.0, 1.0));

@@ -1,4 +1,4 @@
-//! A scene: bodies as they are at the start, what holds where they touch, and joints between them.
+//! The multibody system described by the user: bodies with initial states, contact laws, joints and forces.
 
 use super::action::Action;
 use super::collision::{BroadPhase, Collider, ContactPoint, contacts};
@@ -12,47 +12,47 @@ use nalgebra::{Isometry3, Matrix3, Vector3};
 use problem::{Control, Interrupted, Warning};
 use std::collections::HashSet;
 
-/// A body. SI units; the pose and the velocity are those of its centre of mass.
+/// A body in SI units; pose and velocity are those of the centre of mass.
 #[derive(Clone, Debug)]
 pub struct Body {
-    /// Its outputs begin with it.
+    /// The name, which is the prefix of the output names.
     pub name: String,
-    /// Its shape about the centre of mass, or the origin of its frame if it is fixed.
+    /// The shape relative to the centre of mass, or to the origin of the user's frame if the body is fixed.
     pub collider: Collider,
-    /// The place of its material in the laws.
+    /// The index of the material in the contact laws.
     pub material: usize,
-    /// Whether nothing moves it.
+    /// Whether forces and impulses do not move the body.
     pub fixed: bool,
-    /// Whether the forces of its contacts are outputs.
+    /// Whether the contact forces on the body are outputs.
     pub tells_contacts: bool,
-    /// How a body that is `fixed` moves all the same.
+    /// The prescribed motion of a `fixed` body; at rest if `None`.
     pub motion: Option<Prescription>,
-    /// The place of its group among those that may not touch each other; bodies without one touch all.
+    /// The collision group, for the pairs in [`MultibodySystem::apart`]; a body without a group collides with all.
     pub group: Option<u32>,
-    /// Above zero if it moves.
+    /// The mass in kilograms, positive if the body moves.
     pub mass: f64,
-    /// About the centre of mass, in its own frame.
+    /// The inertia about the centre of mass, in the frame of the body.
     pub inertia: Matrix3<f64>,
     /// The centre of mass in the user's frame.
     pub centre: Vector3<f64>,
-    /// From its own frame to the world.
+    /// The initial pose: from the frame of the body to the world.
     pub pose: Isometry3<f64>,
-    /// Of the centre of mass.
+    /// The initial velocity of the centre of mass.
     pub velocity: Vector3<f64>,
-    /// In the world.
+    /// The initial angular velocity in world axes.
     pub omega: Vector3<f64>,
 }
 
-/// Coefficients of one pair of materials.
+/// The contact law of a pair of materials.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Law {
-    /// Of Coulomb's law.
+    /// The coefficient of friction in Coulomb's law.
     pub friction: f64,
-    /// Of Newton's law, from 0 to 1.
+    /// The coefficient of restitution in Newton's law, from 0 to 1.
     pub restitution: f64,
 }
 
-/// The laws of all pairs of materials.
+/// The contact laws of all pairs of materials.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Laws {
     materials: usize,
@@ -60,8 +60,8 @@ pub struct Laws {
 }
 
 impl Laws {
-    /// Of two materials the geometric mean of the frictions, so that what is smooth stays smooth, and the lesser
-    /// restitution, since the softer one yields.
+    /// Combines the laws of single materials: the geometric mean of the friction coefficients, so that contacts with a
+    /// frictionless material are frictionless, and the smaller restitution, because the softer material deforms.
     pub fn of_materials(single: &[Law]) -> Self {
         let mix = |a: &Law, b: &Law| Law {
             friction: if a == b { a.friction } else { (a.friction * b.friction).sqrt() },
@@ -71,63 +71,63 @@ impl Laws {
         Self { materials: single.len(), laws }
     }
 
-    /// The law of a pair.
+    /// The law of a pair of materials.
     pub fn of(&self, a: usize, b: usize) -> Law {
         self.laws[a * self.materials + b]
     }
 
-    /// Whether there is a pair with such a law.
+    /// Whether the law of any pair satisfies a predicate.
     pub fn any(&self, such: impl Fn(&Law) -> bool) -> bool {
         self.laws.iter().any(such)
     }
 
-    /// Gives a pair a law of its own.
+    /// Sets the law of a pair of materials.
     pub fn set(&mut self, a: usize, b: usize, law: Law) {
         self.laws[a * self.materials + b] = law;
         self.laws[b * self.materials + a] = law;
     }
 }
 
-/// Bodies, laws and joints.
+/// Bodies, contact laws, joints and forces.
 #[derive(Clone, Debug)]
 pub struct MultibodySystem {
-    /// Metres a second squared.
+    /// The gravitational acceleration, in metres per second squared.
     pub gravity: Vector3<f64>,
-    /// All bodies, fixed ones too.
+    /// All bodies, including fixed ones.
     pub bodies: Vec<Body>,
-    /// What holds where they touch.
+    /// The contact laws.
     pub laws: Laws,
-    /// The set that friction is taken from.
+    /// The friction cone or its approximation.
     pub cone: Cone,
-    /// Pairs of groups whose bodies do not touch each other, the lesser first.
+    /// Pairs of groups, smaller index first, whose bodies do not collide with each other.
     pub apart: HashSet<(u32, u32)>,
-    /// What holds them together, and springs between them.
+    /// Joints, and springs between points.
     pub joints: Vec<Joint>,
-    /// Forces on them.
+    /// Forces on bodies that depend on time and motion.
     pub actions: Vec<Action>,
     /// Functions of time that drive joints and bodies.
     pub signals: Signals,
-    /// Whether bodies that overlap at the start are moved apart, and velocities that tear a joint are changed.
+    /// Whether initial overlaps are resolved, and initial velocities are projected onto the joint constraints.
     pub resolve: bool,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<Warning>,
 }
 
 /// Two bodies that overlap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Overlap {
-    /// Which.
+    /// The indices of both bodies.
     pub bodies: [usize; 2],
-    /// By how much, in metres.
+    /// The penetration depth, in metres.
     pub depth: f64,
 }
 
 impl MultibodySystem {
-    /// Pairs that overlap at the start by more than `fraction` of the smaller body's size, in order: all of them, or as
-    /// many as are asked for.
+    /// Pairs of bodies that initially overlap by more than `fraction` of the smaller body's size, sorted; at most
+    /// `most`.
     ///
     /// # Errors
-    /// `control` asks to stop.
+    /// If `control` asks to stop.
     pub fn overlaps(&self, fraction: f64, most: usize, control: &Control) -> Result<Vec<Overlap>, Interrupted> {
         let mut overlaps = Vec::new();
         let margin = |a: usize, b: usize| fraction * self.reach(a).min(self.reach(b));
@@ -147,10 +147,10 @@ impl MultibodySystem {
         Ok(overlaps)
     }
 
-    /// What its contacts at the start come to; no more are counted when that is `enough` bytes.
+    /// The memory estimate for the initial contacts; counting stops when the estimate reaches `enough` bytes.
     ///
     /// # Errors
-    /// `control` asks to stop.
+    /// If `control` asks to stop.
     pub fn load(&self, enough: usize, control: &Control) -> Result<Load, Interrupted> {
         let mut load = Load::of(self);
         let moving = |body: usize| (!self.bodies[body].fixed).then_some(body);
@@ -168,8 +168,8 @@ impl MultibodySystem {
         Ok(load)
     }
 
-    /// Hands the pairs of bodies that are near, and no joint holds together, to `found` with their points that are
-    /// nearer than `margin`, until it has enough; `room` is that around the box of a body.
+    /// Passes all pairs of nearby bodies that may collide to `found`, with their contact points closer than `margin`,
+    /// until `found` returns an error; `room` is the margin around the bounding box of a body.
     fn touching(
         &self,
         margin: impl Fn(usize, usize) -> f64,
@@ -203,7 +203,7 @@ impl MultibodySystem {
         }
     }
 
-    /// Whether two bodies are of groups that do not touch each other.
+    /// Whether two bodies belong to groups that do not collide.
     pub fn is_apart(&self, a: u32, b: u32) -> bool {
         let [a, b] = [a, b].map(|body| self.bodies[body as usize].group);
         a.zip(b).is_some_and(|(a, b)| self.apart.contains(&(a.min(b), a.max(b))))
@@ -214,7 +214,7 @@ impl MultibodySystem {
     }
 }
 
-/// Why pairs are looked for no longer.
+/// Why the search for pairs ended early.
 enum Ended {
     Enough,
     Interrupted,

@@ -1,48 +1,48 @@
-//! The shapes of bodies, in the frame of the body, with the origin at the centre of mass of a body that moves.
+//! The shapes of bodies, in the frame of the body. For moving bodies, the origin is the centre of mass.
 //!
-//! Volume, centre and second moment `S = int x x^T dV` are closed forms; the inertia about the origin at density `rho` is
-//! `rho (tr(S) I - S)`.
+//! Volume, centre of mass and second moment `S = int x x^T dV` have closed forms; the inertia about the origin at
+//! density `rho` is `rho (tr(S) I - S)`.
 
 use super::polyhedron::Polyhedron;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use parry3d_f64::shape::{Capsule, ConvexPolyhedron, Cylinder, SharedShape, TriMesh};
 use std::f64::consts::PI;
 
-/// A shape. Lengths in metres.
+/// A shape, with lengths in metres.
 #[derive(Clone, Debug)]
 pub enum Shape {
     /// A ball about the origin.
     Sphere {
-        /// Its radius.
+        /// The radius.
         radius: f64,
     },
     /// The points within `radius` of the segment from `-half_height` to `half_height` on the z axis.
     Capsule {
-        /// Of the caps and of the barrel.
+        /// The radius of caps and barrel.
         radius: f64,
-        /// Half of the distance of the centres of the caps.
+        /// Half of the distance between the centres of the caps.
         half_height: f64,
     },
     /// A circular cylinder about the z axis.
     Cylinder {
-        /// Of its base.
+        /// The radius of the base.
         radius: f64,
-        /// Half of its height.
+        /// Half of the height.
         half_height: f64,
     },
     /// A box or a convex hull.
     Polyhedron(Polyhedron),
     /// All points with `normal . x <= 0`.
     HalfSpace {
-        /// Outward unit normal.
+        /// The outward unit normal.
         normal: Vector3<f64>,
     },
-    /// A surface of triangles.
+    /// A triangle mesh.
     Mesh(SharedShape),
 }
 
 impl Shape {
-    /// The name that users know.
+    /// The name in specifications and messages.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Sphere { .. } => "sphere",
@@ -54,7 +54,7 @@ impl Shape {
         }
     }
 
-    /// Volume, centre and `S` about the origin; `None` for what has no volume.
+    /// Volume, centre of mass and `S` about the origin; `None` for shapes without a volume.
     pub fn moments(&self) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
         let (volume, radial, axial) = match self {
             Self::Sphere { radius } => {
@@ -68,7 +68,7 @@ impl Shape {
             Self::Capsule { radius, half_height } => {
                 let (r, l) = (*radius, *half_height);
                 let (barrel, caps) = (PI * r * r * 2.0 * l, 4.0 / 3.0 * PI * r.powi(3));
-                // Of a half ball, the mean height over its base is 3 r / 8.
+                // The centroid of a half ball is at 3 r / 8 above its base.
                 let axial = barrel * l * l / 3.0 + caps * (r * r / 5.0 + l * l + 2.0 * l * 3.0 / 8.0 * r);
                 (barrel + caps, barrel * r * r / 4.0 + caps * r * r / 5.0, axial)
             }
@@ -80,7 +80,7 @@ impl Shape {
         Some((volume, Vector3::zeros(), Matrix3::from_diagonal(&Vector3::new(radial, radial, axial))))
     }
 
-    /// The largest distance of its points from the origin; infinite for a half space.
+    /// The largest distance of a point of the shape from the origin; infinite for a half space.
     pub fn reach(&self) -> f64 {
         match self {
             Self::Sphere { radius } => *radius,
@@ -92,7 +92,7 @@ impl Shape {
         }
     }
 
-    /// The least and the greatest corner of its bounding box in the world.
+    /// The lower and the upper corner of the axis-aligned bounding box in the world.
     pub fn bounds(&self, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let at = pose.translation.vector;
         let axis = pose.rotation * Vector3::z();
@@ -117,7 +117,7 @@ impl Shape {
         (at - half, at + half)
     }
 
-    /// A mesh of triangles with indices into the vertices; `None` if it is no oriented surface.
+    /// A triangle mesh, with triangles as indices into the vertices; `None` if the surface is not oriented.
     pub fn mesh(vertices: &[Vector3<f64>], triangles: Vec<[u32; 3]>) -> Option<Self> {
         let points = vertices.iter().map(|v| parry3d_f64::math::Vector::new(v.x, v.y, v.z)).collect();
         let flags = parry3d_f64::shape::TriMeshFlags::FIX_INTERNAL_EDGES;
@@ -125,7 +125,7 @@ impl Shape {
         Some(Self::Mesh(SharedShape::new(mesh)))
     }
 
-    /// The shape as the collision library knows it; `None` for a half space, which has closed forms for all others.
+    /// The shape in the collision library; `None` for a half space, whose contacts with all shapes have closed forms.
     pub fn library(&self) -> Option<SharedShape> {
         use parry3d_f64::math::Vector;
         match self {
@@ -134,7 +134,7 @@ impl Shape {
                 let end = Vector::new(0.0, 0.0, *half_height);
                 Some(SharedShape::new(Capsule::new(-end, end, *radius)))
             }
-            // The library's axis is y: `library_turn` turns it.
+            // The axis of the library's cylinder is y; `collision::library` rotates it to z.
             Self::Cylinder { radius, half_height } => Some(SharedShape::new(Cylinder::new(*half_height, *radius))),
             Self::Polyhedron(polyhedron) => {
                 let points: Vec<Vector> = polyhedron.vertices.iter().map(|v| Vector::new(v.x, v.y, v.z)).collect();

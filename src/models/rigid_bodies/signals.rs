@@ -1,30 +1,33 @@
-//! Functions of time that drive joints and bodies, with their rates.
+//! Signals: functions of time that drive joints and bodies, with their time derivatives.
 
 use expression::Tape;
 
-/// The nodes and weights of Gauss on the unit interval, of order six: integrals are better than the steps they belong to.
+/// Nodes and weights of Gauss quadrature of order six on the unit interval: more accurate than the time stepping.
 const GAUSS: [(f64, f64); 3] =
     [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
 
-/// Rounding of an expression, in parts of its largest term.
+/// Rounding error of an expression, relative to its largest term.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
-/// The functions of a scene.
+/// The signals of a multibody system.
 #[derive(Clone, Debug, Default)]
 pub struct Signals {
-    /// Each function with its derivative by time.
+    /// The program of all signals, each followed by its time derivative.
     pub program: Tape,
-    /// The functions.
+    /// The number of signals.
     pub count: usize,
 }
 
-/// Functions over one step.
+/// The signals over one step.
 #[derive(Clone, Debug, Default)]
 pub struct SignalStep {
-    /// The values at the start, in the middle and at the end, and the rates at the end.
+    /// The values at the beginning of the step.
     pub start: Vec<f64>,
+    /// The values at the midpoint.
     pub middle: Vec<f64>,
+    /// The values at the end.
     pub end: Vec<f64>,
+    /// The time derivatives at the end.
     pub rates: Vec<f64>,
     /// The integrals over the step.
     pub integrals: Vec<f64>,
@@ -33,7 +36,7 @@ pub struct SignalStep {
 }
 
 impl Signals {
-    /// The values and the rates at a time.
+    /// The values and the time derivatives at a time.
     pub fn at(&self, t: f64) -> (Vec<f64>, Vec<f64>) {
         if self.count == 0 {
             return Default::default();
@@ -43,14 +46,14 @@ impl Signals {
         both.chunks_exact(2).map(|pair| (pair[0], pair[1])).unzip()
     }
 
-    /// How far values and rates at a time are off by rounding: what the largest number on the way to them leaves where it cancels.
+    /// The rounding error of values and derivatives at a time, from the largest intermediate result (cancellation).
     pub fn rounding(&self, t: f64) -> f64 {
         let mut program = self.program.clone();
         program.evaluate(t, &[], &mut vec![0.0; 2 * self.count]);
         ROUNDING * program.largest()
     }
 
-    /// All that a step asks for.
+    /// Evaluates and integrates the signals over a step.
     pub fn over(&self, t: f64, h: f64) -> SignalStep {
         if self.count == 0 {
             return SignalStep { h, ..SignalStep::default() };

@@ -1,20 +1,20 @@
-//! Steps of a scene: find the contacts, let forces act, solve each island, move.
+//! Moreau-Jean time stepping of a multibody system: detect contacts, apply forces, solve each island, move bodies.
 //!
 //! ```text
 //! v_free = v + (h_last + h)/2 g,    v+ = v_free + M^-1 J^T r,    q+ = q (+) h v+
 //! ```
 //!
-//! Velocities are those of the middles of steps, the first step after `h_last = 0`: this is the leapfrog, exact in free
-//! fall, and at the end of a step bodies have the other half of the kick. A body that a contact holds has its velocity to
-//! the end of the step, as friction and the contact left it, and `h_last = h`: of first order, as impacts are.
+//! Velocities are those of step midpoints, with `h_last = 0` before the first step: this is the leapfrog scheme, exact
+//! in free fall; at the end of a step bodies receive the other half of the kick. A body in sustained contact keeps the
+//! velocity of the contact solve until the end of the step, and its next kick has `h_last = h`: first order, as for
+//! impacts.
 //!
-//! Bodies that joints hold together, and those that touch them, move by the midpoint rule with the forces of the joints at
-//! their means, of second order, and have the velocities of the ends of steps. Where the step is too long for them it is
-//! halved.
+//! Bodies with joints, and bodies in contact with them, move by the second-order midpoint rule with mean joint forces,
+//! and have the velocities of step ends. If the step is too long for them, it is halved.
 //!
-//! The contacts are those of the start of the step, with their gaps: an open one closes no further than to touch
-//! (Stewart and Trinkle 1996). What curvature makes bodies overlap at the end is moved apart at the start of the next
-//! step, without a velocity.
+//! The contacts are those at the beginning of the step, with their gaps: an open contact closes at most to gap zero
+//! (Stewart and Trinkle 1996). Overlaps at the end of a step due to curvature are resolved at the beginning of the next
+//! step by displacements that do not change velocities.
 
 mod arrival;
 mod detection;
@@ -45,66 +45,69 @@ use problem::{Control, EventKind};
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
 
-/// Halvings of a step that is too long for the joints of a scene with contacts.
+/// Limit on halvings of a step that is too long for joints, in a system with contacts.
 const HALVINGS: u32 = 16;
 
-/// A residual of the contact law above this is no answer.
+/// The residual of the contact law above which a step fails.
 const UNSOLVED: f64 = 0.1;
 
-/// A scene in motion.
+/// The time stepping scheme and its state.
 #[derive(Debug)]
 pub struct MoreauStepping<'a> {
     scene: &'a MultibodySystem,
-    /// The bodies that move, with the velocities that the last step went with.
+    /// The moving bodies, with the velocities with which the last step moved them.
     moving: Vec<Motion>,
-    /// The same with the velocities at its end.
+    /// The moving bodies, with the velocities at the end of the last step.
     pub ends: Vec<Motion>,
-    /// Whether a contact holds them there.
+    /// For each moving body, whether it is in sustained contact.
     held: Vec<bool>,
-    /// Whether a contact pushed them in the last step, or what they are joined to.
+    /// For each moving body, whether a contact impulse acted on it, or on a body of its island with joints, in the last
+    /// step.
     pub pushed: Vec<bool>,
-    /// Whether a step was made.
+    /// Whether the first step has begun.
     has_begun: bool,
-    /// Which of them are in an island with joints.
+    /// For each moving body, whether it is in an implicit island (with joints or motion-dependent forces).
     jointed: Vec<bool>,
     mechanism: Mechanism<'a>,
-    /// What each linkage keeps.
+    /// The states of the linkages.
     carried: Vec<Carried>,
-    /// The places of the scene's bodies among them.
+    /// For each body of the system, its index among the moving bodies.
     places: Vec<Option<u32>>,
-    /// Pairs of moving bodies that a force brings together, or the one that it acts on, with its place among all; in its order.
+    /// For each motion-dependent force, the moving body it acts on, alone or paired with another body that the force
+    /// depends on, and the index of the force; sorted by force.
     acting: Vec<(u32, Option<u32>, u32)>,
-    /// The time that the bodies have come to.
+    /// The current time.
     t: f64,
-    /// What contacts did in the last step to the bodies for which that is asked for: force and torque.
+    /// The contact force and torque of the last step, for each body with contact outputs.
     contact_forces: Vec<(Vector3<f64>, Vector3<f64>)>,
-    /// The bodies whose motion is given, and of each body of the scene its place among them.
+    /// The bodies with prescribed motion.
     prescribed: Vec<Prescribed>,
+    /// For each body of the system, its index in `prescribed`.
     given: Vec<Option<u32>>,
     /// The contacts of the step.
     pub contacts: Vec<Contact>,
-    /// What happened in the last step between which bodies of the scene.
+    /// The events of the last step, with the indices of both bodies.
     pub new_events: Vec<(EventKind, [usize; 2])>,
     touches: Touches,
-    /// What the last step said.
+    /// The report of the last step.
     pub report: ContactReport,
     joined: HashSet<(u32, u32)>,
     broad_phase: BroadPhase,
     pairs: Vec<(u32, u32)>,
     points: Vec<ContactPoint>,
-    /// Impulses of the last step, in the world, by contact.
+    /// The impulses of the last step in world axes, by contact identity.
     kept: FxHashMap<(u32, u32, u64), Vector3<f64>>,
     islands: Islands,
     tasks: Vec<Island>,
     impact_law: ImpactLaw,
     laws: Vec<Law>,
     load: Load,
-    /// The bytes that contacts may take.
+    /// The memory limit for contacts, in bytes.
     pub most_memory: usize,
 }
 
 impl<'a> MoreauStepping<'a> {
-    /// The scene at its start, the time `t`.
+    /// Initialises the scheme at the initial time `t`.
     pub fn new(scene: &'a MultibodySystem, t: f64, settings: &Settings) -> Self {
         let mut moving = Vec::new();
         let mut places = Vec::with_capacity(scene.bodies.len());
@@ -163,7 +166,7 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// The pose of a body of the scene.
+    /// The current pose of a body, by its index in the system.
     pub fn pose(&self, body: usize) -> &Isometry3<f64> {
         match (self.places[body], self.given[body]) {
             (Some(place), _) => &self.moving[place as usize].pose,
@@ -172,7 +175,7 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// The motion of a body of the scene; none if it is fixed.
+    /// The motion of a body, by its index in the system; `None` if the body is fixed.
     pub fn motion(&self, body: usize) -> Option<&Motion> {
         self.places[body].map(|place| &self.moving[place as usize])
     }
@@ -180,7 +183,7 @@ impl<'a> MoreauStepping<'a> {
     /// Makes a step of length `h` from the time `t`.
     ///
     /// # Errors
-    /// If the bodies cannot go on.
+    /// If the step fails.
     pub fn step(&mut self, t: f64, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.t = t;
         self.report = ContactReport::default();
@@ -192,7 +195,7 @@ impl<'a> MoreauStepping<'a> {
         self.check()
     }
 
-    /// Makes a step of length `h`, or halves of it where that is too long.
+    /// Makes a step of length `h`, in halves if it is too long.
     fn advance(&mut self, h: f64, halvings: u32, control: &Control) -> Result<(), StepFailure> {
         for prescribed in &mut self.prescribed {
             if let Some(by) = &self.scene.bodies[prescribed.body].motion {
@@ -215,10 +218,10 @@ impl<'a> MoreauStepping<'a> {
         self.report.kinetic = self.report.kinetic.max(kinetic);
         self.remember();
         self.close();
-        self.part();
+        self.partition_into_islands();
         let report = self.report;
         let solved = self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control));
-        // Who stops it throws away what was left half-way.
+        // On interruption the caller discards the incomplete step.
         control.go_on()?;
         let poses: Vec<_> = self.prescribed.iter().map(|prescribed| prescribed.pose).collect();
         self.prescribed.iter_mut().for_each(|prescribed| prescribed.pose = prescribed.end);
@@ -237,7 +240,7 @@ impl<'a> MoreauStepping<'a> {
         }
         self.follow(h);
         self.add_contact_forces();
-        self.judge();
+        self.record();
         self.hold(|contact| contact.impulse.x > 0.0);
         for ((motion, is_jointed), is_held) in self.moving.iter_mut().zip(&self.jointed).zip(&self.held) {
             if !is_jointed {
@@ -245,12 +248,12 @@ impl<'a> MoreauStepping<'a> {
                 motion.lag = if *is_held { 0.0 } else { 0.5 * h };
             }
         }
-        self.arrive();
+        self.end_velocities();
         self.t += h;
         Ok(())
     }
 
-    /// Lets forces act on the velocities of bodies without joints.
+    /// Applies gravity to the velocities of bodies in explicit islands.
     fn kick(&mut self, h: f64) {
         let gravity = self.scene.gravity;
         for ((motion, is_jointed), is_held) in self.moving.iter_mut().zip(&self.jointed).zip(&self.held) {
@@ -260,7 +263,7 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// Gives each contact the impulse that it had in the last step.
+    /// Initialises each contact impulse with that of the last step (warm start).
     fn remember(&mut self) {
         for contact in &mut self.contacts {
             if let Some(impulse) = self.kept.get(&contact.key) {
@@ -269,8 +272,8 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
-    /// Keeps the impulses, and says what the contacts did.
-    fn judge(&mut self) {
+    /// Stores the impulses for the next step, and records impulses and work of contacts in the report.
+    fn record(&mut self) {
         self.kept.clear();
         self.pushed.fill(false);
         let report = &mut self.report;
@@ -306,7 +309,7 @@ impl<'a> MoreauStepping<'a> {
         (0..self.places.len()).find(|&body| lost(body)).map_or(Ok(()), |body| Err(StepFailure::NotFinite { body }))
     }
 
-    /// Kinetic and potential energy, the latter zero at the origin.
+    /// Kinetic and potential energy; the gravitational potential is zero at the origin.
     pub fn energies(&self) -> [f64; 2] {
         let kinetic = self.ends.iter().map(Motion::kinetic_energy).sum();
         let height = |motion: &Motion| motion.mass * self.scene.gravity.dot(&motion.pose.translation.vector);

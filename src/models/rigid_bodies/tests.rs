@@ -1,4 +1,4 @@
-//! Bodies in motion against closed forms.
+//! Motion of rigid bodies, compared with closed-form solutions.
 
 use super::collision::Collider;
 use super::*;
@@ -118,7 +118,7 @@ fn a_stack_with_a_heavy_top_stands_still() {
     }
 }
 
-/// Spheres on a square grid on a tray that moves, which lies on the ground.
+/// Spheres in a square array on a movable tray, which lies on the ground.
 fn on_a_tray(rows: u32) -> MultibodySystem {
     let mut bodies = vec![ground(Vector3::z())];
     let tray = Polyhedron::cuboid(Vector3::new(100.0, 100.0, 1.0));
@@ -138,7 +138,7 @@ fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
     let mut simulation = MoreauStepping::new(&scene, 0.0, &SETTINGS);
     simulation.step(0.0, 1e-3, &Control::new()).unwrap();
     assert_eq!(simulation.contacts.len(), 20);
-    // Blocks: the tray's contacts with each other, and those of each sphere with itself.
+    // Blocks: all pairs of contacts on the tray, and one diagonal block per sphere for its second body.
     let bytes = |blocks| ::contact::law::Size { contacts: 20, blocks, friction: Some(Cone::Quadratic) }.bytes();
     let law = bytes(20 * 20 + 16);
     let rest = load.bytes() - law;
@@ -172,7 +172,7 @@ fn islands_count_apart_and_joints_bring_contacts_together() {
         scene([ground(Vector3::z())].into_iter().chain(balls).collect(), 0.3, 0.0)
     };
     let bytes = |scene: &MultibodySystem| scene.load(usize::MAX, &Control::new()).unwrap().bytes();
-    // Islands are solved a few at a time.
+    // Only a few islands are in memory at a time.
     assert!(bytes(&apart(100)) < 2 * bytes(&apart(50)));
     let mut chained = apart(100);
     for k in 1..100 {

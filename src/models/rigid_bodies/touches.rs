@@ -1,49 +1,51 @@
-//! What happens between pairs of bodies from step to step: they strike, stick, slip and lift off.
+//! Events between pairs of bodies from step to step: impact, stick, slip and lift-off.
 //!
-//! A heap at rest is never quite at rest: speeds below what gravity gives within a step are no impact, a small part of
-//! them is no slip, and gaps that are none, or an impact that two steps share, are no lift-off. Slip begins at a greater
-//! speed than it ends at, so that it does not come and go with rounding.
+//! Bodies at rest have small residual velocities, which must not produce events. Normal velocities below the velocity
+//! change by gravity within a step are not impacts, and tangential velocities below a small fraction of it are not
+//! slip. Gaps within tolerance, or an impact distributed over two steps, are not lift-off. The threshold for the onset
+//! of slip is larger than that for its end (hysteresis against rounding).
 
 use super::contact::Contact;
 use super::motion::Motion;
 use problem::EventKind;
 use rustc_hash::FxHashMap;
 
-/// Rounding, in parts of the speeds that a difference is taken of.
+/// Rounding error of a relative velocity, relative to the speeds of both bodies.
 const ROUNDING: f64 = 1e-9;
 
-/// Slips that end and begin, in parts of the speed that gravity gives within a step.
+/// The slip velocity at which slip ends, relative to the velocity change by gravity within a step.
 const ENDS: f64 = 1e-3;
+/// The slip velocity at which slip begins, relative to the velocity change by gravity within a step.
 const BEGINS: f64 = 1e-2;
 
-/// The pairs that touch.
+/// The pairs of bodies in contact.
 #[derive(Debug, Default)]
 pub struct Touches {
     pairs: FxHashMap<(u32, u32), Touch>,
     step: u64,
 }
 
-/// A pair that touches.
+/// The state of a pair of bodies in contact.
 #[derive(Clone, Copy, Debug)]
 struct Touch {
     slips: bool,
-    /// The first and the last step at the end of which it touched.
+    /// The first and the last step at whose end the pair was in contact.
     steps: [u64; 2],
 }
 
 /// A contact in a step.
 pub struct Touched<'a> {
-    /// With its impulse.
+    /// The contact, with its impulse.
     pub contact: &'a Contact,
-    /// Whether it carried one in the step before.
+    /// Whether the contact had an impulse in the previous step.
     pub was_struck: bool,
-    /// Whether it touches at the end of the step.
+    /// Whether the contact is closed at the end of the step.
     pub is_closed: bool,
 }
 
 impl Touches {
-    /// Takes over the contacts of a step, those of a pair one after the other: what happened to which pair. `fall` is
-    /// the speed that gravity gives within a step.
+    /// Updates the pairs with the contacts of a step, grouped by pair, and appends events. `fall` is the velocity
+    /// change by gravity within a step.
     pub fn follow<'a>(
         &mut self,
         contacts: impl Iterator<Item = Touched<'a>>,
@@ -96,17 +98,18 @@ impl Touches {
     }
 }
 
-/// What the contacts of a pair do.
+/// The contacts of a pair in a step, combined.
 #[derive(Debug, Default)]
 struct Pair {
     is_closed: bool,
     is_struck: bool,
-    /// Whether one came to carry an impulse at speed.
+    /// Whether an impact occurred: a new impulse at a normal velocity above the threshold.
     strikes: bool,
-    /// Whether one that is struck slips.
+    /// Whether a contact with an impulse slips faster than the threshold for the onset of slip.
     slips: bool,
-    /// Whether there is such a one, and none that slips even slowly.
+    /// Whether there is a contact with an impulse, and `creeps` is false.
     sticks: bool,
+    /// Whether a contact with an impulse slips faster than the threshold for the end of slip.
     creeps: bool,
 }
 
@@ -130,7 +133,7 @@ impl Pair {
     }
 }
 
-/// The speeds of both bodies at a contact, added up.
+/// The sum of the speeds of both bodies at a contact.
 fn speeds(contact: &Contact, moving: &[Motion]) -> f64 {
     let speed = |side: usize| {
         contact.bodies[side].map_or(0.0, |body| {

@@ -1,45 +1,48 @@
 //! The projection onto a polyhedron by the dual active-set method of Goldfarb and Idnani (1983, *A numerically stable
-//! dual method for solving strictly convex quadratic programs*), whose Hessian is the identity here:
+//! dual method for solving strictly convex quadratic programs*), with the identity as Hessian:
 //!
 //! ```text
 //! min 1/2 |p - x|^2,  A p <= b:    p = x - N^T l,    N p = b_N,    l >= 0
 //! ```
 //!
-//! From `p = x` the most violated row enters, rows whose multiplier falls to zero make way, until none is violated. `N`
-//! is kept as `N^T = Q R` by Gram-Schmidt, twice over, so that `Q` stays orthonormal.
+//! Starting at `p = x`, the most violated row enters the active set, and rows whose multiplier falls to zero leave it,
+//! until no row is violated. The active rows `N` are factorised as `N^T = Q R` by Gram-Schmidt with
+//! reorthogonalisation, so that `Q` stays orthonormal.
 
 use super::ball::norm;
 use super::polyhedron::{Polyhedron, dot};
 
-/// The rows that a projection ended on, with its workspace.
+/// The active rows at the end of a projection, with the workspace of the method.
 #[derive(Clone, Debug, Default)]
 pub struct ActiveRows {
-    /// The rows, in the order in which they entered.
+    /// The active rows, in the order in which they entered.
     rows: Vec<usize>,
-    /// Their multipliers.
+    /// The multipliers of the active rows.
     multipliers: Vec<f64>,
-    /// `Q`, column by column, and `R`, each column padded to the dimension.
+    /// `Q` by columns.
     q: Vec<f64>,
+    /// `R` by columns, each padded to the dimension.
     r: Vec<f64>,
-    /// The coefficients of the entering row in the active ones, and what is left of it.
+    /// The coefficients of the entering row as a combination of active rows.
     coefficients: Vec<f64>,
+    /// The component of the entering row orthogonal to the active rows.
     rest: Vec<f64>,
 }
 
-/// A violation below this fraction of its terms is rounding.
+/// Violations below this fraction of their terms are rounding errors.
 const NOISE: f64 = 1e-14;
 
-/// A row is dependent on the active ones if less than this is left of its unit length.
+/// A row of unit length is linearly dependent on the active rows if its orthogonal component is shorter than this.
 const DEPENDENT: f64 = 1e-10;
 
 impl ActiveRows {
-    /// The rows of the last projection.
+    /// The active rows of the last projection.
     pub fn rows(&self) -> &[usize] {
         &self.rows
     }
 
-    /// Projects `x` onto `{z : A z <= scale b}` into `p`; the recession cone is that of scale zero. False if the set
-    /// is empty; NaN where `x` has one.
+    /// Writes the projection of `x` onto `{z : A z <= scale b}` to `p`; for `scale = 0` the set is the recession cone.
+    /// Returns false if the set is empty. `p` is NaN if `x` is not finite.
     pub(super) fn project(&mut self, set: &Polyhedron, scale: f64, x: &[f64], p: &mut [f64]) -> bool {
         let n = set.dimension();
         self.reset(n);
@@ -80,7 +83,7 @@ impl ActiveRows {
         true
     }
 
-    /// `x - Q Q^T x` in place: onto the directions in which the active rows leave free.
+    /// Projects `x` in place onto the null space of the active rows: `x - Q Q^T x`.
     pub(super) fn restrict(&self, x: &mut [f64]) {
         let n = x.len();
         for q in self.q.chunks_exact(n.max(1)).take(self.rows.len()) {
@@ -121,7 +124,8 @@ impl ActiveRows {
         worst
     }
 
-    /// Writes a row as `N^T c + rest` with `rest` orthogonal to the first `k` active rows, and returns its length.
+    /// Decomposes a row as `N^T c + rest` with `rest` orthogonal to the first `k` active rows; returns the length of
+    /// `rest`.
     fn resolve(&mut self, row: &[f64], k: usize) -> f64 {
         let n = row.len();
         self.rest.copy_from_slice(row);
@@ -136,7 +140,7 @@ impl ActiveRows {
                 }
             }
         }
-        // The new column of R, kept for when the row enters.
+        // Store the new column of R in case the row enters.
         if k < n {
             self.r[k * n..k * n + k].copy_from_slice(&self.coefficients);
         }
@@ -148,7 +152,8 @@ impl ActiveRows {
         norm(&self.rest)
     }
 
-    /// The active row whose multiplier falls to zero first as that of the entering row grows, and by how much it may.
+    /// Ratio test: the active row whose multiplier first falls to zero as the multiplier of the entering row grows, and
+    /// the step length until then.
     fn first_to_leave(&self) -> (usize, f64) {
         let mut first = (0, f64::INFINITY);
         for (i, (l, c)) in self.multipliers.iter().zip(&self.coefficients).enumerate() {
@@ -165,7 +170,7 @@ impl ActiveRows {
         self.multipliers.push(multiplier);
     }
 
-    /// Column `k` of `Q`, and the diagonal of `R` there, from the row resolved last.
+    /// Writes column `k` of `Q` and its diagonal entry of `R`, from the row decomposed last.
     fn write_column(&mut self, k: usize, left: f64) {
         let n = self.rest.len();
         for (q, rest) in self.q[k * n..][..n].iter_mut().zip(&self.rest) {
@@ -174,7 +179,7 @@ impl ActiveRows {
         self.r[k * n + k] = left;
     }
 
-    /// Takes a row out; those that entered after it are orthogonalised anew.
+    /// Removes an active row; rows that entered after it are orthogonalised anew.
     fn leave(&mut self, set: &Polyhedron, place: usize) {
         self.multipliers.remove(place);
         self.rows.remove(place);

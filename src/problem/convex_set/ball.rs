@@ -4,9 +4,9 @@
 //! P(x) = x  or  r x/|x|,    P'(x) = I  or  (r/|x|) (I - u u^T),  u = x/|x|
 //! ```
 //!
-//! On the sphere the identity is chosen of the two limits.
+//! On the sphere, where both limits are possible, `P'` is the identity.
 
-/// Projects `x` into `p`.
+/// Writes the projection of `x` to `p`.
 pub(super) fn project(radius: f64, x: &[f64], p: &mut [f64]) {
     let norm = norm(x);
     let factor = if norm <= radius { 1.0 } else { radius / norm };
@@ -15,7 +15,7 @@ pub(super) fn project(radius: f64, x: &[f64], p: &mut [f64]) {
     }
 }
 
-/// Writes the derivative of the projection at `x`, column by column.
+/// Writes the derivative of the projection at `x`, by columns.
 pub(super) fn derivative(radius: f64, x: &[f64], out: &mut [f64]) {
     let norm = norm(x);
     let inside = norm <= radius;
@@ -36,7 +36,7 @@ pub(super) fn norm(x: &[f64]) -> f64 {
     largest * x.iter().map(|x| (x / largest) * (x / largest)).sum::<f64>().sqrt()
 }
 
-/// The component of the largest size.
+/// The index of the component of largest absolute value.
 pub(super) fn largest(x: &[f64]) -> usize {
     (0..x.len()).max_by(|&i, &j| x[i].abs().total_cmp(&x[j].abs())).unwrap_or(0)
 }

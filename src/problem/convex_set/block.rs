@@ -1,4 +1,4 @@
-//! A factor of `K` that binds several components together.
+//! Blocks: factors of `K` that couple several components.
 
 use super::active_rows::ActiveRows;
 use super::face::Face;
@@ -21,16 +21,16 @@ pub enum Shape {
     Polyhedron(Polyhedron),
 }
 
-/// A shape and the components that it binds.
+/// A shape and the components of `z` that it couples.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Block {
-    /// The indices of its components in `z`, in the order of the shape's own coordinates.
+    /// The indices of its components in `z`, in the order of the shape's coordinates.
     pub members: Vec<usize>,
     /// The shape.
     pub shape: Shape,
 }
 
-/// Room for the projection of one block; it grows to the largest that it meets.
+/// Workspace for the projection onto a block; it grows to the size of the largest block.
 #[derive(Clone, Debug, Default)]
 pub struct BlockWorkspace {
     sorted: Vec<f64>,
@@ -38,7 +38,7 @@ pub struct BlockWorkspace {
 }
 
 impl Shape {
-    /// Projects `x` into `p`, both of the block's length. NaN where `x` has one.
+    /// Writes the projection of `x` to `p`, both of the block's length. NaN in `x` gives NaN in `p`.
     pub fn project(&self, x: &[f64], p: &mut [f64], work: &mut BlockWorkspace) {
         match self {
             Shape::Ball { radius } => ball::project(*radius, x, p),
@@ -53,8 +53,9 @@ impl Shape {
         }
     }
 
-    /// Projects `x` into `p` and writes an element of the B-subdifferential of the projection there, `k x k` and
-    /// symmetric, with eigenvalues in `[0, 1]`: the derivative wherever there is one. At kinks see each shape.
+    /// Writes the projection of `x` to `p`, and an element of the B-subdifferential of the projection at `x` to
+    /// `derivative`: a symmetric `k x k` matrix with eigenvalues in `[0, 1]`, equal to the derivative where it exists.
+    /// At kinks the choice is documented at each shape.
     pub fn linearise(&self, x: &[f64], p: &mut [f64], derivative: &mut [f64], work: &mut BlockWorkspace) {
         self.project(x, p, work);
         match self {
@@ -71,7 +72,7 @@ impl Shape {
         }
     }
 
-    /// The face that the projection of `x` lies on.
+    /// The face that contains the projection of `x`.
     pub fn face(&self, x: &[f64], p: &mut [f64], work: &mut BlockWorkspace) -> Face {
         self.project(x, p, work);
         match self {
@@ -87,7 +88,7 @@ impl Shape {
         }
     }
 
-    /// The support function, `sup <d, z>` over the block; infinite where the block has no end along `d`.
+    /// The support function, `sup <d, z>` over the block; infinite if the block is unbounded in direction `d`.
     pub fn support(&self, d: &[f64], work: &mut BlockWorkspace) -> f64 {
         match self {
             Shape::Ball { radius } => radius * ball::norm(d),
@@ -107,8 +108,8 @@ impl Shape {
         }
     }
 
-    /// A length by which the block is measured, unless it is a cone: the radius of a ball, the side of a simplex, the largest
-    /// distance of a row of a polyhedron from the origin.
+    /// The length scale of the block: the radius of a ball, one for a simplex, the largest distance of a bounding plane
+    /// of a polyhedron from the origin. `None` for cones.
     pub fn size(&self) -> Option<f64> {
         let size = match self {
             Shape::Ball { radius } => *radius,
@@ -119,7 +120,7 @@ impl Shape {
         (size > 0.0).then_some(size)
     }
 
-    /// Whether the block is bounded: whether only zero recedes.
+    /// Whether the block is bounded: whether its recession cone is zero.
     pub fn is_bounded(&self, work: &mut BlockWorkspace) -> bool {
         match self {
             Shape::Ball { .. } | Shape::Simplex => true,
@@ -135,7 +136,7 @@ impl Shape {
         }
     }
 
-    /// Whether there is a point in a block of `k` components.
+    /// Whether a block of `k` components with this shape is nonempty.
     pub fn is_nonempty(&self, k: usize) -> bool {
         match self {
             Shape::Ball { radius } => *radius >= 0.0,
@@ -144,7 +145,7 @@ impl Shape {
         }
     }
 
-    /// By how much `z` violates the inequalities that define the block, as a length; not above zero inside.
+    /// The constraint violation of `z` as a length; at most zero inside the block.
     pub fn violation(&self, z: &[f64]) -> f64 {
         match self {
             Shape::Ball { radius } => ball::norm(z) - radius,

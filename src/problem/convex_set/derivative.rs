@@ -1,19 +1,19 @@
-//! An element `V` of the B-subdifferential of the projection onto a product: zero or one an interval, a symmetric
-//! matrix a block.
+//! An element `V` of the B-subdifferential of the projection onto `K`: zero or one for an interval, a symmetric matrix
+//! for a block.
 
 use super::{ConvexSet, Workspace};
 
-/// `V` at one point, stored by its factors.
+/// `V` at one point, stored by the factors of `K`.
 #[derive(Clone, Debug, Default)]
 pub struct Derivative {
-    /// One inside an interval, ends excluded, and zero outside; one a component.
+    /// For each component, one in the interior of its interval and zero otherwise.
     intervals: Vec<f64>,
-    /// The matrices of the blocks, one after the other, each by columns.
+    /// The concatenated matrices of the blocks, each by columns.
     blocks: Vec<f64>,
 }
 
 impl Derivative {
-    /// Projects `x` in place and takes `V` at where it was. No allocation once it has met this set.
+    /// Projects `x` in place and computes `V` at the original `x`. Allocates only in the first call for a set.
     pub fn linearise(&mut self, set: &ConvexSet, x: &mut [f64], work: &mut Workspace) {
         self.intervals.resize(x.len(), 0.0);
         for (i, (x, v)) in x.iter_mut().zip(&mut self.intervals).enumerate() {
@@ -32,7 +32,7 @@ impl Derivative {
         }
     }
 
-    /// `out = V x`
+    /// Computes `out = V x`.
     pub fn apply(&self, set: &ConvexSet, x: &[f64], out: &mut [f64]) {
         for ((out, x), v) in out.iter_mut().zip(x).zip(&self.intervals) {
             *out = v * x;

@@ -1,4 +1,4 @@
-//! The monitors of a face over a box of `z` and `G`: intervals that hold their values at every point, in the order of
+//! Interval enclosures of the monitors of a face over a box of `z` and `G`, in the order of
 //! [`FaceEquations::monitors`](super::FaceEquations).
 
 use super::block::Shape;
@@ -6,7 +6,7 @@ use super::face::{Elimination, Face};
 use super::polyhedron::Polyhedron;
 use numerics::Interval;
 
-/// An interval that holds a monitor, by the unit that it has.
+/// The enclosure of a monitor, by its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MonitorRange {
     /// A distance, in the unit of `z`.
@@ -20,16 +20,16 @@ use MonitorRange::{Distance, Multiplier};
 /// A monitor that is linear in `z` and `G`: `constant + sum c_i z_i + sum d_i G_i`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FlatMonitor {
-    /// What does not move.
+    /// The constant term.
     pub constant: f64,
-    /// Pairs of a member and its factor `c`.
+    /// The coefficients `c`, as `(member, c)`.
     pub of_z: Vec<(usize, f64)>,
-    /// Pairs of a member and its factor `d`; none where the monitor is a distance.
+    /// The coefficients `d`, as `(member, d)`; empty if the monitor is a distance.
     pub of_g: Vec<(usize, f64)>,
 }
 
 impl FlatMonitor {
-    /// Its range where `z` and `G` are in a box.
+    /// The range of the monitor over a box of `z` and `G`.
     pub fn range(&self, z: &[Interval], g: &[Interval]) -> Interval {
         let of = |terms: &[(usize, f64)], of_members: &[Interval]| {
             sum(terms.iter().map(|&(i, factor)| Interval::point(factor) * of_members[i]))
@@ -44,8 +44,8 @@ impl Shape {
         matches!((self, face), (Self::Simplex | Self::Polyhedron(_), Face::Interior | Face::Edge(_)))
     }
 
-    /// The monitors of a face of a block of so many `members` where these are linear, in the order of
-    /// [`FaceEquations::monitors`](super::FaceEquations); `None` where they are not.
+    /// The linear monitors of a face of a block with `members` components, in the order of
+    /// [`FaceEquations::monitors`](super::FaceEquations); `None` if the monitors are nonlinear.
     pub fn flat_monitors(&self, face: &Face, members: usize) -> Option<Vec<FlatMonitor>> {
         let slack = |polyhedron: &Polyhedron, j: usize| FlatMonitor {
             constant: polyhedron.offset(j),
@@ -82,8 +82,7 @@ impl Shape {
         }
     }
 
-    /// Writes the ranges of the monitors of a face that are not linear where `z` and `G` are in a box, and the radius of a ball
-    /// in `radius`.
+    /// Encloses the nonlinear monitors of a face over a box of `z` and `G`, with the radius of a ball in `radius`.
     pub fn enclose_monitors(
         &self,
         face: &Face,

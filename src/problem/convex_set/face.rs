@@ -1,13 +1,14 @@
-//! The faces of a block as smooth manifolds: where `c(z) = 0`, with `T` a basis of the tangent space, the variational
-//! inequality is the square system
+//! The faces of a block as smooth manifolds `c(z) = 0`. With a basis `T` of the tangent space, the variational
+//! inequality on a face is the square system
 //!
 //! ```text
 //! c(z) = 0,    T(z)^T G = 0
 //! ```
 //!
-//! and it is solved as long as some [`Monitor`]s are not negative: the other inequalities of the block, and the
-//! multipliers of those that are equations (`-G` in the normal cone; Rockafellar and Wets 1998, 6.C). A constraint
-//! takes the row of a member that it can be solved for, its pivot, and `T` is the basis that this elimination gives:
+//! Its solution solves the variational inequality as long as all [`Monitor`]s are nonnegative: the inactive
+//! inequalities of the block, and the multipliers of the active ones (`-G` in the normal cone; Rockafellar and Wets
+//! 1998, 6.C). Each constraint is solved for one member, its pivot, and takes the row of this member; `T` is the basis
+//! given by the elimination:
 //!
 //! ```text
 //! ball       |z| = r                G_i - (z_i/z_p) G_p = 0
@@ -16,35 +17,35 @@
 //! rows       N z = b                G_i - N_i^T N_p^-T G_p = 0
 //! ```
 //!
-//! Each is rational where the face ends in an apex, so that it can be followed past its end, to find it. On the boundary
-//! of a cone, which is its own dual, `z` and `G` may change places:
+//! The equations are rational where a face ends in an apex, so that a solution can be continued past the end of the
+//! face, to locate the end. On the boundary of the self-dual cone, `z` and `G` may be exchanged:
 //!
 //! ```text
 //! G_1 = |(G_2, ..)|,    z_i + (G_i/G_1) z_1 = 0
 //! ```
 //!
-//! says the same, and is the better conditioned where `G` is far from zero: there the first form mixes the rows that
-//! determine `z` along its ray with those across it, by as much as the ray turns in a step.
+//! This dual form is equivalent, and better conditioned if `G` is far from zero: the primal form then mixes the
+//! equations for `z` along its ray with those across it, by the rotation of the ray in a step.
 
 use super::ball;
 use super::block::Shape;
 use super::polyhedron::{Polyhedron, dot};
 
-/// Where in a block a point lies.
+/// A face of a block.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Face {
-    /// In the interior.
+    /// The interior.
     Interior,
-    /// On the curved boundary, away from a vertex; of a ball, with the member that it is solved for; of a cone, 0 where
-    /// that is done for `z`, 1 where for `G`.
+    /// The curved boundary without vertices. For a ball, the pivot; for a cone, 0 for the primal form (in `z`), 1 for
+    /// the dual form (in `G`).
     Boundary(usize),
-    /// At the apex of a cone, or the centre of a ball of radius zero.
+    /// The apex of a cone, or a ball of radius zero.
     Vertex,
-    /// Where these inequalities are equations: the zero members of a simplex, the rows of a polyhedron.
+    /// A flat face, given by its active inequalities: the zero members of a simplex, the active rows of a polyhedron.
     Edge(Vec<usize>),
 }
 
-/// What is not negative on a face.
+/// A monitor function of a face: nonnegative as long as the face is active.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Monitor {
     /// A distance, in the unit of `z`.
@@ -56,24 +57,24 @@ pub enum Monitor {
 /// The equations `Phi = R G + c` of a face at one point of a block of `k` members.
 #[derive(Clone, Debug, Default)]
 pub struct FaceEquations {
-    /// `k`
+    /// The number of members `k`.
     pub members: usize,
-    /// `R`, the derivative of `Phi` by `G`, row by row; the rows of constraints are zero, the others are those of `T^T`.
+    /// `R`, the derivative of `Phi` with respect to `G`, by rows; zero in constraint rows, `T^T` in the others.
     pub combination: Vec<f64>,
-    /// `c`, zero in the other rows.
+    /// `c`; zero in rows that are not constraints.
     pub constraint: Vec<f64>,
-    /// Whether each row has the unit of `z`, not that of `G`.
+    /// For each row, whether it has the unit of `z` rather than that of `G`.
     pub is_of_z: Vec<bool>,
-    /// The derivative of `Phi` by `z` at constant `G`, row by row: of the constraints, and the curvature.
+    /// The derivative of `Phi` with respect to `z` at constant `G`, by rows: constraint gradients, and curvature terms.
     pub own: Vec<f64>,
-    /// The derivative of `Phi` by the radius of a ball.
+    /// The derivative of `Phi` with respect to the radius of a ball.
     pub by_radius: Vec<f64>,
-    /// As many as the face has, in a fixed order.
+    /// The monitors of the face, in a fixed order.
     pub monitors: Vec<Monitor>,
 }
 
 impl FaceEquations {
-    /// Takes the equations of `face` at `z` and `G`, in the coordinates of the shape.
+    /// Sets the equations of `face` at `z` and `G`, in the coordinates of the shape.
     pub fn set(&mut self, shape: &Shape, face: &Face, z: &[f64], g: &[f64]) {
         let k = z.len();
         self.members = k;
@@ -181,13 +182,13 @@ impl FaceEquations {
             self.combination[i * k + i] = -z[0] / g[0];
             self.combination[i * k] = ratio * z[0] / g[0];
             self.combination[i] = ratio;
-            // R G is zero here.
+            // R G is zero in this row.
             self.constraint[i] = -(z[i] + ratio * z[0]);
             self.own[i * k + i] = -1.0;
             self.own[i * k] = -ratio;
             self.is_of_z[i] = true;
         }
-        // (|v|^2/s - s)/2 with (s, v) = G is homogeneous: its derivative times G.
+        // (|v|^2/s - s)/2 with (s, v) = G is homogeneous of degree one, and so equals its derivative times G.
         self.combination[0] = -0.5 * (square + 1.0);
         self.monitors.extend([Monitor::Multiplier(g[0]), Monitor::Distance(z[0])]);
     }
@@ -243,7 +244,7 @@ impl FaceEquations {
     }
 }
 
-/// `N_p^-1 N` and `N_p^-1` for the rows `N`, with the members `p` chosen by complete pivoting.
+/// `N_p^-1 N` and `N_p^-1` for active rows `N`, with pivots `p` chosen by complete pivoting.
 pub(super) struct Elimination {
     pub(super) pivots: Vec<usize>,
     normals: Vec<f64>,

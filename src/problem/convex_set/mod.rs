@@ -1,5 +1,5 @@
-//! The convex set `K`, a product: intervals `[l_i, u_i]`, of which an end at infinity is absent, and blocks that bind
-//! several components together, over which `l = -inf`, `u = inf`.
+//! The convex set `K`, a product of intervals `[l_i, u_i]`, possibly unbounded, and of blocks that couple several
+//! components. Components of blocks have `l = -inf`, `u = inf`.
 //!
 //! `P_K` is the projection, and `z - P_K(z - G)` the natural map, zero exactly at a solution of the variational
 //! inequality (Facchinei and Pang 2003, section 1.5).
@@ -22,8 +22,8 @@ pub use enclosure::{FlatMonitor, MonitorRange};
 pub use face::{Face, FaceEquations, Monitor};
 pub use polyhedron::Polyhedron;
 
-/// `K = [l_1, u_1] x .. x [l_m, u_m]`, with `-inf <= l_i <= u_i <= inf`, where a block takes the place of the intervals
-/// of its members.
+/// `K = [l_1, u_1] x .. x [l_m, u_m]` with `-inf <= l_i <= u_i <= inf`, where a block replaces the intervals of its
+/// members.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConvexSet {
     /// The lower ends, `m` of them.
@@ -31,11 +31,11 @@ pub struct ConvexSet {
     /// The upper ends, `m` of them.
     pub upper: Vec<f64>,
     blocks: Vec<Block>,
-    /// The block of each component, where there are blocks.
+    /// The block of each component; empty if there are no blocks.
     home: Vec<Option<usize>>,
 }
 
-/// Room for projections onto a product; it grows to the largest block that it meets.
+/// Workspace for projections onto `K`; it grows to the size of the largest block.
 #[derive(Clone, Debug, Default)]
 pub struct Workspace {
     x: Vec<f64>,
@@ -54,12 +54,12 @@ impl ConvexSet {
         Self::intervals(vec![0.0; m], vec![f64::INFINITY; m])
     }
 
-    /// The product of the intervals between these ends, `m` of each.
+    /// The product of `m` intervals with the given ends.
     pub fn intervals(lower: Vec<f64>, upper: Vec<f64>) -> Self {
         Self { lower, upper, blocks: Vec::new(), home: Vec::new() }
     }
 
-    /// Binds components together; they must be in no block yet, and their intervals are dropped.
+    /// Adds a block of components, replacing their intervals; the components must not be in a block yet.
     pub fn bind(&mut self, members: Vec<usize>, shape: Shape) {
         self.home.resize(self.dimension(), None);
         for &i in &members {
@@ -69,7 +69,7 @@ impl ConvexSet {
         self.blocks.push(Block { members, shape });
     }
 
-    /// The blocks, in the order in which they were bound.
+    /// The blocks, in the order in which they were added.
     pub fn blocks(&self) -> &[Block] {
         &self.blocks
     }
@@ -79,12 +79,12 @@ impl ConvexSet {
         !self.blocks.is_empty()
     }
 
-    /// The block that binds component `i`.
+    /// The block that contains component `i`.
     pub fn block_of(&self, i: usize) -> Option<usize> {
         self.home.get(i).copied().flatten()
     }
 
-    /// Sets the radius of a ball; other blocks have none and stay as they are.
+    /// Sets the radius of a block that is a ball; has no effect on other blocks.
     pub fn set_radius(&mut self, block: usize, value: f64) {
         if let Shape::Ball { radius } = &mut self.blocks[block].shape {
             *radius = value;
@@ -102,7 +102,7 @@ impl ConvexSet {
         power
     }
 
-    /// The factor of this set in which the components `kept` lie, in their order; a block is kept whole or not at all.
+    /// The factor of this set for the components `kept`, in their order; a block must be kept whole or not at all.
     pub fn restricted(&self, kept: &[usize]) -> Self {
         let end = |ends: &[f64]| kept.iter().map(|&i| ends[i]).collect();
         let mut factor = Self::intervals(end(&self.lower), end(&self.upper));
@@ -115,17 +115,17 @@ impl ConvexSet {
         factor
     }
 
-    /// `m`, the dimension of the space that `K` lies in.
+    /// `m`, the dimension of the space of `K`.
     pub fn dimension(&self) -> usize {
         self.lower.len()
     }
 
-    /// Whether nothing bounds component `i`.
+    /// Whether component `i` is unconstrained.
     pub fn is_free(&self, i: usize) -> bool {
         self.lower[i] == f64::NEG_INFINITY && self.upper[i] == f64::INFINITY && self.block_of(i).is_none()
     }
 
-    /// Whether there is a point in `K`; false also where an end is NaN.
+    /// Whether `K` is nonempty; false if an end of an interval is NaN.
     pub fn is_nonempty(&self) -> bool {
         let nonempty =
             |(&lower, &upper): (&f64, &f64)| lower <= upper && lower < f64::INFINITY && upper > -f64::INFINITY;
@@ -144,7 +144,7 @@ impl ConvexSet {
         }
     }
 
-    /// Projects a whole vector in place; no allocation once `work` has met this set. NaN stays NaN in its block.
+    /// Projects a vector in place; allocates only in the first call with a given `work`. NaN stays NaN in its block.
     pub fn project_all(&self, z: &mut [f64], work: &mut Workspace) {
         for (i, z) in z.iter_mut().enumerate() {
             *z = self.project(i, *z);
@@ -165,7 +165,7 @@ impl ConvexSet {
         ball::norm(&p)
     }
 
-    /// The support function, `sup <d, z>` over `K`; infinite where `K` has no end along `d`.
+    /// The support function, `sup <d, z>` over `K`; infinite if `K` is unbounded in direction `d`.
     pub fn support(&self, d: &[f64], work: &mut Workspace) -> f64 {
         let interval = |i: usize| match d[i] {
             0.0 => 0.0,
@@ -200,7 +200,7 @@ impl ConvexSet {
         (0..self.dimension()).all(finite) && self.blocks.iter().all(|block| block.shape.is_bounded(&mut work.block))
     }
 
-    /// The face of one block that the projection of `z` lies on.
+    /// The face of a block that contains the projection of `z`.
     pub fn face(&self, block: usize, z: &[f64], work: &mut Workspace) -> Face {
         let block = &self.blocks[block];
         work.gather(block, z);
@@ -221,7 +221,7 @@ impl ConvexSet {
         })
     }
 
-    /// `max_i |z_i - P_K(z - G)_i|`, the natural-map residual. NaN if any entry is. Allocates where there are blocks.
+    /// The natural-map residual `max_i |z_i - P_K(z - G)_i|`; NaN if any entry is NaN. Allocates if there are blocks.
     pub fn natural_residual(&self, z: &[f64], g: &[f64]) -> f64 {
         let mut residual = 0.0_f64;
         let mut keep = |r: f64| residual = if r.is_nan() || residual.is_nan() { f64::NAN } else { residual.max(r) };

@@ -1,27 +1,27 @@
-//! The polyhedron `{z : A z <= b}`, its rows scaled to unit length.
+//! The polyhedron `{z : A z <= b}`, with rows scaled to unit length.
 //!
-//! The projection is exact, by a dual active-set method (`active_rows`). With `N` the rows that the method ends on, of
-//! full rank, its derivative is the projection onto their null space, `P' = I - N^T (N N^T)^-1 N`.
+//! The projection is exact, by a dual active-set method (`active_rows`). Its derivative is the projection onto the null
+//! space of the active rows `N`, which have full rank: `P' = I - N^T (N N^T)^-1 N`.
 
 use super::active_rows::ActiveRows;
 use super::ball::norm;
 
-/// `{z : A z <= b}`, not empty.
+/// A nonempty polyhedron `{z : A z <= b}`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polyhedron {
     dimension: usize,
-    /// The rows of `A`, one after the other, each of length one.
+    /// The concatenated rows of `A`, of unit length.
     normals: Vec<f64>,
-    /// `b`, scaled likewise.
+    /// `b`, scaled as the rows of `A`.
     offsets: Vec<f64>,
 }
 
-/// So many times a point far along a direction is taken eight times as far before it is far enough.
+/// Limit on extensions, by a factor of eight, of the far point used for the support function.
 const LEAPS: usize = 40;
 
 impl Polyhedron {
-    /// `{z : A z <= b}` from the rows of `A` in order, `b.len()` of them with `dimension` entries each. Rows of zeros
-    /// say nothing and are left out. `None` if the set is empty or a number is not finite.
+    /// `{z : A z <= b}` from the concatenated rows of `A`, `b.len()` rows of `dimension` entries. Zero rows are
+    /// dropped. `None` if the set is empty or an entry is not finite.
     pub fn new(dimension: usize, rows: &[f64], b: &[f64]) -> Option<Self> {
         if rows.len() != dimension * b.len() || rows.iter().chain(b).any(|x| !x.is_finite()) {
             return None;
@@ -50,12 +50,12 @@ impl Polyhedron {
         &self.normals[i * self.dimension..][..self.dimension]
     }
 
-    /// Entry `i` of `b` where row `i` has unit length.
+    /// Entry `i` of `b`, scaled to row `i` of unit length.
     pub fn offset(&self, i: usize) -> f64 {
         self.offsets[i]
     }
 
-    /// The largest distance of a row's plane from the origin.
+    /// The largest distance of a bounding plane from the origin.
     pub(super) fn reach(&self) -> f64 {
         self.offsets.iter().fold(0.0, |most, b| b.abs().max(most))
     }
@@ -71,9 +71,9 @@ impl Polyhedron {
         (0..self.rows()).all(|i| dot(self.normal(i), d) <= noise)
     }
 
-    /// `sup <d, z>`. It is infinite if the projection of `d` onto the recession cone is not zero; else the projection
-    /// of a point far along `d` is a maximiser, where `d` is in the cone of the active rows (Mangasarian and Meyer 1979,
-    /// *Nonlinear perturbation of linear programs*).
+    /// The support function `sup <d, z>`. It is infinite if the projection of `d` onto the recession cone is not zero.
+    /// Otherwise the projection of a point sufficiently far in direction `d` is a maximiser, which is the case if `d`
+    /// is in the cone of the active rows (Mangasarian and Meyer 1979, *Nonlinear perturbation of linear programs*).
     pub(super) fn support(&self, d: &[f64], rows: &mut ActiveRows) -> f64 {
         let length = norm(d);
         if length == 0.0 {

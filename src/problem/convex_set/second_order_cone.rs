@@ -11,11 +11,11 @@
 //! P'(x) = 1/2 [ 1  e^T ; e  (1 + c) I - c e e^T ]
 //! ```
 //!
-//! On the boundary of the cone the identity is chosen of the limits, on that of its polar zero.
+//! Where several limits are possible, `P'` is the identity on the boundary of the cone, and zero on that of its polar.
 
 use super::ball::norm;
 
-/// Projects `x` into `p`.
+/// Writes the projection of `x` to `p`.
 pub(super) fn project(x: &[f64], p: &mut [f64]) {
     let (s, v) = (x[0], norm(&x[1..]));
     if v <= s {
@@ -31,7 +31,7 @@ pub(super) fn project(x: &[f64], p: &mut [f64]) {
     }
 }
 
-/// Writes the derivative of the projection at `x`, column by column.
+/// Writes the derivative of the projection at `x`, by columns.
 pub(super) fn derivative(x: &[f64], out: &mut [f64]) {
     let (s, v) = (x[0], norm(&x[1..]));
     let outside = v > s && v > -s;

@@ -1,4 +1,4 @@
-//! The equations for the variables of a small system, eliminated to the variables alone.
+//! The equations for the consistent variables of a small system, with the states eliminated.
 
 use super::super::system::System;
 use factorisation::Singular;
@@ -6,18 +6,18 @@ use nalgebra::{DMatrix, DVector, Dyn, LU};
 use problem::{Face, Mass};
 
 pub(super) struct Dense {
-    /// `M`, factorised; none where it is the identity.
+    /// Factors of `M`; `None` for the identity.
     mass: Option<LU<f64, Dyn, Dyn>>,
-    /// `M^-1`; none where it is the identity.
+    /// `M^-1`; `None` for the identity.
     pub inverse_mass: Option<DMatrix<f64>>,
-    /// The place of each variable among those inside.
+    /// Index of each variable among the free ones.
     place: Vec<usize>,
-    /// The last that was asked for.
+    /// The response computed last.
     response: Option<Response>,
 }
 
 impl Dense {
-    /// `None` where `M` is singular.
+    /// `None` if `M` is singular.
     pub fn new(system: &System<'_>) -> Option<Self> {
         let n = system.states;
         let mass = match system.mass() {
@@ -35,8 +35,9 @@ impl Dense {
         Some(Self { mass, inverse_mass, place: vec![usize::MAX; system.unknowns - n], response: None })
     }
 
-    /// How far each variable inside may be from the solution of the equations where `G` is as large as `sizes` says and the
-    /// hidden constraints as `hidden`, with the derivatives of `system` as they are. False if the equations are singular.
+    /// Computes the possible distance of each free variable from the solution of the equations, if `G` has the
+    /// magnitudes `sizes` and the hidden constraints the magnitudes `hidden`, with the current derivatives of `system`.
+    /// Returns false if the equations are singular.
     pub fn errors(
         &mut self,
         system: &System<'_>,
@@ -56,8 +57,8 @@ impl Dense {
         true
     }
 
-    /// How the variables inside answer to `G` and to the hidden constraints, with the derivatives of `system` as they are;
-    /// `None` if the equations are singular.
+    /// Linear response of the free variables to `G` and to the hidden constraints, with the current derivatives of
+    /// `system`; `None` if the equations are singular.
     pub fn response(&mut self, system: &System<'_>, inside: &[usize]) -> Option<&Response> {
         if !self.is_known(system, inside) {
             self.response = self.response_of(system, inside);
@@ -65,7 +66,7 @@ impl Dense {
         self.response.as_ref()
     }
 
-    /// Whether the response was asked for last, on this face with these derivatives.
+    /// Whether the stored response belongs to this face and to these derivatives.
     pub fn is_known(&self, system: &System<'_>, inside: &[usize]) -> bool {
         self.response.as_ref().is_some_and(|known| {
             known.jacobians == system.work.jacobians && known.inside == inside && known.blocks == system.face.blocks
@@ -75,7 +76,7 @@ impl Dense {
     fn response_of(&mut self, system: &System<'_>, inside: &[usize]) -> Option<Response> {
         let Blocks { mut d, derivative, .. } = self.blocks(system, inside)?;
         let count = inside.len();
-        // Equations of `z` alone have a unit of their own; beside those of `G` they are as large as these.
+        // Equations in `z` alone have a unit of their own; scale them to the magnitude of the rows of `G`.
         let of_z: Vec<usize> = (0..count).filter(|&row| system.is_constraint(inside[row])).collect();
         let rest = (0..count).filter(|row| !of_z.contains(row)).map(|row| d.row(row).amax()).fold(0.0, f64::max);
         if rest > 0.0 {
@@ -96,7 +97,8 @@ impl Dense {
         Some(Response { jacobians: system.work.jacobians, inside, blocks, to_g, to_hidden })
     }
 
-    /// The Newton step at the last evaluation of `system`, to be subtracted. False if the equations are singular.
+    /// Computes the Newton step, to be subtracted, at the last evaluation of `system`; returns false if the equations
+    /// are singular.
     pub fn solve(
         &mut self,
         system: &System<'_>,
@@ -132,7 +134,7 @@ impl Dense {
         matrix.lu().solve(&right)
     }
 
-    /// The blocks of the Jacobian on the rows of the variables inside; `None` where `M` is singular.
+    /// The blocks of the Jacobian in the rows of the free variables; `None` if `M` is singular.
     fn blocks(&mut self, system: &System<'_>, inside: &[usize]) -> Option<Blocks> {
         let (n, count) = (system.states, inside.len());
         let place = &mut self.place;
@@ -168,15 +170,15 @@ impl Dense {
     }
 }
 
-/// `D = G_z`, `C = G_x` and `C M^-1 F_z` of the variables inside.
+/// `D = G_z`, `C = G_x` and `C M^-1 F_z` for the free variables.
 struct Blocks {
     d: DMatrix<f64>,
     c: DMatrix<f64>,
     derivative: DMatrix<f64>,
 }
 
-/// How variables answer to the equations of the face and to the hidden constraints: they are off by `to_g Phi + to_hidden
-/// dPhi/dt`, but for equations of `z` alone, whose columns have other units.
+/// Linear response of the variables to the equations of the face and to the hidden constraints: their error is
+/// `to_g Phi + to_hidden dPhi/dt`, except for equations in `z` alone, whose columns have other units.
 pub struct Response {
     jacobians: u64,
     pub inside: Vec<usize>,
@@ -185,7 +187,7 @@ pub struct Response {
     pub to_hidden: DMatrix<f64>,
 }
 
-/// Singular values below this part of the largest are rounding.
+/// Relative rank threshold: singular values below this fraction of the largest are rounding.
 const RANK: f64 = 1e-10;
 
 /// The rows `V^T (D | G)` and `U^T (derivative | hidden)`.

@@ -1,12 +1,12 @@
-//! The variables that the inequality itself determines at given states: with the rows of `G` that contain variables, the
+//! The variables that the inequality itself determines at given states. The rows of `G` that contain variables form the
 //! nonlinear variational inequality
 //!
 //! ```text
 //! z in K(t,x),    <G(t,x,z), z~ - z> >= 0  for all z~ in K(t,x)
 //! ```
 //!
-//! at fixed `(t, x)`, by the method of Josephy and Newton with a line search: at a start nothing is known of `z`, and where
-//! `G` is far from affine in it, as `exp(z)` is, full steps from zero lead nowhere.
+//! at fixed `(t, x)`, solved by the Josephy-Newton method with a line search: at a start `z` is unknown, and if `G` is
+//! far from affine in `z`, as `exp(z)` is, full steps from zero fail.
 
 use crate::layout::Storage;
 use crate::system::System;
@@ -14,19 +14,19 @@ use nalgebra::DMatrix;
 use problem::ConvexSet;
 use vi::{JosephyNewton, NonlinearVi, SolverKind};
 
-/// The inequality at a time and states.
+/// The inequality at a fixed time and fixed states.
 struct AtStates<'a, 'p> {
     system: &'a mut System<'p>,
     t: f64,
     y: Vec<f64>,
     /// The variables that are solved for.
     members: Vec<usize>,
-    /// `K` of those.
+    /// `K` restricted to `members`.
     set: ConvexSet,
 }
 
-/// Solves for the variables in `y` at `t`, from the values there, where `G` is nonlinear and the system is small. What it
-/// finds is as near to a solution as it comes; `y` stays as it is where that is no nearer.
+/// Solves for the variables in `y` at `t`, starting from their values there, if `G` is nonlinear and the system is
+/// small. The result is the best approximation found; `y` is unchanged if its residual is not reduced.
 pub fn solve(system: &mut System<'_>, t: f64, y: &mut [f64]) {
     if system.constant_jacobian() || matches!(system.layout.storage, Storage::Sparse { .. }) {
         return;
@@ -50,7 +50,7 @@ pub fn solve(system: &mut System<'_>, t: f64, y: &mut [f64]) {
     }
 }
 
-/// The variables whose rows contain variables; of a block all or none.
+/// The variables whose rows contain variables; of a block, all members or none.
 fn determined(system: &System<'_>) -> Vec<usize> {
     let n = system.states;
     let is_direct = |k: usize| system.entries_of_variable(k).any(|(j, _)| j >= n);

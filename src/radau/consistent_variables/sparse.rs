@@ -1,5 +1,5 @@
-//! The same equations for a large system, with the rates `x'` kept as unknowns so that nothing fills in: with
-//! `z - step` the new variables,
+//! The equations for the consistent variables of a large system, with the rates `x'` kept as unknowns so that nothing
+//! fills in: if `z - step` are the new variables,
 //!
 //! ```text
 //! M x' + B step = F,    D_i step = G_i  where row i of D is not zero,    C_i x' = -(G_t)_i  where it is
@@ -10,14 +10,14 @@ use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::{SymbolicSparseColMat, Triplet};
 use problem::Mass;
 
-/// `M` counts as singular if it gives a vector of ones back with a larger error.
+/// Largest error with which a regular `M` reproduces a vector of ones; beyond it, `M` counts as singular.
 const REGULAR: f64 = 1e-6;
 
 pub(super) struct Sparse {
-    /// On the pattern of the stage equations, of which these are a part.
+    /// Matrix on the pattern of the stage equations, which contains the pattern of these equations.
     matrix: SparseMatrix,
     factors: SparseLu<f64>,
-    /// The numbers that the factors belong to: where nothing but time and states has changed, they are the same.
+    /// Values of the factorised matrix: the factors are reused if the values have not changed.
     factored: Vec<f64>,
     right: Vec<f64>,
     is_inside: Vec<bool>,
@@ -26,7 +26,7 @@ pub(super) struct Sparse {
 }
 
 impl Sparse {
-    /// `None` where `M` is singular, or memory does not suffice.
+    /// `None` if `M` is singular, or memory is insufficient.
     pub fn new(system: &System<'_>, pattern: &SymbolicSparseColMat<usize>, analysis: &Analysis) -> Option<Self> {
         let variables = system.unknowns - system.states;
         if let Mass::Constant(mass) = system.mass()
@@ -44,7 +44,8 @@ impl Sparse {
         })
     }
 
-    /// The Newton step at the last evaluation of `system`, to be subtracted. False if the equations are singular.
+    /// Computes the Newton step, to be subtracted, at the last evaluation of `system`; returns false if the equations
+    /// are singular.
     pub fn solve(
         &mut self,
         system: &System<'_>,

@@ -1,6 +1,7 @@
-//! Lower ends of the monitors of blocks over a part of a step: from the box of the unknowns, with their errors, and where that
-//! is too wide from their slopes (see [`Reduced`]): on flat faces, where monitors are linear, from those of the monitors, in
-//! the interior of curved sets and at their vertices from those of `z` and `G`. Curved faces have the box alone.
+//! Lower bounds of the monitors of blocks over a part of a step: from the box of the unknowns, with their errors, and
+//! where the box is too wide from slopes (see [`Reduced`]). On flat faces, where monitors are linear, these are the
+//! slopes of the monitors; in the interior of curved sets and at their vertices, the slopes of `z` and `G`. Curved
+//! faces have the box alone.
 
 use super::LEFT_OUT;
 use super::on_face::{OnFace, Told};
@@ -13,7 +14,7 @@ use crate::system::System;
 use numerics::Interval;
 use problem::{Block, Face, FlatMonitor, MonitorRange};
 
-/// Room for the monitors of blocks.
+/// Workspace for the monitors of blocks.
 #[derive(Debug, Default)]
 pub(super) struct BlockMonitors {
     /// `z` and `G` of one block, and its monitors.
@@ -22,39 +23,39 @@ pub(super) struct BlockMonitors {
     monitors: Vec<MonitorRange>,
     /// The blocks that the box does not prove.
     open: Vec<usize>,
-    /// What is reduced of each block.
+    /// The linear forms of each block, with their reductions.
     moving: Vec<Vec<(FlatMonitor, Reduced)>>,
-    /// The face that these are of.
+    /// The face of the linear forms.
     face: Option<ActiveFace>,
-    /// Whether they are reduced.
+    /// Whether the linear forms are reduced.
     are_reduced: bool,
 }
 
-/// What is known over a part of a step that takes `h`.
+/// Data over a part of a step that takes `h`.
 pub(super) struct Over<'a> {
-    /// What tells the variables inside.
+    /// What determines the free variables.
     pub told: Told,
     pub slopes: &'a Rows,
-    /// The point in the middle.
+    /// The midpoint of the part.
     pub middle: &'a Point,
     /// The ranges of the rows.
     pub rows: &'a [Interval],
-    /// How far the unknowns may be from their polynomials.
+    /// Bounds on the distances of the unknowns from their polynomials.
     pub errors: &'a [f64],
     pub part: &'a Part,
     pub h: f64,
 }
 
 impl BlockMonitors {
-    /// Marks all blocks as open; whether the set has no block.
+    /// Marks all blocks as open, except those left out; returns whether none is open.
     pub fn leave_open(&mut self, limits: &[[f64; 2]]) -> bool {
         self.open.clear();
         self.open.extend((0..limits.len()).filter(|&b| limits[b] != LEFT_OUT));
         self.open.is_empty()
     }
 
-    /// Whether no monitor falls below its limit where the unknowns and the rows are in these boxes, and the unknowns may be off
-    /// by `errors`; of none where it is empty.
+    /// Whether no monitor falls below minus its limit if the unknowns and the rows lie in these boxes, and the unknowns
+    /// err by `errors` (empty for no errors).
     pub fn are_proven_by_box(
         &mut self,
         system: &System<'_>,
@@ -94,7 +95,7 @@ impl BlockMonitors {
         self.open.is_empty()
     }
 
-    /// Whether no monitor of the blocks that are open falls below its limit, by the slopes.
+    /// Whether no monitor of the open blocks falls below minus its limit, by the slopes.
     pub fn are_proven_by_slopes(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>, limits: &[[f64; 2]]) -> bool {
         self.take_face(on.system);
         self.reduce(on, over);
@@ -153,7 +154,7 @@ impl BlockMonitors {
         }
     }
 
-    /// Takes what moves on the face of `system`.
+    /// Updates the linear forms to the face of `system`.
     fn take_face(&mut self, system: &System<'_>) {
         if self.face.as_ref() == Some(&system.face) {
             return;
@@ -165,7 +166,7 @@ impl BlockMonitors {
         self.are_reduced = false;
     }
 
-    /// Reduces what moves by the equations of the face.
+    /// Reduces the linear forms by the equations of the face.
     fn reduce(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>) {
         if std::mem::replace(&mut self.are_reduced, true) && on.system.constant_jacobian() {
             return;
@@ -180,7 +181,8 @@ impl BlockMonitors {
         }
     }
 
-    /// Whether no monitor of a block that is not flat falls below its limit where `z` and `G` are in the boxes that were set.
+    /// Whether no monitor of a block that is not flat falls below minus its limit if `z` and `G` lie in the boxes that
+    /// were set.
     fn is_curved_proven(&mut self, block: &Block, face: &Face, radius: Interval, [of_z, of_g]: [f64; 2]) -> bool {
         block.shape.enclose_monitors(face, &self.z, &self.g, radius, &mut self.monitors);
         self.monitors.iter().all(|monitor| match monitor {
@@ -190,7 +192,7 @@ impl BlockMonitors {
     }
 }
 
-/// What is reduced of a block on a face: its monitors where they are linear, else what they are made of.
+/// The linear forms of a block on a face: its monitors if they are linear, otherwise the quantities that enter them.
 fn moving(block: &Block, face: &Face) -> Vec<FlatMonitor> {
     let members = block.members.len();
     let each = |of: fn(usize) -> FlatMonitor| (0..members).map(of).collect();

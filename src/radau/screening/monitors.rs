@@ -1,29 +1,31 @@
-//! Lower ends of the monitors over a part of a step.
+//! Lower bounds of the monitors over a part of a step.
 //!
-//! `G` and the bounds in interval arithmetic over the box of the unknowns hold every value of a monitor `m`; where that is
-//! too wide, so does
+//! Interval arithmetic over the box of the unknowns gives `G` and the bounds, and thereby an enclosure of every value
+//! of a monitor `m`. If that is too wide, another enclosure is
 //!
 //! ```text
 //! m(middle) + m' [-1/2, 1/2],    m' = G_t dt/du + sum_j G_yj dy_j/du    over the part, u in [0, 1],
 //! ```
 //!
-//! or the value at one end where `m'` has one sign. The variables inside their intervals are the roots of `G_I = 0` and not
-//! their polynomials, from which they differ by `e = |dG_I/dz_I|^-1 |G_I|`, to first order, and so do states that are bound by
-//! constraints. Over the box monitors are lowered by what that makes of them; in the other form `m` stands for
+//! or the value at one end if `m'` has one sign. The free variables are the roots of `G_I = 0` rather than their
+//! polynomials, from which they differ by `e = |dG_I/dz_I|^-1 |G_I|` to first order, and so do states that are bound by
+//! constraints. Over the box, the monitors are lowered by the effect of these errors; in the second enclosure `m`
+//! stands for
 //!
 //! ```text
 //! m - w G_I,    w dG_I/dz_I = dm/dz_I,
 //! ```
 //!
-//! which is the monitor at the roots but for `|dm/dz_I - w dG_I/dz_I| e` over the box: of second order, and nothing where `G`
-//! is linear. Where hidden constraints tell variables and the Jacobian is constant they are among the equations,
+//! which is the monitor at the roots up to `|dm/dz_I - w dG_I/dz_I| e` over the box: an error of second order, and zero
+//! if `G` is linear. If hidden constraints determine variables and the Jacobian is constant, they are among the
+//! equations,
 //!
 //! ```text
 //! m - w G_I - v dG_I/dt,    dG/dt = G_t + G_x M^-1 F,
 //! ```
 //!
-//! which depends on states and time alone, as exactly. Of other hidden constraints the residual is enclosed like that of `G`.
-//! Those of blocks: see [`BlockMonitors`].
+//! and the form depends on states and time alone, just as exactly. The residuals of other hidden constraints are
+//! enclosed like those of `G`. For the monitors of blocks see [`BlockMonitors`].
 
 use super::MOST_PARTS;
 use super::block_monitors::{BlockMonitors, Over};
@@ -39,7 +41,7 @@ use crate::system::System;
 use nalgebra::DVector;
 use numerics::Interval;
 
-/// Room for the enclosures over one part.
+/// Workspace for the enclosures over one part.
 #[derive(Debug, Default)]
 pub(super) struct Enclosure {
     ranges: Vec<Interval>,
@@ -47,46 +49,47 @@ pub(super) struct Enclosure {
     rows: Rows,
     middle: Point,
     ends: [Point; 2],
-    /// The monitors without what equations tell, in the order of those that are watched.
+    /// The reduced forms of the watched monitors, in the order of these.
     forms: Vec<Reduced>,
-    /// The face that they are of, where they are the same all over it.
+    /// The face of the reduced forms, if they are constant on it.
     face: Option<ActiveFace>,
-    /// How large the rows of `Phi` are that are no rates.
+    /// Magnitudes of the rows of `Phi` that are not rates.
     residuals: Vec<f64>,
-    /// How far the unknowns are from their polynomials.
+    /// Bounds on the distances of the unknowns from their polynomials.
     errors: Vec<f64>,
-    /// How large `dG/dt` is of the variables inside.
+    /// Magnitudes of `dG/dt` of the free variables.
     hidden: Vec<f64>,
     /// `M^-1 F` over the box.
     rates: Vec<Interval>,
     of_blocks: BlockMonitors,
-    /// The monitors that the box does not prove, by their places among those that are watched.
+    /// Indices of the watched monitors that the box does not prove.
     left: Vec<usize>,
-    /// Whether no number of parts that is worth its while would prove them.
+    /// Whether no reasonable number of parts would prove them.
     is_hopeless: bool,
 }
 
-/// Below this part of its terms a derivative is what rounding leaves of zero.
+/// Relative threshold below which a derivative, compared with its terms, is rounding.
 const TOLD: f64 = 1e-10;
-/// By how much errors to first order may be short of what they are.
+/// Safety factor for errors that are computed to first order.
 const CURVATURE: f64 = 2.0;
 
-/// What is known of the monitors over a part.
+/// Result of the enclosure of the monitors over a part.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Found {
     Proven,
-    /// Not proven; whether one may be negative in the middle.
+    /// Not proven; `may_fail` if a monitor may be negative at the midpoint.
     Unproven {
         may_fail: bool,
     },
-    /// No number of parts that is worth its while would prove a monitor.
+    /// No reasonable number of parts would prove a monitor.
     Hopeless,
-    /// The problem has no enclosure.
+    /// The problem cannot be enclosed.
     Unknown,
 }
 
 impl Enclosure {
-    /// Whether no monitor falls below its limit over a part that begins at `t` and takes `h`; `limits` are those of blocks.
+    /// Attempts to prove that no monitor falls below minus its limit over a part that begins at `t` and takes `h`;
+    /// `limits` are those of blocks.
     pub fn prove(
         &mut self,
         on: &mut OnFace<'_, '_>,
@@ -112,7 +115,7 @@ impl Enclosure {
             self.find_errors(on, false);
         }
         let system = &*on.system;
-        // Of variables that hidden constraints tell in part no error is known: they are taken from their polynomials.
+        // The errors of variables that hidden constraints determine in part are not known: use their polynomials.
         let errors: &[f64] = if told == Told::ByEquations { &self.errors } else { &[] };
         let mut are_blocks_proven = match told {
             Told::ByHiddenConstraints => self.of_blocks.leave_open(limits),
@@ -122,7 +125,7 @@ impl Enclosure {
         let mut left = std::mem::take(&mut self.left);
         left.clear();
         left.extend((0..watched.len()).filter(|&at| {
-            // Variables that only hidden constraints tell are known with the slopes.
+            // Variables that only hidden constraints determine are bounded by the slopes.
             told != Told::ByEquations || {
                 let lower = self.lower_end(system, &watched[at]) - self.error_of(system, &watched[at]);
                 lower < 0.0 || lower.is_nan()
@@ -150,7 +153,7 @@ impl Enclosure {
         found
     }
 
-    /// Whether the derivatives over the box and the values in the middle of the part are known.
+    /// Encloses the derivatives over the box and evaluates the midpoint of the part; returns whether both succeed.
     fn know_slopes(&mut self, on: &mut OnFace<'_, '_>, told: Told, part: &Part, (t, h): (f64, f64)) -> bool {
         let times = Interval::new(t.next_down(), (t + h).next_up());
         if !self.enclose_rows(on.system, times) {
@@ -160,7 +163,7 @@ impl Enclosure {
         self.middle.is_finite
     }
 
-    /// The derivatives of the rows over the box; whether they are known.
+    /// Encloses the derivatives of the rows over the box; returns whether they are known.
     fn enclose_rows(&mut self, system: &mut System<'_>, times: Interval) -> bool {
         let Rows { jacobian, by_time, terms } = &mut self.rows;
         jacobian.resize(system.derivatives.len(), Interval::LINE);
@@ -170,7 +173,7 @@ impl Enclosure {
         system.problem().enclose_derivatives(times, &self.ranges, jacobian, by_time)
     }
 
-    /// Takes the monitors of `left` without what equations tell.
+    /// Updates the reduced forms of the monitors in `left`.
     fn follow(&mut self, on: &mut OnFace<'_, '_>, told: Told, watched: &[Watched], left: &[usize]) {
         self.forms.resize_with(watched.len().max(self.forms.len()), Reduced::default);
         if !on.system.constant_jacobian() {
@@ -187,7 +190,8 @@ impl Enclosure {
         }
     }
 
-    /// Takes out of `left` the monitors that their slopes prove; whether one that stays may be negative in the middle.
+    /// Removes the monitors that their slopes prove from `left`; returns whether one that remains may be negative at
+    /// the midpoint.
     fn may_fail(
         &mut self,
         on: &mut OnFace<'_, '_>,
@@ -198,11 +202,12 @@ impl Enclosure {
         left: &mut Vec<usize>,
     ) -> bool {
         let n = on.system.states;
-        // Monitors of states on their constraints have no error of these.
+        // The forms that include hidden constraints are those of states on their constraints, and have no error from
+        // these.
         let has_errors = told != Told::ByHiddenConstraints;
         if has_errors {
-            // The equations of variables inside their intervals take the form of monitors as well: their values over the box
-            // are too wide for long steps.
+            // The equations of the free variables are bounded by their slopes as well: their values over the box are
+            // too wide for long steps.
             let system = &*on.system;
             let is_inside = |k: usize| system.face.places[k] == Activity::Inactive && system.set.block_of(k).is_none();
             for k in (0..system.unknowns - n).filter(|&k| is_inside(k)) {
@@ -240,11 +245,12 @@ impl Enclosure {
             let ((middle, rounding), suspect) = (middles[index], is_suspect[index]);
             index += 1;
             let (slope, error) = (form.slope(&self.rows, part, h), error_of(form, &self.errors));
-            // What rounding leaves uncertain of a monitor is no event; slopes do not tell how a bound moves.
+            // A negative value within the rounding error of a monitor is no event; slopes do not include the motion of
+            // a bound.
             let moved = monitor.bound(system, &self.values).width();
             let allowed = moved + error + rounding - monitor.limit.max(2.0 * rounding);
             let mut is_proven = middle - 0.5 * slope.size() >= allowed;
-            // Where the slope has one sign the least value is at an end.
+            // If the slope has one sign, the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };
             if !is_proven && middle >= allowed && (slope.lo >= 0.0 || slope.hi <= 0.0) {
                 let there = &mut self.ends[end];
@@ -254,9 +260,9 @@ impl Enclosure {
                 is_proven = there.is_finite && form.value(system, there.value(system, monitor), there).0 >= allowed;
             }
             may_fail |= !is_proven && suspect;
-            // The residual of a hidden constraint over a box shrinks with the box and no faster.
+            // Over a box, the residual of a hidden constraint shrinks no faster than the box.
             self.is_hopeless |= with_hidden && part.length == 1.0 && {
-                // A monitor that happens to be zero in the middle is as large as it is elsewhere.
+                // A monitor that happens to vanish at the midpoint is judged by its size elsewhere.
                 let elsewhere = match monitor.place {
                     Activity::Inactive => self.ranges[n + monitor.variable].width(),
                     _ => 0.0,
@@ -268,7 +274,8 @@ impl Enclosure {
         may_fail
     }
 
-    /// Whether no variable that hidden constraints alone tell enters a monitor, but for rounding, by the derivatives as they are.
+    /// Whether no variable that hidden constraints alone determine enters a monitor, up to rounding, by the current
+    /// derivatives.
     pub fn is_told(system: &System<'_>, inside: &mut FreeVariables, monitor: &Watched) -> bool {
         let n = system.states;
         let mut own = monitor.combination().by_variables(system);
@@ -284,8 +291,8 @@ impl Enclosure {
         (0..own.len()).all(|l| system.face.places[l] != Activity::Inactive || own[l].abs() <= TOLD * terms[l])
     }
 
-    /// How far the unknowns may be from their polynomials, by the residuals of the equations of the face, and those of hidden
-    /// constraints.
+    /// Bounds the distances of the unknowns from their polynomials by the residuals of the equations of the face, and
+    /// of the hidden constraints.
     fn find_errors(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool) {
         let OnFace { system, control, inside, constraints, consistent } = on;
         let n = system.states;
@@ -300,8 +307,8 @@ impl Enclosure {
         constraints.add_errors(system, control, &self.middle.y, &self.residuals, &mut self.errors);
     }
 
-    /// How far the unknowns may be from their polynomials in the middle of the part, where `system` was evaluated last: this says
-    /// whether a monitor may be negative there.
+    /// Bounds the distances of the unknowns from their polynomials at the midpoint of the part, where `system` was
+    /// evaluated last: these decide whether a monitor may be negative there.
     fn find_errors_in_middle(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool) {
         let in_middle = self.middle.values[..on.system.unknowns].iter().map(|value| value.abs()).collect();
         let over_part = std::mem::replace(&mut self.residuals, in_middle);
@@ -312,7 +319,7 @@ impl Enclosure {
         self.residuals = over_part;
     }
 
-    /// The rows of variables inside of `dG/dt = G_t + G_x M^-1 F` in the middle of the part, where `system` was evaluated last.
+    /// Magnitudes of `dG/dt = G_t + G_x M^-1 F` at the midpoint of the part, where `system` was evaluated last.
     fn find_hidden_in_middle(&mut self, on: &mut OnFace<'_, '_>) {
         let OnFace { system, consistent, .. } = on;
         let n = system.states;
@@ -328,7 +335,7 @@ impl Enclosure {
         }
     }
 
-    /// How large `dG/dt = G_t + G_x M^-1 F` is over the box of each variable inside.
+    /// Bounds on the magnitude of `dG/dt = G_t + G_x M^-1 F` over the box, for each free variable.
     fn find_hidden(&mut self, on: &OnFace<'_, '_>) {
         let OnFace { system, consistent, .. } = on;
         let n = system.states;
@@ -352,7 +359,7 @@ impl Enclosure {
         }
     }
 
-    /// The lower end of a monitor over the box with its limit added; NaN where it is not defined all over it.
+    /// Lower bound of a monitor over the box, plus its limit; NaN if the monitor is not defined on the whole box.
     fn lower_end(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         let value = match monitor.place {
@@ -364,7 +371,7 @@ impl Enclosure {
         if value.defined { value.lo + monitor.limit } else { f64::NAN }
     }
 
-    /// What the errors of the unknowns make of a monitor over the box.
+    /// Effect of the errors of the unknowns on a monitor over the box.
     fn error_of(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         match monitor.place {
@@ -373,7 +380,7 @@ impl Enclosure {
         }
     }
 
-    /// The slope of `G` in one row over the part.
+    /// Range of the slope of one row of `G` over the part.
     fn slope_of_row(&self, system: &System<'_>, part: &Part, h: f64, row: usize) -> Interval {
         let explicit = self.rows.by_time[row - system.states] * Interval::point(h);
         let along = system.places_of_row(row).map(|(at, j)| self.rows.jacobian[at] * part.rate(j));

@@ -1,4 +1,4 @@
-//! The equations of the face that a step kept, and which of them tell the variables inside.
+//! The equations of the face that a step kept, and which of them determine the free variables.
 
 use crate::consistent_variables::ConsistentVariables;
 use crate::constraints::Constraints;
@@ -6,18 +6,18 @@ use crate::free_variables::FreeVariables;
 use crate::newton_control::NewtonControl;
 use crate::system::System;
 
-/// What tells the variables inside on a face.
+/// What determines the free variables on a face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Told {
     /// Their equations.
     ByEquations,
     /// Their equations and hidden constraints, both with constant coefficients.
     ByHiddenConstraints,
-    /// Neither: only in part.
+    /// Neither: the variables are determined in part only.
     InPart,
 }
 
-/// The equations of a face, with what brings the unknowns from their polynomials onto them.
+/// The equations of a face, with the solvers that bring the unknowns from their polynomials onto them.
 pub(super) struct OnFace<'a, 'p> {
     pub system: &'a mut System<'p>,
     pub control: &'a NewtonControl,
@@ -27,7 +27,7 @@ pub(super) struct OnFace<'a, 'p> {
 }
 
 impl OnFace<'_, '_> {
-    /// What tells the variables inside.
+    /// What determines the free variables.
     pub fn told(&mut self) -> Told {
         if self.inside.tells_all(self.system) {
             return Told::ByEquations;

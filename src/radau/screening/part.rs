@@ -1,20 +1,21 @@
-//! Parts of a step, with the polynomials of the unknowns there in the basis of Bernstein.
+//! Parts of a step, with the Bernstein polynomials of the unknowns over each part.
 
 use crate::tableau::Tableau;
 use numerics::{Interval, bernstein};
 
-/// A part of a step: `theta` in `[begin, begin + length]`, and the coefficients of each unknown there, one after the other.
+/// A part of a step: `theta` in `[begin, begin + length]`, and the Bernstein coefficients of each unknown over the
+/// part, unknown by unknown.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Part {
     pub begin: f64,
     pub length: f64,
     coefficients: Vec<f64>,
-    /// Coefficients an unknown.
+    /// Number of coefficients per unknown.
     count: usize,
 }
 
 impl Part {
-    /// The whole step from `y` with these increments at the stages.
+    /// Sets the part to the whole step from `y`, with these increments at the stages.
     pub fn set_whole(&mut self, tableau: &Tableau, y: &[f64], increments: &[f64]) {
         let (s, n) = (tableau.stages(), y.len());
         let of_stages = tableau.bernstein();
@@ -28,7 +29,7 @@ impl Part {
         }
     }
 
-    /// Keeps the first half, and writes the second into `second`.
+    /// Keeps the first half of the part, and writes the second half to `second`.
     pub fn halve(&mut self, second: &mut Self) {
         self.length *= 0.5;
         (second.begin, second.length, second.count) = (self.begin + self.length, self.length, self.count);
@@ -38,25 +39,26 @@ impl Part {
         halves.for_each(|(first, second)| bernstein::halve(first, second));
     }
 
-    /// `theta` in the middle.
+    /// `theta` at the midpoint.
     pub fn middle(&self) -> f64 {
         self.begin + 0.5 * self.length
     }
 
-    /// The ranges of the unknowns.
+    /// Writes the ranges of the unknowns over the part to `out`.
     pub fn ranges(&self, out: &mut [Interval]) {
         let unknowns = self.coefficients.chunks_exact(self.count);
         unknowns.zip(out).for_each(|(coefficients, range)| *range = bernstein::range(coefficients));
     }
 
-    /// The range of the slope of an unknown, in units of the part.
+    /// Range of the derivative of an unknown with respect to `u` in `[0, 1]` of the part.
     pub fn rate(&self, unknown: usize) -> Interval {
         let first = unknown * self.count;
         bernstein::range_of_rate(&self.coefficients[first..first + self.count])
     }
 
-    /// The range of the slope of `sum_j c_j y_j`, in units of the part, where the terms `(j, c_j)` are intervals: the polynomial
-    /// of their middles is formed before its range is taken, so that unknowns that move together widen nothing.
+    /// Range of the derivative of `sum_j c_j y_j` with respect to `u` in `[0, 1]` of the part, where the `c_j` of the
+    /// terms `(j, c_j)` are intervals: the sum with their midpoints is formed before its range is taken, so that
+    /// unknowns that vary together do not widen the range.
     pub fn rate_of_sum(&self, terms: &[(usize, Interval)]) -> Interval {
         let mut sum = vec![0.0; self.count];
         let (mut beside, mut size) = (0.0, 0.0);
@@ -78,7 +80,7 @@ impl Part {
         rate + Interval::new(-beside, beside)
     }
 
-    /// The unknowns at `u` in `[0, 1]` of the part.
+    /// Writes the unknowns at `u` in `[0, 1]` of the part to `out`.
     pub fn values(&self, u: f64, out: &mut [f64]) {
         let unknowns = self.coefficients.chunks_exact(self.count);
         unknowns.zip(out).for_each(|(coefficients, value)| *value = bernstein::value(coefficients, u));

@@ -10,16 +10,16 @@ use crate::system::System;
 pub(super) struct Point {
     pub y: Vec<f64>,
     pub values: Vec<f64>,
-    /// Empty where equations tell all variables, and nobody asks for it.
+    /// `G_t`; empty if the equations determine all variables, since it is not needed then.
     pub drift: Vec<f64>,
     lower: Vec<f64>,
     upper: Vec<f64>,
-    /// Whether all of it is finite.
+    /// Whether all rows are finite.
     pub is_finite: bool,
 }
 
 impl Point {
-    /// Takes `u` in `[0, 1]` of a part that begins at `t` and takes `h`.
+    /// Evaluates the point `u` in `[0, 1]` of a part that begins at `t` and takes `h`.
     pub fn set(&mut self, system: &mut System<'_>, told: Told, part: &Part, (t, h): (f64, f64), u: f64) {
         let t = t + u * h;
         self.y.resize(system.unknowns, 0.0);
@@ -35,7 +35,7 @@ impl Point {
         }
     }
 
-    /// The monitor there.
+    /// Value of a monitor at the point.
     pub fn value(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (row, k) = (system.states + monitor.variable, monitor.variable);
         monitor.of(self.values[row], self.y[row], self.lower[k], self.upper[k])

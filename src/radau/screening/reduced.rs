@@ -1,10 +1,11 @@
-//! Monitors without what the equations of the variables inside tell:
+//! Monitors reduced by the equations that determine the free variables:
 //!
 //! ```text
 //! m - w G_I - v dG_I/dt,    dG/dt = G_t + G_x M^-1 F,    (w, v) d(G_I, dG_I/dt)/dz_I = dm/dz_I.
 //! ```
 //!
-//! Where these bind states as well, `w` is such that the monitor does not change where the states are brought onto them.
+//! If these equations bind states as well, `w` is such that the monitor does not change when the states are brought
+//! onto them.
 
 use super::on_face::{OnFace, Told};
 use super::part::Part;
@@ -19,34 +20,34 @@ use problem::{ForcingSlopes, Sums};
 /// The slopes of the rows of a problem over a part of a step.
 #[derive(Debug, Default)]
 pub(super) struct Rows {
-    /// The derivatives by the unknowns over the box, at the places of the pattern.
+    /// Derivatives with respect to the unknowns over the box, in the order of the pattern.
     pub jacobian: Vec<Interval>,
-    /// Those of `G` by time.
+    /// Derivatives of `G` with respect to time.
     pub by_time: Vec<Interval>,
-    /// The terms of the slopes of all rows in time, where they are sums of such.
+    /// The terms of the slopes of all rows in time, if these are sums of terms.
     pub terms: Vec<Interval>,
 }
 
-/// One monitor, reduced.
+/// One reduced monitor.
 #[derive(Debug, Default)]
 pub(super) struct Reduced {
-    /// The factors of its own rows of `G`.
+    /// Factors of the rows of `G` in the monitor itself.
     own: Vec<(usize, f64)>,
-    /// The factors of the equations, by variable.
+    /// Factors of the equations, by variable.
     equations: Vec<(usize, f64)>,
-    /// Those of their derivatives by time.
+    /// Factors of the time derivatives of the equations (hidden constraints).
     hidden: Vec<(usize, f64)>,
-    /// Those of the rows of `F` in these.
+    /// Factors of the rows of `F` in the hidden constraints.
     rates: Vec<(usize, f64)>,
-    /// The derivatives by the unknowns over the box.
+    /// Derivatives with respect to the unknowns over the box.
     gradient: Vec<(usize, Interval)>,
-    /// Its slope in time as a sum of terms, where the rows are such.
+    /// Slope in time as a sum of terms, if the slopes of the rows are sums of terms.
     by_terms: Option<Vec<(usize, Interval)>>,
 }
 
 impl Reduced {
-    /// The monitor in which `own` moves, with the derivatives over the box of `rows`, by what tells the variables inside, near
-    /// the unknowns `y`.
+    /// Reduces the monitor `own`, with the derivatives over the box of `rows`, by the equations that determine the free
+    /// variables, near the unknowns `y`.
     pub fn set(&mut self, on: &mut OnFace<'_, '_>, told: Told, rows: &Rows, y: &[f64], own: &Combination) {
         let by_variables = own.by_variables(on.system);
         self.own.clone_from(&own.rows);
@@ -63,7 +64,7 @@ impl Reduced {
         self.by_terms = on.system.forcing_slopes().map(|slopes| self.sum_of_terms(slopes));
     }
 
-    /// Sets the derivatives by the unknowns; `variables` enter directly as well.
+    /// Sets the derivatives with respect to the unknowns; `variables` also enter directly.
     fn set_gradient(&mut self, system: &System<'_>, told: Told, rows: &Rows, variables: &[(usize, f64)]) {
         let n = system.states;
         let mut gradient = vec![Interval::point(0.0); system.unknowns];
@@ -78,7 +79,8 @@ impl Reduced {
             }
         }
         if told == Told::ByHiddenConstraints {
-            // Nothing is left of the variables inside, and of the others what rounding makes of the sums.
+            // The free variables cancel; the derivatives with respect to other unknowns contain the rounding errors of
+            // the sums.
             (0..system.unknowns - n)
                 .filter(|&l| system.has_equation(l))
                 .for_each(|l| gradient[n + l] = Interval::point(0.0));
@@ -91,8 +93,8 @@ impl Reduced {
         self.gradient.extend(gradient.into_iter().enumerate().filter(|(_, slope)| *slope != Interval::point(0.0)));
     }
 
-    /// The factors of equations that answer to bringing the states onto what these bind of them: the monitor is then that of
-    /// the states on their constraints.
+    /// Adds the factors of equations that represent the correction of the states onto their constraints: the result is
+    /// the monitor of the corrected states.
     fn follow_constraints(&mut self, on: &mut OnFace<'_, '_>, rows: &Rows, y: &[f64]) {
         self.set_gradient(on.system, Told::ByHiddenConstraints, rows, &[]);
         let n = on.system.states;
@@ -113,7 +115,7 @@ impl Reduced {
         }
     }
 
-    /// Its slope in time, with what rounding makes of factors that cancel.
+    /// The slope in time as a sum of terms, with the rounding errors of factors that cancel.
     fn sum_of_terms(&self, slopes: &ForcingSlopes) -> Vec<(usize, Interval)> {
         let mut factors = vec![(0.0, 0.0_f64); slopes.terms];
         let mut add = |rows: &[(usize, f64)], sums: &Sums| {
@@ -133,7 +135,8 @@ impl Reduced {
         intervals.map(|(term, (sum, size))| (term, Interval::new(sum - noise(size), sum + noise(size)))).collect()
     }
 
-    /// The factors of equations and hidden constraints that answer to a change of the variables inside as the monitor does.
+    /// Sets the factors of the equations and hidden constraints whose combination depends on the free variables as the
+    /// monitor does.
     fn follow_hidden(&mut self, on: &mut OnFace<'_, '_>, by_variables: &[f64]) {
         let n = on.system.states;
         self.equations.clear();
@@ -156,7 +159,7 @@ impl Reduced {
         self.rates.extend(along.iter().copied().enumerate().filter(|(_, factor)| *factor != 0.0));
     }
 
-    /// Its value at a point where the monitor is `value`, and what rounding leaves uncertain of it.
+    /// Value of the form at a point where the monitor is `value`, and its rounding error.
     pub fn value(&self, system: &System<'_>, value: f64, there: &Point) -> (f64, f64) {
         let n = system.states;
         let mut of = (value, 0.0);
@@ -172,12 +175,12 @@ impl Reduced {
         of
     }
 
-    /// What errors of the unknowns make of it.
+    /// Effect of errors of the unknowns on the form.
     pub fn error(&self, errors: &[f64]) -> f64 {
         self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| slope.size() * errors[j]).sum()
     }
 
-    /// Its slope over a part that takes `h`, in units of the part, but for what moves a bound.
+    /// Range of the derivative with respect to `u` in `[0, 1]` of a part that takes `h`, without the motion of bounds.
     pub fn slope(&self, rows: &Rows, part: &Part, h: f64) -> Interval {
         let sum = |sum: Interval, (factor, slope): (Interval, Interval)| sum + factor * slope;
         let by_time = match &self.by_terms {
@@ -194,7 +197,7 @@ impl Reduced {
     }
 }
 
-/// A combination of the equations of variables as one of rows of `G`.
+/// Rewrites a combination of the equations of variables as one of rows of `G`.
 fn rows_of(system: &System<'_>, equations: impl Iterator<Item = (usize, f64)>) -> Vec<(usize, f64)> {
     let mut rows: Vec<(usize, f64)> = Vec::new();
     for (equation, factor) in equations.filter(|(_, factor)| *factor != 0.0) {

@@ -1,24 +1,24 @@
-//! The monitors of a face that are watched over a step: of each variable in an interval what must not become negative while
-//! it keeps its place.
+//! The monitors of a face that are watched over a step: for each variable in an interval, the quantities that must stay
+//! nonnegative while it keeps its activity.
 
 use crate::face::Activity;
 use crate::system::System;
 use numerics::Interval;
 use problem::Side;
 
-/// A quantity that must not become negative on the face.
+/// A quantity that must stay nonnegative on the face.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Watched {
     pub variable: usize,
     pub place: Activity,
-    /// Of a variable inside: whether the upper bound is meant.
+    /// For a free variable: whether the monitor is the distance to the upper bound, rather than to the lower one.
     pub upper: bool,
-    /// What counts as zero.
+    /// Magnitude below which the monitor counts as zero.
     pub limit: f64,
 }
 
 impl Watched {
-    /// The monitor where `G` and `z` are these, and the bounds of the variable.
+    /// Value of the monitor for these `G`, `z` and bounds of the variable.
     pub fn of(&self, g: f64, z: f64, lower: f64, upper: f64) -> f64 {
         match self.place {
             Activity::AtLower => g,
@@ -28,7 +28,8 @@ impl Watched {
         }
     }
 
-    /// The bound that it keeps from, where rows of the problem are as in `values`; zero of a variable on its bound, whose `G` it is.
+    /// Range of the bound in the monitor of a free variable, given the ranges `values` of the rows of the problem; zero
+    /// for a variable on a bound, whose monitor is its `G`.
     pub fn bound(&self, system: &System<'_>, values: &[Interval]) -> Interval {
         match self.place {
             Activity::Inactive if self.upper => system.bound(self.variable, Side::Upper, values),
@@ -37,13 +38,13 @@ impl Watched {
         }
     }
 
-    /// The sign with which `G`, or `z` where the variable is inside, enters it.
+    /// Sign with which `G`, or `z` of a free variable, enters the monitor.
     pub fn sign(&self) -> f64 {
         let is_negative = self.place == Activity::AtUpper || self.place == Activity::Inactive && self.upper;
         if is_negative { -1.0 } else { 1.0 }
     }
 
-    /// What moves in it.
+    /// The monitor, without its bound, as a linear combination.
     pub fn combination(&self) -> Combination {
         let own = vec![(self.variable, self.sign())];
         match self.place {
@@ -61,7 +62,7 @@ pub(super) struct Combination {
 }
 
 impl Combination {
-    /// Its derivatives by the variables, from those of `G` as they are.
+    /// Derivatives with respect to the variables, from the current derivatives of `G`.
     pub fn by_variables(&self, system: &System<'_>) -> Vec<f64> {
         let n = system.states;
         let mut slopes = vec![0.0; system.unknowns - n];
@@ -74,8 +75,8 @@ impl Combination {
     }
 }
 
-/// The monitors of the face, but for those of blocks, into `out`; each may fall to `-limit`, which is what `limits` say of
-/// a variable and of its `G`.
+/// Writes the monitors of the face, except those of blocks, to `out`. Each may fall to `-limit`; `limits` returns the
+/// limit of a variable and that of its `G`.
 pub(super) fn watch(system: &System<'_>, limits: impl Fn(usize) -> [f64; 2], out: &mut Vec<Watched>) {
     out.clear();
     for &k in &system.intervals {

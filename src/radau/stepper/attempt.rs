@@ -1,5 +1,5 @@
-//! The stages of one step: on the present face, up to where that ends, or with the variational inequality over all of them where
-//! no face is found to go on.
+//! The stages of one step: on the present face up to the end of that face, or with the variational inequality coupled
+//! over all stages if no face is found to continue on.
 
 use super::Radau;
 use crate::location::EventTime;
@@ -7,17 +7,18 @@ use crate::screening::{Between, LEAST};
 use crate::settings::{RejectionCause, StepError};
 use crate::stages::{Contraction, Newton};
 
-/// So many times a step along a curved face is halved, before its stages are solved without it.
+/// Maximum number of halvings of a step along a curved face, before its stages are solved without the face.
 const HALVINGS: usize = 12;
-/// So many times a step is halved whose face is left at no point that can be found, before its stages are solved without it.
+/// Maximum number of halvings of a step whose end of face cannot be located, before its stages are solved without the
+/// face.
 const SEARCHES: usize = 4;
 
-/// How the stages of an attempt came out.
+/// Result of an attempt at a step.
 pub(super) enum Attempt {
-    /// Solved, in so many Newton iterations; `coupled` over the stages, or on one face; with what screening found between
+    /// The stages are solved, on one face or `coupled` over the stages; `between` is the result of screening between
     /// them.
     Solved { h: f64, iterations: usize, coupled: bool, between: Option<Between> },
-    /// To be done again with the step times this factor, and why.
+    /// The step is to be repeated with its size multiplied by this factor, for this cause.
     Failed(f64, RejectionCause),
 }
 
@@ -30,7 +31,7 @@ impl Radau<'_> {
         let (mut missed, mut proven) = (None, 0.0);
         let mut searches = if self.settings.step.is_some() { 0 } else { SEARCHES };
         for _ in 0..=self.system.bounded.len() + HALVINGS {
-            // A step that comes to no later number is none.
+            // Stop at a step too small to advance the time.
             if size < h && !self.clock.resolves(size) {
                 break;
             }
@@ -55,7 +56,7 @@ impl Radau<'_> {
                     missed = between;
                     proven = violation.map_or(0.0, |(_, proven)| proven);
                     let mut located = self.locate(size, violation.map(|(theta, _)| theta))?;
-                    // Of several switches within the step the stages need not show the first.
+                    // If there are several switches within the step, its stages need not show the first.
                     if matches!(located, EventTime::Nowhere)
                         && violation.is_none()
                         && self.switching.locates()
@@ -70,7 +71,7 @@ impl Radau<'_> {
                     return Ok(Attempt::Failed(factor, RejectionCause::Slow));
                 }
                 Newton::Failed(cause) if self.stage_vi.is_none() => return Ok(Attempt::Failed(0.5, cause)),
-                // A curved face may end where it cannot be followed any further: as far as it goes, then.
+                // A curved face may end where it can no longer be followed: go up to that point.
                 Newton::Slow(_) | Newton::Failed(_) if self.system.is_curved() && self.switching.locates() => {
                     if std::mem::take(&mut may_turn) && self.system.swap_primal_dual_form() {
                         self.factored = None;
@@ -99,7 +100,7 @@ impl Radau<'_> {
                     size *= part;
                     self.screened_short = true;
                 }
-                // Up to shortly before it the step is proven.
+                // The step is proven up to shortly before the violation.
                 EventTime::Nowhere if proven >= LEAST && self.settings.step.is_none() && self.switching.locates() => {
                     size *= std::mem::take(&mut proven);
                     self.screened_short = true;
@@ -115,8 +116,8 @@ impl Radau<'_> {
         Ok(self.couple(h, missed))
     }
 
-    /// Where screening first sees a violation in a step of size `h`, whose stages are solved again, and up to where it sees
-    /// none for certain.
+    /// The point at which screening first detects a violation in a step of size `h`, and the point up to which it
+    /// proves that there is none. The stages are solved again.
     fn first_violation(&mut self, h: f64) -> Result<Option<(f64, f64)>, StepError> {
         self.prepare(h)?;
         self.predict(h);
@@ -145,8 +146,8 @@ impl Radau<'_> {
         }
     }
 
-    /// Solves the stages with the VI coupled over them, from their present increments; where a violation was seen between
-    /// them, it is still `missed`.
+    /// Solves the stages with the VI coupled over them, starting from their present increments; `missed` is a violation
+    /// already detected between them.
     fn couple(&mut self, h: f64, missed: Option<Between>) -> Attempt {
         let tableau = self.tableau();
         let Some(stage_vi) = &mut self.stage_vi else { return Attempt::Failed(0.5, RejectionCause::Unsolved) };
@@ -158,8 +159,8 @@ impl Radau<'_> {
                 Attempt::Failed(0.5, RejectionCause::Diverged)
             }
             Ok(()) => {
-                // On one face all over it is a step like any other, which may have gone over switches that no stage shows; where
-                // these accumulate it is measured as a whole.
+                // A step on a single face is like any other, but may have crossed switches that no stage shows: screen
+                // it, unless switches accumulate, where the whole accumulation is assessed instead.
                 let is_one_face = self.system.face.is_same(&self.switching.before);
                 let is_alone = self.switching.locates() && self.accumulations() == 0;
                 let is_screened = is_one_face && is_alone && self.settings.step.is_none();

@@ -1,21 +1,29 @@
-//! The error of a step, from four sides.
+//! The error of a step, by four estimates.
 //!
-//! The embedded estimate `e`, of order `s`, in a tolerance rescaled because the result is of order `2s`. That trust fails
-//! three times. On `y' = lambda y + g(t)` with `z = h lambda` the error of one step is `h^(s+1) Psi(z) g^(s)` with `Psi` of order
-//! `z^(s-1)` at zero but `1/z` at infinity, like `e` itself (Hairer and Wanner 1996, IV.15). With `P = E^-1 (gamma/h) M`,
-//! that is `gamma/(gamma - z)`,
+//! The first is the embedded estimate `e`, of order `s`, held to a tolerance that is rescaled because the result has
+//! order `2s`. The rescaling fails in three cases, each with an estimate of its own.
+//!
+//! Stiff equations: on `y' = lambda y + g(t)` with `z = h lambda`, the error of one step is `h^(s+1) Psi(z) g^(s)`,
+//! where `Psi` is of order `z^(s-1)` at zero but `1/z` at infinity, like `e` itself (Hairer and Wanner 1996, IV.15).
+//! With `P = E^-1 (gamma/h) M`, that is `gamma/(gamma - z)`,
 //!
 //! ```text
 //! (I - P)^(s-1) e
 //! ```
 //!
-//! behaves so at both ends, and the error is between half of it and `s` times it on all of the negative axis, for 3, 5 and 7
-//! stages: it is held to the tolerance that is not rescaled, but for a factor, since stiff errors do not add up. And `e`
-//! vanishes as `1/z` though between the ends of the step the collocation polynomial may miss a solution that varies over
-//! it: its slope then jumps from the last step to this one. The jump, which is `gamma e` where the problem is not stiff,
-//! is held to what `gamma e` is held to. And the order shows only where a step is short beside what the rates do (`ripple`).
-//! All three are for explicit equations, and for linear ones, in the directions that constraints leave free: what Newton's
-//! method or rounding leaves of other equations does not shrink with the step, and would hold up the run.
+//! has these orders at zero and at infinity, and the error is between half of it and `s` times it on the whole negative
+//! axis, for 3, 5 and 7 stages. It is held to the tolerance that is not rescaled, up to a factor, since stiff errors do
+//! not accumulate.
+//!
+//! Output between steps: `e` vanishes as `1/z`, although the collocation polynomial may miss a solution that varies
+//! within the step; its slope then jumps from the last step to this one. The jump, which equals `gamma e` for nonstiff
+//! equations, is held to the bound of `gamma e`.
+//!
+//! Long steps: the order shows only if a step is short compared with the variation of the rates (see `ripple`).
+//!
+//! The last three estimates are for explicit equations, and for linear ones, in the directions that constraints leave
+//! free: in other equations, residues of Newton's method or of rounding do not shrink with the step, and would stall
+//! the run.
 
 use super::Radau;
 use super::ripple::Ripple;
@@ -26,23 +34,23 @@ use crate::orders::Method;
 use nalgebra::DVector;
 use problem::Mass;
 
-/// The tolerances that one step may err by where its order is reduced.
+/// Admissible error of one step, in tolerances, where its order is reduced.
 const STIFF: f64 = 3.0;
 
-/// Room for the estimate.
+/// Workspace of the estimates.
 pub(super) struct Estimates {
-    /// `e`
+    /// The embedded estimate `e`.
     pub error: Vec<f64>,
-    /// The jump of the slope of the states into the step, times its size; empty where the slope before is not known.
+    /// Jump of the slope of the states into the step, times its size; empty if the slope before the step is not known.
     jump: Vec<f64>,
-    /// What rounding leaves of the rates where a first step begins.
+    /// Rounding error of the rates at the beginning of a first step.
     noise: Vec<f64>,
     pub ripple: Ripple,
     pub embedded: Vec<f64>,
     pub shifted: Vec<f64>,
 }
 
-/// What rounding may make of a rate, in parts of its terms: each is off by a unit or two, and they cancel in part.
+/// Rounding error of a rate, relative to its terms: each term errs by a unit or two, and the errors cancel in part.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 impl Estimates {
@@ -60,8 +68,8 @@ impl Estimates {
 }
 
 impl Radau<'_> {
-    /// The embedded estimate of the error of the states, in units of the tolerance,
-    /// `E^-1 (Phi(t_n, y_n) + (1/h) diag(M, 0) sum_i D_i Z_i)`, filtered once more where it looks too large.
+    /// The error of the states, in units of the tolerance: the largest of all estimates. The embedded estimate is
+    /// `E^-1 (Phi(t_n, y_n) + (1/h) diag(M, 0) sum_i D_i Z_i)`, filtered once more if it looks too large.
     pub(super) fn error(&mut self, h: f64, coupled: bool) -> f64 {
         if coupled && let Some(vi) = &mut self.stage_vi {
             vi.swap_face(&mut self.system);
@@ -79,7 +87,8 @@ impl Radau<'_> {
         let leaves_no_rest = !coupled && self.leaves_no_rest();
         let is_bound = leaves_no_rest && self.consistent.is_some() && !self.switching.inside.tells_all(&self.system);
         let has_output = self.settings.interpolated && !coupled;
-        // What is left of equations that tell their variables shrinks with the step, and a first step has no other slope.
+        // The residual of equations that determine their variables shrinks with the step, and a first step has no other
+        // slope.
         let has_slope =
             has_output && (leaves_no_rest || !self.continues && self.switching.inside.tells_all(&self.system));
         if has_slope && !self.continues && self.last.end_slope.is_empty() {
@@ -148,8 +157,8 @@ impl Radau<'_> {
         error.max(self.stiff_error(h, error, is_bound))
     }
 
-    /// Takes the rates where a run or a face begins for the slope that its first step is to begin with: behind a switch there
-    /// may be a transient that is short beside the step before.
+    /// Sets the slope with which the first step of a run or of a face should begin, from the rates there: a transient
+    /// that is short compared with the step before may follow a switch.
     fn find_first_slope(&mut self) {
         let (t, mut y) = (self.clock.t, self.y.clone());
         let Self { system, control, consistent, switching, .. } = self;
@@ -170,8 +179,9 @@ impl Radau<'_> {
         self.estimates.noise.extend_from_slice(noise.as_slice());
     }
 
-    /// Whether the equations are explicit, or would be with the variables eliminated, and Newton's method leaves nothing of what
-    /// tells these: it is linear, and no hidden constraint of a large system is among it.
+    /// Whether the equations are explicit, or would be after elimination of the variables, and Newton's method leaves
+    /// no residual in the equations of the variables: these are linear, and are no hidden constraints of a large
+    /// system.
     fn leaves_no_rest(&mut self) -> bool {
         self.system.is_explicit_ode()
             || self.system.constant_jacobian()
@@ -181,9 +191,9 @@ impl Radau<'_> {
                     || self.switching.is_to_locate() && matches!(self.system.layout.storage, Storage::Dense))
     }
 
-    /// The norm of `(I - P)^(s-1) e` for the estimate `e` at hand, in units of the tolerance that is not rescaled, to the
-    /// power by which the tolerance is rescaled; nothing where a lower power of `I - P` is below `enough` already. Where states
-    /// are bound by constraints, in the directions that these leave free.
+    /// The norm of `(I - P)^(s-1) e` for the current estimate `e`, in units of the tolerance that is not rescaled,
+    /// raised to the power by which the tolerance is rescaled; zero if a lower power of `I - P` already gives less than
+    /// `enough`. If constraints bind states, only the directions that these leave free count.
     fn stiff_error(&mut self, h: f64, enough: f64, is_bound: bool) -> f64 {
         let Method { tableau, tolerance } = self.orders.current();
         let Some(gamma) = tableau.gamma else { return 0.0 };
@@ -214,7 +224,7 @@ impl Radau<'_> {
     }
 }
 
-/// The root of the mean square of `e`, weighted.
+/// The weighted root mean square of `e`.
 pub(super) fn rms(e: &[f64], weight: &[f64]) -> f64 {
     let terms = e.iter().zip(weight).map(|(e, w)| e * w);
     mean_square_root(terms.clone().map(|e| e * e).sum(), e.len(), || terms)

@@ -1,4 +1,4 @@
-//! What an attempt needs beforehand: derivatives, factors, tolerances, starting values, a first step size.
+//! Preparation of an attempt: derivatives, factors, tolerances, starting values, and the first step size.
 
 use super::{Freshness, Radau};
 use crate::settings::StepError;
@@ -6,7 +6,7 @@ use crate::stages::Contraction;
 use problem::{Shape, Side};
 
 impl Radau<'_> {
-    /// Makes derivatives, factors and tolerances ready for a step of size `h`.
+    /// Prepares derivatives, factors and tolerances for a step of size `h`.
     pub(crate) fn prepare(&mut self, h: f64) -> Result<(), StepError> {
         self.differentiate()?;
         if self.system.repivot_spheres(&self.y) {
@@ -26,7 +26,7 @@ impl Radau<'_> {
         Ok(())
     }
 
-    /// Makes the derivatives those of this step where they are stale.
+    /// Evaluates the derivatives at the present step if they are stale.
     pub(super) fn differentiate(&mut self) -> Result<(), StepError> {
         if self.jacobian == Freshness::Stale {
             if !self.system.differentiate(self.clock.t, &self.y) {
@@ -45,8 +45,8 @@ impl Radau<'_> {
         Ok(())
     }
 
-    /// The weights of the Newton norm at `y`: `1/sc` for states; for variables, what an error of theirs over a step
-    /// does to the states (never `z` itself, which is of lower order and jumps).
+    /// Sets the weights of the Newton norm at `y`: `1/sc` for states; for variables, the effect on the states of an
+    /// error of the variable over a step (never the size of `z` itself, which is of lower order and jumps).
     pub(crate) fn set_tolerances(&mut self, h: f64) {
         let tolerance = &self.orders.current().tolerance;
         let n = self.system.states;
@@ -80,7 +80,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Starting values: the last collocation polynomial, continued; zero where it says nothing of this step.
+    /// Starting values: the last collocation polynomial, extrapolated; zero if it does not apply to this step.
     pub(crate) fn predict(&mut self, h: f64) {
         let n = self.system.unknowns;
         let tableau = self.tableau();
@@ -101,14 +101,14 @@ impl Radau<'_> {
         self.stages.transform(tableau);
     }
 
-    /// Has the derivatives evaluated anew before the next attempt.
+    /// Marks the derivatives as stale, so that the next attempt evaluates them anew.
     pub(crate) fn forget_jacobian(&mut self) {
         if !self.system.constant_jacobian() {
             self.jacobian = Freshness::Stale;
         }
     }
 
-    /// Forgets what no longer holds after a switch: derivatives, factors, the continued polynomial.
+    /// Discards data that are invalid after a switch: derivatives, factors, the extrapolated polynomial.
     pub(crate) fn restart(&mut self) {
         self.forget_jacobian();
         self.factored = None;
@@ -123,7 +123,7 @@ impl Radau<'_> {
         self.check_evaluation()
     }
 
-    /// Whether the last evaluation gave numbers, and intervals and balls that hold one.
+    /// Fails if a row of the last evaluation is not finite, or if an interval or a ball is empty.
     pub(crate) fn check_evaluation(&self) -> Result<(), StepError> {
         let t = self.clock.t;
         if let Some(row) = self.system.values.iter().position(|value| !value.is_finite()) {
@@ -140,7 +140,7 @@ impl Radau<'_> {
         }
     }
 
-    /// What a row of the evaluation is, and its number among its kind.
+    /// Kind of a row of the evaluation, and its index within that kind.
     fn name_row(&self, row: usize) -> (&'static str, usize) {
         let (n, unknowns) = (self.system.states, self.system.unknowns);
         if row < n {
@@ -152,8 +152,8 @@ impl Radau<'_> {
         }
     }
 
-    /// A first step over which the rates at the start change the states by about the tolerance to the power that the
-    /// order asks for.
+    /// Initial step size: the predicted change of the states is about the geometric mean of the tolerance and
+    /// `tolerance^(1/(s+1))` (cf. Hairer, Norsett and Wanner, II.4).
     pub(super) fn first_step(&mut self) -> f64 {
         let span = self.clock.remaining();
         if let Some(h) = self.settings.step.or(self.settings.first_step) {
@@ -171,7 +171,7 @@ impl Radau<'_> {
             .sqrt()
             / (n as f64).sqrt();
         let s = self.tableau().stages() as f64;
-        // One tolerance of change a step is far too careful; the order says by how much.
+        // A change of one tolerance per step is far too careful; the order determines the factor.
         let reach = (1.0 / self.settings.rtol).powf(1.0 - 1.0 / (s + 1.0)).sqrt();
         let least = (1e-12 * span).max(f64::EPSILON * self.clock.t.abs());
         (reach / speed).min(1e-3 * span).max(least).min(span)

@@ -1,5 +1,5 @@
-//! The last step made again, from where it began to an earlier end: its size is the unknown of an event that is to be found to
-//! the order of the method.
+//! Repetition of the last step from its beginning to an earlier end: its size is the unknown in the location of an
+//! event to the order of the method.
 
 use super::{Freshness, Radau};
 use crate::orders::Orders;
@@ -7,11 +7,11 @@ use crate::settings::{Settings, StageChoice};
 use crate::stages::Newton;
 
 impl Radau<'_> {
-    /// Makes the last step again, up to the time `end` within it, with stages whose tolerances are `tighter` times those of
-    /// the run; whether it could be made. If so the run has come to `end`, and what is told of the last step is told of this
-    /// one; else nothing has changed.
+    /// Repeats the last step up to the time `end` within it, with tolerances of the stages that are `tighter` times
+    /// those of the run; returns whether the stages were solved. If so, the run is at `end`, and the repeated step
+    /// replaces the last one; otherwise nothing has changed.
     ///
-    /// The step keeps the face that it had, and is for problems without bounded variables, whose faces do not end.
+    /// The step keeps its face: this is for problems without bounded variables, whose faces do not end.
     pub fn remake(&mut self, end: f64, tighter: f64) -> bool {
         let h = end - self.last.t;
         if self.last.is_remade && h == self.last.h {
@@ -34,8 +34,8 @@ impl Radau<'_> {
             self.forget_jacobian();
         }
         self.factored = None;
-        // Newton's method begins at zero: from the stages of the longer step it would keep, where nothing moves at first, what
-        // that one knows within its tolerance only.
+        // Newton's method starts from zero: started from the stages of the longer step, it would keep their values,
+        // which are accurate within its tolerance only, wherever nothing moves at first.
         self.stages.z.fill(0.0);
         self.stages.w.fill(0.0);
         let is_made = self.prepare(h).is_ok() && matches!(self.newton(h), Newton::Converged { .. });

@@ -1,4 +1,4 @@
-//! What a stepper tells of itself between steps: time, values, evidence, counters.
+//! State of a stepper as reported between steps: time, values, evidence, counters.
 
 use super::Radau;
 use crate::consistent_variables::inequality;
@@ -9,13 +9,13 @@ use problem::{ConvexSet, Dvi, FaceEquations};
 /// The variables at the end of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Variables<'a> {
-    /// `K` there.
+    /// `K` at that time.
     pub set: &'a ConvexSet,
     /// The variables that have a bound, counted from 0.
     pub bounded: &'a [usize],
     /// All variables.
     pub z: &'a [f64],
-    /// `G` there.
+    /// `G` at that time.
     pub g: &'a [f64],
 }
 
@@ -40,7 +40,7 @@ impl Radau<'_> {
         self.clock.is_done()
     }
 
-    /// When the states first jumped, because the constraints did not allow them: at the start, or at a break of the rows.
+    /// Time of the first jump of the states, forced by constraints at the start or at a breakpoint of the rows.
     pub fn jumped(&self) -> Option<f64> {
         self.jumped
     }
@@ -60,7 +60,7 @@ impl Radau<'_> {
         self.system.work
     }
 
-    /// The affine problems solved, over the stages and for faces: the solver that answered last, how many, and their
+    /// The affine problems solved, over the stages and for faces: the solver of the last one, their number, and their
     /// pivots or iterations.
     pub fn vi_work(&self) -> Option<(&'static str, u64, u64)> {
         let (stages, faces) = (self.stage_vi.as_ref()?, self.switching.probe.vi.as_ref()?);
@@ -68,13 +68,13 @@ impl Radau<'_> {
         Some((last.solver(), stages.solves + faces.solves, stages.pivots + faces.pivots))
     }
 
-    /// The attempts at affine problems of the stages that did not solve them, each with how often it happened.
+    /// The unsuccessful attempts at affine problems of the stages, each with its number of occurrences.
     pub fn vi_failures(&self) -> impl Iterator<Item = (vi::Attempt, u64)> + '_ {
         self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
     }
 
-    /// `y` at a time within the last accepted step, into `out`: the states from the collocation polynomial, the variables
-    /// that belong to them; at the end of a step that is a switch, those after it.
+    /// Evaluates `y` at a time within the last accepted step into `out`: the states from the collocation polynomial,
+    /// with consistent variables; at the end of a step that is a switch, the variables after it.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
         let at_end = t == self.clock.t;
         let mut are_found = false;
@@ -90,7 +90,7 @@ impl Radau<'_> {
                 inequality::solve(&mut self.system, t, out);
             }
         }
-        // The bounds are those at the states already where variables were found for them.
+        // If variables were found, the bounds are already those at the states.
         if !self.system.bounded.is_empty() && (are_found || self.system.evaluate(t, out)) {
             self.system.project(out);
         }
@@ -99,14 +99,15 @@ impl Radau<'_> {
         }
     }
 
-    /// Brings `y` at `t` onto the present face: the states onto its constraints, the variables to those that belong to them;
-    /// whether these were found.
+    /// Brings `y` at `t` onto the present face: the states onto its constraints, then the variables to consistent ones;
+    /// returns whether these were found.
     pub(crate) fn bring_onto_face(&mut self, t: f64, y: &mut [f64]) -> bool {
         self.switching.constraints.correct(&mut self.system, &self.control, t, y);
         self.find_variables(t, y)
     }
 
-    /// The variables in `y` that belong to the states on the present face; whether they were found.
+    /// Sets the variables in `y` to those consistent with the states on the present face; returns whether they were
+    /// found.
     fn find_variables(&mut self, t: f64, y: &mut [f64]) -> bool {
         let Some(consistent) = &mut self.consistent else { return false };
         let are_found = consistent.solve(&mut self.system, &self.control, t, y);
@@ -116,7 +117,7 @@ impl Radau<'_> {
         are_found
     }
 
-    /// The unknowns at the end of the last step on the face that it kept.
+    /// The unknowns at the end of the last step, on the face of that step.
     pub(crate) fn before_switch(&mut self) -> Vec<f64> {
         let t = self.last.t + self.last.h;
         let mut y = vec![0.0; self.system.unknowns];
@@ -127,7 +128,8 @@ impl Radau<'_> {
         y
     }
 
-    /// What is needed to judge the variables at the time reached; `None` where no variable has a bound.
+    /// Data for the assessment of the variables at the time reached; `None` if no variable has a bound, or a value is
+    /// not finite.
     pub fn variables(&mut self) -> Option<Variables<'_>> {
         if self.system.bounded.is_empty() || !self.system.evaluate(self.clock.t, &self.y) {
             return None;
@@ -157,12 +159,12 @@ impl Radau<'_> {
         self.last.is_smooth
     }
 
-    /// Whether the last step has kept one face, and the next begins on it.
+    /// Whether the last step kept one face, and the next step continues on it.
     pub fn kept_face(&self) -> bool {
         self.last.is_smooth && self.continues
     }
 
-    /// The problem, to be asked for more than steps need.
+    /// The problem, for queries beyond those of the steps.
     pub fn problem(&mut self) -> &mut dyn Dvi {
         self.system.problem()
     }

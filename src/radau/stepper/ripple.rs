@@ -1,28 +1,30 @@
-//! The error of a step that is long beside what the rates do.
+//! The error of a step that is long compared with the variation of the rates.
 //!
-//! Where the step is short, the coefficients of the slope of the collocation polynomial in Legendre polynomials fall by some
-//! `r < 1` from one degree to the next, and the error of the result is about `r^(s-1) e` for the embedded estimate `e`. This
-//! is held to the tolerance that is not rescaled: a ripple that is small beside the rest of a rate, and has many periods
-//! within the step, has `r = 1` and the error `e`.
+//! If the step is short, the Legendre coefficients of the slope of the collocation polynomial decrease by a factor
+//! `r < 1` from one degree to the next, and the error of the result is about `r^(s-1) e`, where `e` is the embedded
+//! estimate. This error is held to the tolerance that is not rescaled: a ripple that is small beside the rest of a
+//! rate, and has many periods within the step, has `r = 1` and the error `e`.
 //!
-//! Each of both numbers vanishes for some size of a step by chance, whatever the rates are, so each is found twice. The first
-//! coefficient that the stages do not show is about `r` times the last one, so that `e` is no less than `P/gamma` times
-//! this, with the filter `P = E^-1 (gamma/h) M` of stiff directions that `e` has passed as well. And `r` is no less than
-//! `gamma e` over the last coefficient.
+//! Both `e` and `r` may vanish by chance for some step size, whatever the rates are, so each is found in two ways. The
+//! first coefficient that the stages do not show is about `r` times the last one that they show, so `e` is at least
+//! `P/gamma` times that product, with the filter `P = E^-1 (gamma/h) M` of stiff directions that `e` has passed as
+//! well. And `r` is at least `gamma e` divided by the last coefficient.
 
 use super::Radau;
 use super::estimate::{Estimates, rms};
 use crate::orders::Method;
 use std::ops::Range;
 
-/// The part of the tolerance below which an error does not keep a step from growing: the next estimate sees what it becomes.
+/// Fraction of the tolerance below which an error does not limit the growth of the step: the next estimate detects an
+/// increase.
 const NEGLIGIBLE: f64 = 1e-3;
 
-/// The last Legendre coefficients of the slope of each state, times the size of the step, and room for what they let expect.
+/// The last Legendre coefficients of the slope of each state, times the step size, with workspace for the expected
+/// error.
 pub(super) struct Ripple {
-    /// The largest of the last coefficients, with the sign of the last.
+    /// The largest magnitude among the last coefficients, with the sign of the last one.
     last: Vec<f64>,
-    /// By how much they fall over the last half of the degrees.
+    /// The decrease of the coefficients over the last half of the degrees.
     fall: Vec<f64>,
     expected: Vec<f64>,
 }
@@ -35,8 +37,8 @@ impl Ripple {
 }
 
 impl Radau<'_> {
-    /// The norm of `r^(s-1) e`, in units of the tolerance that is not rescaled, to the power by which the tolerance is
-    /// rescaled. Where constraints bind states, in the directions that these leave free.
+    /// The norm of `r^(s-1) e`, in units of the tolerance that is not rescaled, raised to the power by which the
+    /// tolerance is rescaled. If constraints bind states, only the directions that these leave free count.
     pub(super) fn ripple_error(&mut self, h: f64, is_bound: bool) -> f64 {
         let Method { tableau, tolerance } = *self.orders.current();
         let Some(gamma) = tableau.gamma.filter(|_| tableau.stages() >= 3) else { return 0.0 };
@@ -47,7 +49,7 @@ impl Radau<'_> {
             return 0.0;
         }
         self.find_falls();
-        // What constraints leave of rounding is in the coefficients too.
+        // With constraints, the coefficients contain their rounding errors as well.
         if !is_bound {
             self.take_expected(h, gamma);
         }
@@ -58,15 +60,15 @@ impl Radau<'_> {
             *e *= fall.max((gamma * *e / last).abs().min(1.0)).powf(power);
         }
         let error = tolerance.factor * rms(&shifted[..states], &self.control.weight);
-        // What rounding leaves of the increments has coefficients of all degrees.
+        // The rounding errors of the increments have coefficients of all degrees.
         if error < NEGLIGIBLE { 0.0 } else { error.powf(tolerance.exponent) }
     }
 
-    /// Finds the last Legendre coefficients of the slopes, and how they fall.
+    /// Finds the last Legendre coefficients of the slopes, and their decrease.
     fn find_falls(&mut self) {
         let (tableau, n) = (self.tableau(), self.system.unknowns);
         let s = tableau.stages();
-        // Several degrees each, as one coefficient may vanish by chance.
+        // Use several degrees, since a single coefficient may vanish by chance.
         let count = half(s - 1);
         let (first, before) = (s - count, s - count - count.max(2));
         let coefficient = |degree: usize, j: usize| -> f64 {
@@ -83,7 +85,7 @@ impl Radau<'_> {
         }
     }
 
-    /// Makes the estimate no less than what the coefficients let expect.
+    /// Raises the estimate to the error that the coefficients suggest, where that is larger.
     fn take_expected(&mut self, h: f64, gamma: f64) {
         let Self { system, factors, estimates: Estimates { shifted, embedded, ripple, .. }, .. } = self;
         let states = system.states;
@@ -91,7 +93,7 @@ impl Radau<'_> {
         for ((expected, last), fall) in expected[..states].iter_mut().zip(last).zip(fall) {
             *expected = *fall * *last / h;
         }
-        // The filter only makes them smaller.
+        // The filter can only make the expected errors smaller.
         if expected[..states].iter().zip(&*shifted).all(|(expected, e)| h * expected.abs() <= gamma * e.abs()) {
             return;
         }
@@ -102,7 +104,7 @@ impl Radau<'_> {
     }
 }
 
-/// Half of the degrees, from where on they count as the last.
+/// Half of the degrees: the higher half counts as the last coefficients.
 fn half(degrees: usize) -> usize {
     degrees / 2
 }

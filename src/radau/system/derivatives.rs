@@ -1,5 +1,5 @@
-//! The derivatives of a system: the nonzeros of the Jacobian of the problem, its rows and sums over them, and `dPhi/dy` on a face
-//! of `K` at the places of the matrices of the stage equations.
+//! The derivatives of a system: the nonzeros of the Jacobian of the problem, its rows and sums over them, and `dPhi/dy`
+//! on a face of `K` in the storage layout of the matrices of the stage equations.
 
 use super::System;
 use crate::face::{ActiveFace, Activity};
@@ -7,8 +7,8 @@ use crate::layout::Layout;
 use problem::Side;
 
 impl System<'_> {
-    /// Evaluates the derivatives at `(t, y)`; false if a number is not finite. Where a slope is infinite at `y`, as that of a
-    /// root at zero, it is taken beside it, where the states differ by their tolerances.
+    /// Evaluates the derivatives at `(t, y)`; returns false if a number is not finite. If a slope is infinite at `y`,
+    /// as that of a square root at zero, the derivatives are evaluated at states that are shifted by their tolerances.
     pub fn differentiate(&mut self, t: f64, y: &[f64]) -> bool {
         if self.structure.constant_jacobian && self.work.jacobians > 0 {
             return true;
@@ -27,7 +27,7 @@ impl System<'_> {
         })
     }
 
-    /// The partial derivatives of `G` by `t` at `(t, y)`, into `values` (m).
+    /// The partial derivatives of `G` with respect to `t` at `(t, y)`, into `values` (m).
     pub fn time_derivative(&mut self, t: f64, y: &[f64], values: &mut [f64]) {
         self.problem.time_derivative(t, y, values);
     }
@@ -44,7 +44,7 @@ impl System<'_> {
         pattern.iter().zip(&self.derivatives[first..last]).map(|(&(_, j), &value)| (j, value))
     }
 
-    /// The nonzeros of one row of the Jacobian, as places among all of them and columns.
+    /// The nonzeros of one row of the Jacobian, as `(index among all nonzeros, column)`.
     pub fn places_of_row(&self, row: usize) -> impl Iterator<Item = (usize, usize)> {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
         (first..last).zip(&self.structure.pattern[first..last]).map(|(at, &(_, j))| (at, j))
@@ -55,7 +55,7 @@ impl System<'_> {
         self.entries_of_row(self.states + k)
     }
 
-    /// Whether variables enter `G_k`, by the derivatives as of the last differentiation.
+    /// Whether `G_k` depends on variables, by the derivatives as of the last differentiation.
     pub fn has_variables(&self, k: usize) -> bool {
         self.entries_of_variable(k).any(|(j, value)| j >= self.states && value != 0.0)
     }
@@ -65,13 +65,13 @@ impl System<'_> {
         self.entries_of_variable(k).map(|(j, value)| value * direction(j)).sum()
     }
 
-    /// `sum_j |dG_k/dy_j| size_j` for several sizes: how large the terms of `G_k` are, in which its rounding errors are
-    /// measured.
+    /// `sum_j |dG_k/dy_j| size_j` for several sizes: the magnitude of the terms of `G_k`, relative to which its
+    /// rounding errors are measured.
     pub fn terms<const N: usize>(&self, k: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
         self.terms_of_row(self.states + k, sizes)
     }
 
-    /// `sum_j |dr/dy_j| size_j` for several sizes, with the row `r` of `F`, `G` and the moving bounds.
+    /// `sum_j |dr/dy_j| size_j` for several sizes, where `r` is a row of `F`, `G` or the moving bounds.
     pub fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
         let mut sums = [0.0; N];
         for (j, value) in self.entries_of_row(row) {
@@ -82,19 +82,20 @@ impl System<'_> {
         sums
     }
 
-    /// `sum_j |dl_k/dy_j| size_j` of a moving lower bound of variable `k`, and of its moving upper bound, added up.
+    /// `sum_j |dl_k/dy_j| size_j` of a moving lower bound `l_k` of variable `k`, plus the corresponding sum of its
+    /// moving upper bound.
     pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
         let bounds = self.structure.moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
         bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, |j| [size(j)])[0]).sum()
     }
 
-    /// Writes `-dPhi/dy` on the face to the places of the layout, from the derivatives as they are.
+    /// Writes `-dPhi/dy` on the face in the storage layout, from the current derivatives.
     pub fn negative_jacobian(&self, face: &ActiveFace, places: &mut [f64]) {
         places.fill(0.0);
         self.visit_derivatives(face, |_, _, place, value| places[place] -= value);
     }
 
-    /// Visits the terms of `dPhi/dy` on the face, from the derivatives as they are, as `(row, column, place, value)`.
+    /// Visits the terms of `dPhi/dy` on the face, from the current derivatives, as `(row, column, place, value)`.
     pub fn visit_derivatives(&self, face: &ActiveFace, mut visit: impl FnMut(usize, usize, usize, f64)) {
         let n = self.states;
         let structure = &self.structure;

@@ -1,4 +1,4 @@
-//! How the time of a switch, or of a break of the rows, depends on the directions.
+//! Derivatives of the time of a switch, or of a breakpoint of the rows, with respect to the directions.
 
 use super::stages::Rows;
 use super::{NoDerivative, Tangents, changed};
@@ -7,17 +7,19 @@ use crate::stepper::Radau;
 use nalgebra::DMatrix;
 use problem::{Dvi, Side};
 
-/// A monitor whose rate is below this part of its terms touches zero.
+/// A monitor whose rate is below this fraction of its terms touches zero (grazing).
 const TOUCHES: f64 = 1e-9;
-/// Times of several switches at one time agree to this part: they are one switch, told by several variables.
+/// Derivatives of the times of simultaneous switches that agree to this fraction belong to one switch, seen in several
+/// variables.
 const AGREE: f64 = 1e-6;
-/// Singular values below this part of the largest vanish.
+/// Singular values below this fraction of the largest count as zero.
 const SINGULAR: f64 = 1e-10;
-/// The cube root of the rounding of doubles: by this part of its size a place is moved for a central difference.
+/// Relative shift of a point for a central difference: the cube root of the rounding unit of doubles.
 const MOVED: f64 = 6e-6;
 
 impl Tangents {
-    /// The derivative of the time at which a step ended by each direction, where `before` are the unknowns of its face.
+    /// The derivatives of the time at which a step ended with respect to the directions; `before` are the unknowns on
+    /// its face.
     pub(super) fn switch_times(
         &mut self,
         radau: &mut Radau<'_>,
@@ -25,7 +27,7 @@ impl Tangents {
         before: &[f64],
     ) -> Result<Vec<f64>, NoDerivative> {
         let face = radau.last.face.clone();
-        // At a break the rows jump, and variables with them: none of their monitors has told the time.
+        // At a breakpoint the rows jump, and variables with them: the monitors of variables do not determine its time.
         if let Some(times) = self.break_times(ends) {
             return times;
         }
@@ -56,7 +58,7 @@ impl Tangents {
         found.ok_or(NoDerivative::Several)
     }
 
-    /// The same of the monitor of one variable.
+    /// The derivatives of the time at which the monitor of variable `k` vanishes with respect to the directions.
     fn times_of(
         &self,
         k: usize,
@@ -103,8 +105,9 @@ impl Tangents {
         Ok((0..count).map(|direction| -of_monitor(direction).0 / rate).collect())
     }
 
-    /// How the variables of a face go with the states, directions and time, one column each as in `states`: told by `G` as far as
-    /// its derivative by them is regular, else by the derivative of `G` in time.
+    /// Derivatives of the variables of a face along the states, the directions and time, one column each as in
+    /// `states`: from `G` as far as its derivative with respect to the variables is regular, otherwise from the time
+    /// derivative of `G`.
     fn variables_along(
         &mut self,
         (t, y): (f64, &[f64]),
@@ -135,7 +138,7 @@ impl Tangents {
             by_y[n..].iter().enumerate().for_each(|(column, value)| matrix[(k, column)] = *value);
         }
         if let Some(hidden) = hidden_combinations(&matrix, &inside) {
-            // Those on bounds first: the others go with them.
+            // Variables on bounds first: the others depend on them.
             let mut fixed = DMatrix::zeros(m, columns);
             (0..m).filter(|k| !inside.contains(k)).for_each(|k| fixed.set_row(k, &right.row(k)));
             let by_variables = self.inverse_mass.solve(&rows.by_y.view((0, n), (n, m)).into_owned());
@@ -168,8 +171,8 @@ impl Tangents {
         Ok(right)
     }
 
-    /// The derivatives of `dG/dt = G_t + G_x M^-1 F` along columns of states with variables, with the directions, and with time
-    /// for the last, by central differences.
+    /// The derivatives of `dG/dt = G_t + G_x M^-1 F` along columns of states with variables and along the directions,
+    /// and with respect to time for the last column, by central differences.
     fn hidden_slopes(
         &mut self,
         (t, y): (f64, &[f64]),
@@ -205,7 +208,7 @@ impl Tangents {
         slopes
     }
 
-    /// How the rows vary with time alone: `G` exactly, bounds by central differences.
+    /// Derivatives of the rows with respect to time alone: of `G` exactly, of bounds by central differences.
     fn rows_by_time(&mut self, t: f64, y: &[f64]) -> Vec<f64> {
         let structure = self.problem.structure();
         let (n, unknowns, rows) = (structure.states, structure.unknowns(), structure.rows());
@@ -231,7 +234,8 @@ impl Tangents {
         moving.map_or(0.0, |p| by_time[structure.unknowns() + p])
     }
 
-    /// How the time of a break depends on the directions: that of the quantity that changes its sign there. None where none does.
+    /// Derivatives of the time of a breakpoint with respect to the directions, from the quantity that changes sign
+    /// there; `None` if no quantity does.
     fn break_times(&mut self, [before, after]: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
         let first = self.problem.breaks(before).to_vec();
         let changes = |(after, before): (&f64, &f64)| (*after >= 0.0) != (*before >= 0.0);
@@ -248,16 +252,16 @@ impl Tangents {
     }
 }
 
-/// A combination of the equations of the variables inside.
+/// A combination of the equations of the free variables.
 struct Combination {
-    /// One for each of them.
+    /// Weight of each equation.
     weights: Vec<f64>,
-    /// Whether no variable inside is in it, so that its derivative in time is to tell them.
+    /// Whether the combination contains no free variable, so that its time derivative must determine them.
     is_hidden: bool,
 }
 
-/// As many combinations of the equations of the variables `inside` as there are of these, by the singular values of their
-/// matrix; none where it is regular.
+/// Combinations of the equations of the variables `inside`, as many as there are equations, by the singular value
+/// decomposition of their matrix; `None` if the matrix is regular.
 fn hidden_combinations(matrix: &DMatrix<f64>, inside: &[usize]) -> Option<Vec<Combination>> {
     let count = inside.len();
     if count == 0 {

@@ -7,11 +7,11 @@ use crate::tableau::Tableau;
 use nalgebra::DMatrix;
 use problem::{Face, Side};
 
-/// The derivatives of the rows at one place.
+/// The derivatives of the rows at one point.
 pub(super) struct Rows {
-    /// By `y`: `F`, `G`, moving bounds.
+    /// With respect to `y`: rows of `F`, `G` and the moving bounds.
     pub by_y: DMatrix<f64>,
-    /// By the directions.
+    /// With respect to the directions.
     pub by_directions: DMatrix<f64>,
 }
 
@@ -30,7 +30,8 @@ impl Tangents {
         Rows { by_y, by_directions }
     }
 
-    /// The equation of variable `k` on a face as a row of derivatives by `y`, and what the directions add to it.
+    /// The derivatives of the equation of variable `k` on a face, with respect to `y` and with respect to the
+    /// directions.
     pub(super) fn equation(
         &self,
         face: &ActiveFace,
@@ -70,8 +71,8 @@ impl Tangents {
         Ok((by_y, by_directions))
     }
 
-    /// The mass matrix with zeros for the variables, and the derivatives by `y` of what it multiplies the rates of: the
-    /// equations of a face, linearised at `(t, y)`.
+    /// The equations of a face, linearised at `(t, y)`: the mass matrix, with zeros for the variables, and the
+    /// derivatives of the right-hand sides with respect to `y`.
     ///
     /// # Errors
     /// Variables on the boundary of a block.

@@ -1,10 +1,10 @@
-//! Who may do what. Where others than this machine can connect, every request for work names a token:
+//! Access control. If machines other than this one can connect, every request for work must name a token:
 //!
-//! - a token is a number, by which it is found, and a secret of 256 random bits, told once, when it is created;
-//! - the disk holds the SHA-256 of the secret. A slow hash is for secrets that people think of, not for these;
-//! - secrets are compared in a time that tells nothing of them;
+//! - a token consists of a number, by which it is found, and a secret of 256 random bits, shown once at its creation;
+//! - the disk has the SHA-256 of the secret. A slow hash is needed for passwords that people choose, not for these;
+//! - secrets are compared in constant time, which reveals nothing about them;
 //! - a token may expire;
-//! - a token has scopes: to read jobs, to submit and cancel them, to see those of everyone.
+//! - a token has scopes: to read own jobs, to submit and cancel own jobs, or to do both with the jobs of all clients.
 
 mod scope;
 mod token;

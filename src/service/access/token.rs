@@ -1,4 +1,4 @@
-//! One token, as its holder has it: `dvi_NUMBER_SECRET`, in hexadecimal digits.
+//! The text form of a token: `dvi_NUMBER_SECRET`, in hexadecimal digits.
 
 use crate::jobs::hexadecimal;
 use sha2::{Digest, Sha256};
@@ -6,23 +6,23 @@ use std::fmt;
 use std::io;
 use std::str::FromStr;
 
-/// A number and a secret.
+/// A token: a number and a secret.
 #[derive(Clone, PartialEq, Eq)]
 pub struct Token {
-    /// By which it is found, no secret.
+    /// The number by which the token is found; not secret.
     pub number: u64,
     secret: String,
 }
 
-/// The text is not that of a token.
+/// The text is not a token.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TokenError;
 
 impl Token {
-    /// A new one.
+    /// A new random token.
     ///
     /// # Errors
-    /// The system gives no random numbers.
+    /// The system provides no random numbers.
     pub fn create() -> io::Result<Self> {
         let (mut number, mut secret) = ([0; 8], [0; 32]);
         getrandom::fill(&mut number).map_err(io::Error::other)?;
@@ -30,7 +30,7 @@ impl Token {
         Ok(Self { number: u64::from_be_bytes(number), secret: hexadecimal(&secret) })
     }
 
-    /// The digest by which the secret is known at rest.
+    /// The digest of the secret, which is stored in its place.
     pub fn digest(&self) -> String {
         hexadecimal(&Sha256::digest(&self.secret))
     }
@@ -42,7 +42,7 @@ impl fmt::Display for Token {
     }
 }
 
-/// The number alone: what is shown for debugging is shown in logs.
+/// Without the secret, since debug output may be logged.
 impl fmt::Debug for Token {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "Token({:016x})", self.number)

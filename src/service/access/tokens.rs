@@ -1,5 +1,5 @@
-//! The tokens of a service: a file that `dvi token` writes and a running service reads again when it has changed, so that
-//! a token can be revoked without a restart.
+//! The tokens of a service: a file that `dvi token` writes, and that a running service reads again when it has changed,
+//! so that a token can be revoked without a restart.
 
 use super::scope::Scope;
 use super::token::Token;
@@ -13,30 +13,30 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use subtle::ConstantTimeEq;
 
-/// What is known of a token.
+/// The stored facts of a token.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
-    /// By which it is found, in hexadecimal digits.
+    /// The number of the token, in hexadecimal digits.
     pub number: String,
-    /// Its holder, in the words of whoever created it.
+    /// The name given to the token at its creation.
     pub name: String,
-    /// What it allows.
+    /// The scopes of the token.
     pub scopes: Vec<Scope>,
     /// When it was created.
     pub created: Timestamp,
-    /// When it ends, if it does.
+    /// When it expires, if it does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expires: Option<Timestamp>,
     digest: String,
 }
 
 impl Row {
-    /// Whether it has ended.
+    /// Whether the token has expired.
     pub fn has_expired(&self) -> bool {
         self.expires.is_some_and(|expires| expires <= Timestamp::now())
     }
 
-    /// Whether it allows what that scope stands for.
+    /// Whether the token has this scope, or that of an administrator.
     pub fn allows(&self, scope: Scope) -> bool {
         self.scopes.contains(&scope) || self.scopes.contains(&Scope::Admin)
     }
@@ -56,18 +56,19 @@ struct Read {
     rows: Result<Arc<Vec<Row>>, Unreadable>,
 }
 
-/// The file of tokens cannot be read, so that nobody is known.
+/// The file of tokens cannot be read, so that no token is known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Unreadable;
 
-/// The file is replaced as a whole, so each version is a file of its own.
+/// The inode and the modification time: the file is replaced as a whole by each change.
 type Version = (u64, i64, i64);
 
-/// A look at the file costs a system call; a token that is revoked is refused after so long at the latest.
+/// The interval between two checks of the file, which cost a system call each: a revoked token is refused after this
+/// time at the latest.
 const STALE: Duration = Duration::from_millis(250);
 
 impl Tokens {
-    /// The tokens of a folder, none if it has none yet.
+    /// The tokens of a folder, none if it has no file yet.
     ///
     /// # Errors
     /// The file cannot be read.
@@ -78,12 +79,12 @@ impl Tokens {
         Ok(Self { path, read: Mutex::new(Read { looked: Instant::now(), version, rows }) })
     }
 
-    /// Whether there is none.
+    /// Whether there are no tokens.
     pub fn is_empty(&self) -> bool {
         self.rows().is_ok_and(|rows| rows.is_empty())
     }
 
-    /// What is known of the token with that text; nothing for an unknown or an expired one.
+    /// The number and the row of the token with this text; `None` if it is unknown or has expired.
     ///
     /// # Errors
     /// The file of tokens cannot be read.
@@ -96,7 +97,7 @@ impl Tokens {
         Ok(known.map(|row| (token.number, row.clone())))
     }
 
-    /// Whether the token of that number is neither revoked nor expired.
+    /// Whether the token with this number is neither revoked nor expired.
     pub fn knows(&self, number: u64) -> bool {
         let number = format!("{number:016x}");
         self.rows().is_ok_and(|rows| rows.iter().any(|row| row.number == number && !row.has_expired()))
@@ -107,7 +108,7 @@ impl Tokens {
         if known.looked.elapsed() > STALE {
             known.looked = Instant::now();
             let version = version(&self.path);
-            // A file that could not be read may be readable now, under another owner or mode.
+            // After a failure, try again: the owner or the mode of the file may have changed.
             if version != known.version || known.rows.is_err() {
                 let rows = read(&self.path).map(Arc::new).map_err(|error| {
                     tracing::error!(%error, "the tokens cannot be read: does {} belong to this user?", self.path.display());
@@ -120,15 +121,15 @@ impl Tokens {
     }
 }
 
-/// The time so many days from now.
+/// The time `days` days from now.
 pub fn in_days(days: u32) -> Timestamp {
     Timestamp::now() + SignedDuration::from_hours(24 * i64::from(days))
 }
 
-/// Creates a token, which ends at the time `expires`. Its secret is known to nobody but the caller.
+/// Creates a token that expires at `expires`. Only the caller learns its secret.
 ///
 /// # Errors
-/// Those of the disk.
+/// I/O errors of the disk.
 pub fn create(folder: &Path, name: &str, scopes: &[Scope], expires: Option<Timestamp>) -> io::Result<Token> {
     let token = Token::create()?;
     let (number, digest) = (format!("{:016x}", token.number), token.digest());
@@ -138,18 +139,18 @@ pub fn create(folder: &Path, name: &str, scopes: &[Scope], expires: Option<Times
     Ok(token)
 }
 
-/// The tokens there are, oldest first.
+/// The tokens, oldest first.
 ///
 /// # Errors
-/// Those of the disk.
+/// I/O errors of the disk.
 pub fn list(folder: &Path) -> io::Result<Vec<Row>> {
     read(&path(folder))
 }
 
-/// Removes the token of that number; false if there is none.
+/// Removes the token with this number; returns false if there is none.
 ///
 /// # Errors
-/// Those of the disk.
+/// I/O errors of the disk.
 pub fn revoke(folder: &Path, number: &str) -> io::Result<bool> {
     change(folder, |rows| {
         let before = rows.len();
@@ -173,7 +174,7 @@ fn read(path: &Path) -> io::Result<Vec<Row>> {
     }
 }
 
-/// Reads, changes and replaces the file, one process at a time; others see the old one or the new one.
+/// Reads, changes and replaces the file, under a lock; readers see the old file or the new one.
 fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Result<T> {
     DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     let own = OpenOptions::new().write(true).create(true).truncate(true).mode(0o600).clone();
@@ -184,7 +185,7 @@ fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Resu
     let changed = change(&mut rows);
     let unfinished = folder.join("tokens.part");
     let mut file = own.open(&unfinished)?;
-    // Made by root for a service that runs as another user, it is that user's.
+    // If root creates it for a service that runs as another user, the file belongs to that user.
     belong_as(&unfinished, folder)?;
     belong_as(&folder.join("tokens.lock"), folder)?;
     file.write_all(&serde_json::to_vec_pretty(&rows)?)?;
@@ -194,7 +195,7 @@ fn change<T>(folder: &Path, change: impl FnOnce(&mut Vec<Row>) -> T) -> io::Resu
     Ok(changed)
 }
 
-/// Gives a file to whom the folder belongs.
+/// Gives a file the owner of the folder.
 fn belong_as(path: &Path, folder: &Path) -> io::Result<()> {
     let (file, folder) = (fs::metadata(path)?, fs::metadata(folder)?);
     if file.uid() != folder.uid() {

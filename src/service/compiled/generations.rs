@@ -1,25 +1,25 @@
-//! A bounded map that forgets what was not asked for lately: two generations; the older one is dropped when the
-//! younger one is full (the clock of two hands with one bit; Corbato 1968, "A paging experiment with the Multics system").
+//! A bounded map that forgets entries not used lately, in two generations: the older one is dropped when the younger
+//! one is full (the clock of two hands with one bit; Corbato 1968, "A paging experiment with the Multics system").
 
 use std::collections::HashMap;
 use std::mem;
 
-/// Values by their texts.
+/// Values by text.
 #[derive(Debug)]
 pub struct Generations<T> {
     young: HashMap<Box<[u8]>, T>,
     old: HashMap<Box<[u8]>, T>,
-    /// How many one generation may have.
+    /// The largest number of values in one generation.
     most: usize,
 }
 
 impl<T: Clone> Generations<T> {
-    /// Room for `kept` values, at least two.
+    /// Room for `kept` values, and for two at least.
     pub fn new(kept: usize) -> Self {
         Self { young: HashMap::new(), old: HashMap::new(), most: (kept / 2).max(1) }
     }
 
-    /// The value of `text`, which is remembered for longer.
+    /// The value of `text`, which moves to the younger generation.
     pub fn find(&mut self, text: &[u8]) -> Option<T> {
         if let Some(value) = self.young.get(text) {
             return Some(value.clone());
@@ -29,7 +29,7 @@ impl<T: Clone> Generations<T> {
         Some(value)
     }
 
-    /// Takes in the value of `text`.
+    /// Adds the value of `text`.
     pub fn insert(&mut self, text: Box<[u8]>, value: T) {
         if self.young.len() >= self.most {
             self.old = mem::take(&mut self.young);

@@ -1,6 +1,6 @@
-//! A specification that was read, and the answer to it once it was solved at a solve_inline: a solve depends on nothing but the
-//! specification, so that who sends it again is given the same bytes. Who sends what another has sent is not: that somebody
-//! did is nobody's business.
+//! A compiled specification, and its solution once it was solved inline: a solve depends on nothing but the
+//! specification, so that a client that sends the specification again gets identical bytes. Another client does not get
+//! the stored solution, since that would reveal that someone has sent the specification before.
 
 use crate::jobs::{Client, Ended, Held, Results};
 use crate::worker::Facts;
@@ -8,38 +8,40 @@ use solution::Verdict;
 use specification::Specification;
 use std::sync::{Arc, OnceLock};
 
-/// The bytes of an answer that is kept. With as many as are kept of specifications that is four megabytes in all.
+/// The largest size of a stored solution as JSON, in bytes. With the number of stored specifications, that is four
+/// megabytes in all.
 const SHORT: usize = 16 << 10;
 
-/// The bytes of a problem of which a step takes less time than a solve_inline: some ten unknowns.
+/// The largest estimated memory of a problem whose single steps take less time than an inline solve may, in bytes: some
+/// ten unknowns.
 const SMALL: usize = 32 << 10;
 
-/// A specification, with what is asked of it whenever it comes again.
+/// A compiled specification, and what is needed each time that it is posted.
 #[derive(Debug)]
 pub struct Known {
-    /// Itself.
+    /// The specification.
     pub specification: Specification,
-    /// What is to be known of it before it runs.
+    /// The facts of the specification: label, horizon, type and estimated memory.
     pub facts: Facts,
     is_small: bool,
     answer: OnceLock<Repeated>,
 }
 
-/// The answer to it, of a solve that reached the end.
+/// The stored solution of a solve that reached the end time.
 #[derive(Clone, Debug)]
 pub struct Repeated {
-    /// Who asked.
+    /// The client that asked for the solve.
     client: Client,
-    /// Steps that it took.
+    /// The number of accepted steps.
     pub steps: u64,
-    /// The verdict on it.
+    /// The verdict on the solution.
     pub verdict: Option<Verdict>,
-    /// Its results.
+    /// The results.
     pub results: Arc<Results>,
 }
 
 impl Known {
-    /// Nothing is known of its answer.
+    /// A specification without a stored solution.
     pub fn of(specification: Specification) -> Self {
         let facts = Facts::of(&specification);
         let is_plain =
@@ -47,23 +49,23 @@ impl Known {
         Self { is_small: is_plain && facts.memory <= SMALL, facts, specification, answer: OnceLock::new() }
     }
 
-    /// Whether no step of it takes longer than a glance.
+    /// Whether no step of a solve takes longer than an inline solve may.
     pub fn is_small(&self) -> bool {
         self.is_small
     }
 
-    /// The answer to it, if there was one to that client.
+    /// The stored solution, if `client` asked for it.
     pub fn answer(&self, client: Client) -> Option<&Repeated> {
         self.answer.get().filter(|answer| answer.client == client)
     }
 
-    /// Keeps the answer to it, if it is short.
+    /// Stores the solution, if it is short.
     pub fn keep(&self, client: Client, ended: &Ended) {
         if let Some(Held::Memory(results)) = &ended.held
             && results.text().is_some_and(|json| json.len() <= SHORT)
         {
             let (steps, verdict, results) = (ended.steps, ended.verdict.clone(), Arc::clone(results));
-            // Another solve of it gave the same.
+            // If a solution is stored already, it is identical.
             let _ = self.answer.set(Repeated { client, steps, verdict, results });
         }
     }

@@ -1,5 +1,6 @@
-//! Specifications that were compiled before: what comes again word for word is not read again, and what differs from it in
-//! numbers of `parameters` alone has them bound, since they are inputs of its programs. Both give what reading anew would.
+//! A cache of compiled specifications: a text that is posted again word for word is not parsed again, and a text that
+//! differs in numbers of `parameters` alone gets them bound, since parameters are inputs of the compiled programs. Both
+//! give the result of a fresh compilation.
 
 mod generations;
 mod known;
@@ -14,18 +15,20 @@ use specification::Specification;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use structure::Structure;
 
-/// Specifications that are kept, of texts and of structures each: those of a page of examples, or of some sweeps at once.
+/// The number of specifications kept, by text and by structure each: enough for a page of examples, or for some
+/// concurrent sweeps.
 const KEPT: usize = 256;
 
-/// The bytes of a problem that is kept, by its estimate. A larger one takes longer to solve than to compile.
+/// The largest estimated memory of a problem that is kept, in bytes. A larger problem takes longer to solve than to
+/// compile.
 const LARGEST: usize = 256 << 10;
 
-/// Small specifications, by their texts and by their structures.
+/// The small specifications, by text and by structure.
 #[derive(Debug)]
 pub struct Compiled {
     texts: Mutex<Generations<Arc<Known>>>,
     structures: Mutex<Generations<Arc<Known>>>,
-    /// Texts that were bound.
+    /// The texts whose parameters were bound lately.
     bound: Mutex<Seen>,
 }
 
@@ -40,7 +43,7 @@ impl Default for Compiled {
 }
 
 impl Compiled {
-    /// What reading `text` would give, if it or its structure was read before.
+    /// The compiled specification of `text`, if a text with the same structure was compiled before.
     pub fn find(&self, text: &[u8]) -> Option<Arc<Known>> {
         if let Some(known) = lock(&self.texts).find(text) {
             return Some(known);
@@ -48,7 +51,7 @@ impl Compiled {
         let structure = Structure::of(text)?;
         let like = lock(&self.structures).find(&structure.text)?;
         let given: Vec<(&str, f64)> = structure.parameters().collect();
-        // What cannot be bound is read, which says why.
+        // A text whose parameters cannot be bound is compiled afresh, which reports the error.
         let bound = Arc::new(Known::of(like.specification.with_parameters(&given).ok()?.of_text(text)));
         if lock(&self.bound).again(text) {
             lock(&self.texts).insert(text.into(), Arc::clone(&bound));
@@ -56,7 +59,7 @@ impl Compiled {
         Some(bound)
     }
 
-    /// Keeps what reading `text` has given.
+    /// Keeps the compiled specification of `text`.
     pub fn keep(&self, text: &[u8], known: &Arc<Known>) {
         if known.facts.memory > LARGEST {
             return;
@@ -68,11 +71,11 @@ impl Compiled {
     }
 }
 
-/// Whether all parameters of a specification with values of their own are those numbers, and nothing but the problem depends on
-/// them.
+/// Whether the numbers found in the text are all the parameters of the specification, with their values, and nothing
+/// but the compiled problem depends on them.
 fn is_of(structure: &Structure<'_>, specification: &Specification) -> bool {
     let Some(parameters) = specification.model().parameters() else { return false };
-    // Advice on how to write the problem otherwise has its numbers in it.
+    // Advice to formulate the problem differently contains values of the parameters.
     let advised = specification.model().dvi().is_some_and(|model| model.kinks.as_set.is_some());
     let known = || parameters.names().iter().map(String::as_str).zip(parameters.values().iter().copied());
     let same = structure.parameters().count() == known().count()
@@ -93,7 +96,7 @@ mod tests {
         Arc::new(Known::of(read))
     }
 
-    /// A problem whose law has parameters in rates, bounds and at the start.
+    /// A friction problem with parameters in rates, bounds and initial values.
     fn belt(m: &str, f: &str) -> String {
         format!(
             r#"{{"problem": {{"dvi": {{"parameters": {{"m": {m}, "f": {f}, "k": "2*m"}},
@@ -117,11 +120,11 @@ mod tests {
             let (found, anew) = (&found.specification, &anew.specification);
             assert_eq!(serde_json::to_value(found.summary()).unwrap(), serde_json::to_value(anew.summary()).unwrap());
             assert_eq!(found.model().initial(), anew.model().initial(), "{m} {f}");
-            // What comes more than once is bound no more.
+            // A text that comes for the third time is found as a whole.
             let again = [0, 1].map(|_| compiled.find(other.as_bytes()).unwrap());
             assert!(Arc::ptr_eq(&again[0], &again[1]), "{m} {f}");
         }
-        // Where reading finds an error, so does who reads it.
+        // A text in which a compilation finds an error is not found.
         for (m, f) in [("0", "1"), ("1", "-1"), ("1e999", "1"), ("01", "1"), ("1.", "1"), ("\"1\"", "1")] {
             assert!(compiled.find(belt(m, f).as_bytes()).is_none(), "{m} {f}");
         }

@@ -1,12 +1,12 @@
-//! Which texts came lately, by their hashes: one that comes once, as each of a sweep does, is not worth the room, nor the memory
-//! that goes cold for it.
+//! Recently seen texts, as hashes: a text that comes once, like each of a parameter sweep, is not worth a place in the
+//! cache.
 
 use std::hash::{BuildHasher, RandomState};
 
-/// As many hashes as are remembered; one takes the place of another with the same lowest bits.
+/// The number of hashes; a new hash replaces the one with the same lowest bits.
 const PLACES: usize = 1 << 10;
 
-/// The hashes.
+/// A table of hashes.
 #[derive(Debug)]
 pub struct Seen {
     state: RandomState,
@@ -20,7 +20,7 @@ impl Default for Seen {
 }
 
 impl Seen {
-    /// Whether `text` came before, as far as that is remembered.
+    /// Records `text`, and returns whether it was seen recently.
     pub fn again(&mut self, text: &[u8]) -> bool {
         let hash = self.state.hash_one(text);
         let place = &mut self.hashes[hash as usize % PLACES];

@@ -1,9 +1,9 @@
-//! The text of a specification without the numbers of its `parameters`. The text is scanned, not parsed: it stands for nothing
-//! until a text with the same structure has been read, and its parameters were found to be these.
+//! The structure of a specification: its text without the numbers of its `parameters`. The text is scanned, not parsed:
+//! a structure is meaningful only once a text with the same structure has been parsed, and has these parameters.
 
 use std::ops::Range;
 
-/// A text with its parameters' numbers left out, and these.
+/// A text without the numbers of its parameters, and these numbers.
 #[derive(Debug)]
 pub struct Structure<'a> {
     /// The text with `#` in place of each number.
@@ -14,7 +14,7 @@ pub struct Structure<'a> {
 const KEY: &[u8] = b"\"parameters\"";
 
 impl<'a> Structure<'a> {
-    /// That of `text`, if one object of parameters stands in it, and some of them are numbers.
+    /// The structure of `text`, if the text contains exactly one object of parameters, with at least one number.
     pub fn of(text: &'a [u8]) -> Option<Self> {
         let key = find(text, KEY)?;
         let rest = key + KEY.len();
@@ -65,14 +65,14 @@ fn find(text: &[u8], sought: &[u8]) -> Option<usize> {
     text.windows(sought.len()).position(|window| window == sought)
 }
 
-/// A place in a text.
+/// A position in a text.
 struct Scanner<'a> {
     text: &'a [u8],
     place: usize,
 }
 
 impl<'a> Scanner<'a> {
-    /// The next byte that is no white space.
+    /// The next byte that is not white space.
     fn peek(&mut self) -> Option<u8> {
         while matches!(self.text.get(self.place)?, b' ' | b'\t' | b'\n' | b'\r') {
             self.place += 1;
@@ -84,7 +84,7 @@ impl<'a> Scanner<'a> {
         (self.peek()? == byte).then(|| self.place += 1)
     }
 
-    /// A string without escapes.
+    /// A string without escape sequences.
     fn string(&mut self) -> Option<&'a str> {
         self.take(b'"')?;
         let rest = &self.text[self.place..];
@@ -94,7 +94,7 @@ impl<'a> Scanner<'a> {
         str::from_utf8(&rest[..length]).ok()
     }
 
-    /// A number as JSON has it (RFC 8259, section 6), if a double holds it.
+    /// A number in JSON syntax (RFC 8259, section 6), if it is finite as an `f64`.
     fn number(&mut self) -> Option<(Range<usize>, f64)> {
         self.peek()?;
         let start = self.place;
@@ -117,14 +117,14 @@ impl<'a> Scanner<'a> {
         number.is_finite().then_some((start..self.place, number))
     }
 
-    /// Passes one of these bytes over, if it comes next.
+    /// Skips one of the bytes `any`, if it comes next; returns whether it did.
     fn skip(&mut self, any: &[u8]) -> bool {
         let found = self.text.get(self.place).is_some_and(|byte| any.contains(byte));
         self.place += usize::from(found);
         found
     }
 
-    /// Passes digits over, and says how many.
+    /// Skips digits, and returns their number.
     fn digits(&mut self) -> usize {
         let count = self.text[self.place..].iter().take_while(|byte| byte.is_ascii_digit()).count();
         self.place += count;

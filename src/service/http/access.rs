@@ -1,7 +1,7 @@
-//! Who asks, and whether they may: `Authorization: Bearer TOKEN` (RFC 6750), where tokens are asked for.
+//! Authentication and authorization: `Authorization: Bearer TOKEN` (RFC 6750), if the service requires tokens.
 //!
-//! What only looks needs the scope `read`, everything else `submit`. A job of another is not refused but unknown: whether
-//! an id has been given out is nobody's business.
+//! Reading needs the scope `read`, everything else `submit`. A job of another client is reported as unknown, not as
+//! forbidden, so that the existence of an id is not revealed.
 
 use super::problem::{Kind, Problem};
 use crate::access::{Scope, Tokens, Unreadable};
@@ -16,14 +16,14 @@ use std::net::{IpAddr, Ipv4Addr};
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Someone who may see everyone's jobs.
+/// A request extension: the client may access the jobs of all clients.
 #[derive(Clone, Copy, Debug)]
 struct Admin;
 
-/// When whoever runs the service may have mended the file of tokens.
+/// The time after which the operator may have repaired the file of tokens.
 const LATER: Duration = Duration::from_secs(10);
 
-/// Lets a request through whose token allows it, under the name of its token.
+/// Passes on a request whose token has the required scope, with its client set to the token.
 pub async fn authorize(State(tokens): State<Arc<Tokens>>, mut request: Request, next: Next) -> Response {
     let found = match bearer(request.headers()).map(|text| tokens.find(text)) {
         Some(Err(Unreadable)) => return Problem::plain(Kind::TokensUnreadable).after(LATER).into_response(),
@@ -54,7 +54,7 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-/// The client of a request; whoever came without a connection counts as one client with all such.
+/// The client of a request; requests without a connection, as in tests, count as one client.
 impl<S: Send + Sync> FromRequestParts<S> for Client {
     type Rejection = Infallible;
 
@@ -63,7 +63,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Client {
     }
 }
 
-/// Whose jobs a request may name.
+/// The jobs that a request may access.
 #[derive(Clone, Copy, Debug)]
 pub struct Visibility {
     client: Client,
@@ -71,7 +71,7 @@ pub struct Visibility {
 }
 
 impl Visibility {
-    /// Whether the job is within it.
+    /// Whether the request may access the job.
     pub fn reaches(self, job: &Job) -> bool {
         self.everyone || job.client == self.client
     }

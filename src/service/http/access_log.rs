@@ -1,6 +1,5 @@
-//! A line of the log for every request, once its answer has gone out or its client has: who asked what, how it was answered,
-//! how many bytes and how long it took. No query, no header and no body is in it, since they may hold what is nobody's
-//! business.
+//! The access log: one line per request, once its response has been sent or its client has gone, with client, method,
+//! path, status, bytes and duration. Queries, headers and bodies are left out, since they may be confidential.
 
 use crate::context::Context;
 use crate::jobs::{Client, JobId};
@@ -11,31 +10,31 @@ use std::pin::Pin;
 use std::task::{Context as Waker, Poll};
 use std::time::Instant;
 
-/// What is known of a request before its answer has gone out.
+/// The facts of a request that are known before its response has been sent.
 pub struct Line {
     pub context: Context,
     pub client: Option<Client>,
     pub method: Method,
     pub path: String,
     pub status: StatusCode,
-    /// The job that was accepted or answered.
+    /// The job that the request created or named.
     pub job: Option<JobId>,
     pub start: Instant,
 }
 
-/// A body that writes the line when it ends.
+/// A body that writes the log line when it is dropped.
 struct Logged {
     body: Body,
     line: Line,
     bytes: u64,
 }
 
-/// Whether lines are wanted.
+/// Whether the access log is enabled.
 pub fn is_on() -> bool {
     tracing::enabled!(target: "dvi::request", tracing::Level::INFO)
 }
 
-/// The body, which writes the line when it ends.
+/// Wraps a body, so that the log line is written at its end.
 pub fn logged(body: Body, line: Line) -> Body {
     Body::new(Logged { body, line, bytes: 0 })
 }

@@ -1,15 +1,15 @@
-//! `POST /jobs/{id}/retry` and `POST /jobs/{id}/continue`: a job that has ended, again or further.
+//! `POST /jobs/{id}/retry` and `POST /jobs/{id}/continue`: repetition and continuation of a job that has ended.
 //!
-//! Both make a new job with an id of its own, of the client whose job the first was: what has ended does not change any
-//! more, so that its results, its reason and whoever knows its id keep what they have. A job that was set aside because the
-//! service ended while it ran begins anew, and is set aside again only after two more such ends.
+//! Both create a new job with an id of its own, for the client of the first job: an ended job does not change, so that
+//! its id keeps naming the same results and the same reason of failure. A job that was set aside because the service
+//! died while it ran starts without recorded crashes, and is set aside again only after two more.
 
 use super::Shared;
 use super::document::Document;
 use super::jobs::unreadable;
 use super::path::JobPath;
 use super::problem::{HandlerResult, Kind, Problem};
-use super::representation::aside;
+use super::representation::run_blocking;
 use super::solve::{IdempotencyKey, accepted, job_under};
 use super::status::StatusInfo;
 use crate::context::address;
@@ -105,7 +105,7 @@ pub async fn continue_job(
     let results = shared.jobs.results(&job, held).await.map_err(|error| unreadable(job.id, &error))?;
     let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
     let (id, large) = (job.id, results.bytes() + document.len() > SHORT);
-    let read = aside(&shared, job.client, large, move || last_row(&results)).await?;
+    let read = run_blocking(&shared, job.client, large, move || last_row(&results)).await?;
     let (start, ends) = match read {
         Ok(last) => last.ok_or_else(|| refused(id, "its trajectory is empty"))?,
         Err(error) => {
@@ -121,11 +121,11 @@ pub async fn continue_job(
         let last = |name: &str| ends.get(name).copied();
         continued(&document, start, end, last).map_err(|why: NotContinuable| refused(id, &why.to_string()))
     };
-    let document = aside(&shared, job.client, large, work).await??;
+    let document = run_blocking(&shared, job.client, large, work).await??;
     successor(&shared, &job, document.into(), key).await
 }
 
-/// The last time, and the values of the fields there; nothing of a trajectory that is empty.
+/// The last time of a trajectory, and the values of its fields at that time; `None` if the trajectory is empty.
 fn last_row(results: &Results) -> io::Result<Option<(f64, HashMap<String, f64>)>> {
     let columns = results.open()?.columns;
     let last = |column| columns.values(column, Rows::last(columns.rows())).map(|mut values| values.pop());
@@ -152,7 +152,7 @@ fn wrong(pointer: &str, code: &'static str, detail: &impl ToString) -> Box<Probl
     vec![Finding { pointer, code: code.into(), detail, expected, did_you_mean: None }].into()
 }
 
-/// The new job. Its key stands for what follows from this job, not for what was posted first.
+/// Creates the new job. Its idempotency key is bound to the first job and the document.
 async fn successor(shared: &Shared, job: &Job, document: Arc<[u8]>, key: IdempotencyKey) -> HandlerResult<Response> {
     let key = key.0.map(|name| Key::new(name, &[job.id.to_string().as_bytes(), &document].concat()));
     let next = job_under(shared, job.client, key, &Document::of(document), true, true).await?;

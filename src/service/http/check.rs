@@ -1,4 +1,4 @@
-//! `POST /check`: the errors of a specification, or what it comes to. It makes no job.
+//! `POST /check`: the errors of a specification, or its summary. It creates no job.
 
 use super::Shared;
 use super::document::Document;

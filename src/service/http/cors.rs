@@ -1,6 +1,6 @@
-//! Pages of other origins that may use the service (`--cors-origin`), as browsers ask for it (Fetch, "CORS protocol").
+//! Cross-origin requests from pages of the origins of `--cors-origin` (Fetch, "CORS protocol").
 //!
-//! An origin is compared as a whole. Cookies play no part: a token in a header says who may do what.
+//! Origins are compared as a whole. Cookies are not used: a token in a header authorizes a request.
 
 use crate::Options;
 use axum::body::Body;
@@ -17,13 +17,13 @@ const GIVEN: HeaderValue = HeaderValue::from_static(
 );
 const RESOURCE_POLICY: HeaderName = HeaderName::from_static("cross-origin-resource-policy");
 
-/// The origin of the page that asks, if it is one of those that may.
+/// The origin of the requesting page, if it is one of the allowed origins.
 pub fn allowed(headers: &HeaderMap, options: &Options) -> Option<HeaderValue> {
     let origin = headers.get(header::ORIGIN)?;
     options.cors_origin.iter().any(|allowed| origin == allowed.trim_end_matches('/')).then(|| origin.clone())
 }
 
-/// The answer to a browser that asks before it sends a request for a page of that origin; nothing for other requests.
+/// The response to a preflight request from an allowed origin; `None` for other requests.
 pub fn preflight(request: &Request, origin: Option<&HeaderValue>) -> Option<Response> {
     origin?;
     if request.method() != Method::OPTIONS || !request.headers().contains_key("access-control-request-method") {
@@ -38,7 +38,7 @@ pub fn preflight(request: &Request, origin: Option<&HeaderValue>) -> Option<Resp
     Some(response)
 }
 
-/// Lets a page of that origin read the answer.
+/// Lets a page of this origin read the response.
 pub fn grant(headers: &mut HeaderMap, origin: HeaderValue) {
     headers.insert(header::ACCESS_CONTROL_ALLOW_ORIGIN, origin);
     headers.insert(header::ACCESS_CONTROL_EXPOSE_HEADERS, GIVEN);

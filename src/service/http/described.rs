@@ -1,18 +1,18 @@
-//! What holds for every operation of the description and is said by no handler: who must show a token, the headers that every
-//! answer has, and the statuses by which it may refuse, each with the problems that have it.
+//! The parts of the API description that are common to all operations and stated by no handler: which operations need a
+//! token, the headers of every response, and the error statuses, each with the problems that have it.
 
 use super::problem::Kind;
 use serde_json::{Map, Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// The statuses by which any operation may refuse.
+/// The error statuses of every operation.
 const ANY: [u16; 3] = [400, 421, 500];
-/// Those that ask for a token, too.
+/// The further error statuses of operations that may require a token.
 const WORK: [u16; 4] = [401, 403, 406, 503];
-/// Those with a body, too.
+/// The further error statuses of operations with a request body.
 const BODY: [u16; 6] = [408, 409, 413, 415, 422, 429];
 
-/// Completes a description, in which the operations of these paths ask for tokens where the service does.
+/// Completes a description; the operations of the paths in `asks_token` need a token if the service requires tokens.
 pub fn complete(description: &mut Value, asks_token: &BTreeSet<String>) {
     description["servers"] =
         json!([{"url": "/", "description": "The service itself, or the prefix of `--path-prefix`"}]);
@@ -66,7 +66,7 @@ pub fn complete(description: &mut Value, asks_token: &BTreeSet<String>) {
     }
 }
 
-/// An answer that refuses for one of these reasons, in the form that the default has.
+/// The description of an error response with one of these problems, with the content of the default response.
 fn refusal(kinds: &[&str], default: Option<&Value>) -> Value {
     let named: Vec<String> = kinds.iter().map(|kind| format!("`{kind}`")).collect();
     let content = default.and_then(|default| default.get("content")).cloned();
@@ -76,7 +76,7 @@ fn refusal(kinds: &[&str], default: Option<&Value>) -> Value {
     json!({"description": format!("A problem, one of {}", named.join(", ")), "content": content})
 }
 
-/// A tuple as a list of a length that is given: generators do not know the other way to say that nothing follows.
+/// Describes a tuple as a list of fixed length: client generators do not know `items: false`.
 fn bound_tuples(value: &mut Value) {
     let length = value.get("prefixItems").and_then(Value::as_array).map(Vec::len);
     if let Some(length) = length.filter(|_| value["items"] == Value::Bool(false)) {

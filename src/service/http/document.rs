@@ -1,7 +1,7 @@
-//! The body of a `POST`: a JSON document of bounded size that arrives in bounded time.
+//! The body of a `POST`: a JSON document of bounded size that arrives within a time limit.
 //!
-//! `application/json` and every `+json` are taken, and so are no type at all and `application/x-www-form-urlencoded`,
-//! which is what `curl -d` says of everything.
+//! `application/json` and every `+json` type are accepted, and so are a missing type and
+//! `application/x-www-form-urlencoded`, which is what `curl -d` sends by default.
 
 use super::Shared;
 use super::problem::{HandlerResult, Kind, Problem};
@@ -19,26 +19,26 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::timeout;
 
-/// A document up to this size is read where its connection is served: that takes less time than moving it. It is checked
-/// there too if what it declares takes no longer than this.
+/// A document up to this size in bytes is parsed on the thread that serves its connection, which takes less time than
+/// to send it to a worker. It is also checked there if the estimated time of the check is at most `SOON`.
 const SMALL: usize = 4 << 10;
 const SOON: Duration = Duration::from_millis(2);
 
-/// The bytes of the body.
+/// The document as bytes.
 pub struct Document(Arc<[u8]>);
 
 impl Document {
-    /// What was posted before, or follows from it.
+    /// A document posted before, or derived from one.
     pub fn of(bytes: Arc<[u8]>) -> Self {
         Self(bytes)
     }
 
-    /// Reads and checks it as a specification. One that is large, or declares much, a worker reads, few at a time and the
-    /// clients in turn, for as long as a job may take and its client waits: the checks differentiate every expression, and
-    /// look at every node and every pair of bodies.
+    /// Parses and checks the document as a specification. A document that is large, or whose check takes long, is
+    /// checked by a worker: a few at a time, with the clients taking turns, within the time limit of a job and as long
+    /// as the client waits. The checks differentiate every expression, and examine every node and every pair of bodies.
     ///
     /// # Errors
-    /// All that is wrong with it; the bound that is reached.
+    /// All errors of the document, or the bound that is reached.
     pub async fn checked(&self, shared: &Shared, client: Client) -> HandlerResult<Correct> {
         let bytes = self.bytes();
         if bytes.len() <= SMALL {
@@ -64,31 +64,31 @@ impl Document {
         }
     }
 
-    /// As it was posted.
+    /// The document as it was posted.
     pub fn bytes(&self) -> Arc<[u8]> {
         Arc::clone(&self.0)
     }
 }
 
-/// A specification that is correct.
+/// A correct specification.
 pub enum Correct {
-    /// Read here.
+    /// Compiled in this process.
     Here(Arc<Known>),
-    /// Read by a worker, with its summary as JSON.
+    /// Checked by a worker: its facts, and its summary as JSON.
     Elsewhere(Facts, Vec<u8>),
 }
 
 impl Correct {
-    /// Its summary as JSON.
+    /// The summary as JSON.
     pub fn summary(self) -> Vec<u8> {
         match self {
-            // Every number of a summary is finite, so that it has a JSON form.
+            // All numbers of a summary are finite, so that it can be encoded.
             Self::Here(known) => serde_json::to_vec(&known.specification.summary()).unwrap_or_default(),
             Self::Elsewhere(_, summary) => summary,
         }
     }
 
-    /// What is known of it, and the specification itself where it was read here.
+    /// The facts, and the specification itself if it was compiled in this process.
     pub fn facts(self) -> (Facts, Option<Arc<Known>>) {
         match self {
             Self::Here(known) => (known.facts.clone(), Some(known)),
@@ -129,7 +129,7 @@ async fn collect(mut body: Body, limit: usize) -> HandlerResult<Vec<u8>> {
     if announced > limit {
         return Err(too_large());
     }
-    // What is announced has yet to come: memory is given for it as it does.
+    // The announced length is not trusted: memory is allocated as data arrive.
     let mut bytes = Vec::with_capacity(announced.min(SMALL));
     while let Some(frame) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
         let frame = frame.map_err(|error| Problem::new(Kind::BadRequest, error.to_string()))?;

@@ -1,6 +1,6 @@
 //! The body of a stream of server-sent events (WHATWG HTML, section 9.2, `text/event-stream`).
 //!
-//! What is written waits for the client to take it: a slow one holds up its own stream and costs no memory.
+//! Writes wait until the client takes the data: a slow client delays its own stream and costs no memory.
 
 use super::negotiation::MediaType;
 use axum::body::{Body, Bytes, HttpBody};
@@ -16,14 +16,14 @@ use std::time::Duration;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
 use utoipa::ToSchema;
 
-/// The media type.
+/// The media type of the stream.
 pub const MEDIA_TYPE: MediaType = ("text", "event-stream");
 
-/// Pieces on their way to the client.
+/// The number of pieces buffered for the client.
 const IN_FLIGHT: usize = 4;
 
-/// A client that takes nothing for so long has gone.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// The time after which a client that takes no data is considered gone.
+const WRITE_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// The client has gone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,17 +40,17 @@ pub struct ServerSentEvent {
     data: String,
 }
 
-/// Where events are written.
+/// The writing end of a stream.
 pub struct EventSink(Sender<Bytes>);
 
-/// A stream, and its answer.
+/// A new stream: its writing end, and its response.
 pub fn event_stream() -> (EventSink, Response) {
     let (sender, receiver) = channel(IN_FLIGHT);
     let mut response = Body::new(Stream(receiver)).into_response();
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));
     headers.insert(header::CACHE_CONTROL, HeaderValue::from_static("no-store"));
-    // Proxies that gather answers before they pass them on would hold the stream back.
+    // Ask proxies not to buffer the stream.
     headers.insert("x-accel-buffering", HeaderValue::from_static("no"));
     (EventSink(sender), response)
 }
@@ -62,17 +62,17 @@ impl fmt::Display for ServerSentEvent {
 }
 
 impl EventSink {
-    /// Writes an event; `id` is what a client that comes back gives as `Last-Event-ID`.
+    /// Writes an event; a client that reconnects sends `id` as `Last-Event-ID`.
     ///
     /// # Errors
     /// The client has gone.
     pub async fn event(&self, name: &str, id: u64, data: &impl Serialize) -> Result<(), Gone> {
-        // What is told has a JSON form, which is one line.
+        // Events can always be encoded, as one line of JSON.
         let data = serde_json::to_string(data).unwrap_or_default();
         self.write(ServerSentEvent { event: name.to_owned(), id: id.to_string(), data }.to_string()).await
     }
 
-    /// Begins an event whose data comes in pieces of one line.
+    /// Begins an event whose data, one line, come in pieces.
     ///
     /// # Errors
     /// The client has gone.
@@ -80,7 +80,7 @@ impl EventSink {
         self.write(format!("event: {name}\nid: {id}\ndata: ")).await
     }
 
-    /// Writes a piece of that line.
+    /// Writes a piece of the data.
     ///
     /// # Errors
     /// The client has gone.
@@ -88,7 +88,7 @@ impl EventSink {
         self.write(piece).await
     }
 
-    /// Ends the event that was begun.
+    /// Ends the event begun by [`EventSink::begin`].
     ///
     /// # Errors
     /// The client has gone.
@@ -96,7 +96,7 @@ impl EventSink {
         self.write("\n\n").await
     }
 
-    /// Writes what clients pass over, so that nobody on the way takes the connection for dead.
+    /// Writes a comment, which clients ignore, so that no proxy takes the connection for dead.
     ///
     /// # Errors
     /// The client has gone.
@@ -104,13 +104,13 @@ impl EventSink {
         self.write(":\n\n").await
     }
 
-    /// Returns when the client goes.
+    /// Waits until the client goes.
     pub async fn gone(&self) {
         self.0.closed().await;
     }
 
     async fn write(&self, piece: impl Into<Bytes>) -> Result<(), Gone> {
-        self.0.send_timeout(piece.into(), PATIENCE).await.map_err(|_| Gone)
+        self.0.send_timeout(piece.into(), WRITE_TIMEOUT).await.map_err(|_| Gone)
     }
 }
 

@@ -1,12 +1,13 @@
-//! `GET /jobs/{id}/events`: a job as it goes, as server-sent events.
+//! `GET /jobs/{id}/events`: the course of a job, as server-sent events.
 //!
-//! - `progress`: where the job stands, whenever that has changed;
-//! - `switch`: what happened in the trajectory, `{number, t, kind, of}`; the latest are at hand while the job runs, and
-//!   a gap between numbers says that the reader was too slow for some (the results have all);
-//! - `done`: where the job stands at its end, with the verdict on its answer; the last event.
+//! - `progress`: the status of the job, whenever it has changed;
+//! - `switch`: an event of the trajectory, `{number, t, kind, of}`; the latest ones are kept while the job runs, and a
+//!   gap in the numbers means that the reader was too slow for some (the results contain all);
+//! - `done`: the final status of the job, with the verdict on its solution; the last event.
 //!
-//! The id of an event is the number of switches told, so `Last-Event-ID` goes on after the last of them. A stream
-//! that ends without `done` was ended with the service, or with the token of its client.
+//! The id of an event is the number of switches sent so far, so that `Last-Event-ID` resumes after the last of them. A
+//! stream that ends without `done` was ended because the service stops, or because the token of its client is no longer
+//! valid.
 
 use super::Shared;
 use super::event_stream::{EventSink, Gone, ServerSentEvent, event_stream};
@@ -27,10 +28,10 @@ use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::{Instant, MissedTickBehavior, interval};
 use tracing::Instrument;
 
-/// The time between two looks at a job.
-const GLANCE: Duration = Duration::from_millis(200);
+/// The interval between two polls of a job.
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 
-/// The longest silence: proxies commonly take a connection for dead after a minute or half of one.
+/// The longest time without data: proxies commonly take a connection for dead after a minute or half a minute.
 const SILENCE: Duration = Duration::from_secs(15);
 
 /// Follow a job as it goes.
@@ -59,7 +60,7 @@ pub async fn follow_job(
     let place = place(&shared)?;
     let (sink, response) = event_stream();
     let told = async move {
-        // A client that goes early is no failure.
+        // A client that goes early is not an error.
         let _ = follow(&shared, client, &job, seen, &sink).await;
         drop(place);
     };
@@ -67,7 +68,7 @@ pub async fn follow_job(
     Ok(response)
 }
 
-/// A place among the streams that there may be.
+/// A permit for one more stream.
 ///
 /// # Errors
 /// [`Kind::TooManyStreams`].
@@ -76,8 +77,8 @@ pub fn place(shared: &Shared) -> HandlerResult<OwnedSemaphorePermit> {
     taken.map_err(|_| Problem::plain(Kind::TooManyStreams).after(Duration::from_secs(10)))
 }
 
-/// Tells of a job from the switch after the first `seen` to its end. The number of switches told, if it ended while
-/// the service ran on.
+/// Sends the events of a job from the switch after the first `seen` to its end. Returns the number of switches sent;
+/// `None` if the stream was ended before the job.
 ///
 /// # Errors
 /// The client has gone.
@@ -91,7 +92,7 @@ pub async fn follow(
     let mut followed = Followed { seen, ..Followed::default() };
     let mut closing = shared.closing.subscribe();
     let closed = async move { closing.wait_for(|closing| *closing).await.is_ok() };
-    let mut looks = interval(GLANCE);
+    let mut looks = interval(POLL_INTERVAL);
     looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let settled = job.settled();
     tokio::pin!(settled, closed);
@@ -101,7 +102,7 @@ pub async fn follow(
             () = sink.gone() => return Err(Gone),
             ended = &mut settled => match ended {
                 Some(_) => break,
-                // It is left to the next process.
+                // Parked: the job is left to the next process.
                 None => return Ok(None),
             },
             _ = &mut closed => return Ok(None),
@@ -118,11 +119,11 @@ pub async fn follow(
     Ok(Some(followed.seen))
 }
 
-/// What a client has been told.
+/// The state of a stream: what has been sent to the client.
 #[derive(Default)]
 struct Followed {
     seen: u64,
-    /// In hand from the first look that finds a worker at the job.
+    /// Set at the first poll that finds a worker at the job; keeps the events until the end.
     control: Option<Arc<Control>>,
     status: Option<StatusInfo>,
     last: Option<Instant>,
@@ -131,7 +132,8 @@ struct Followed {
 impl Followed {
     async fn look(&mut self, shared: &Shared, job: &Job, sink: &EventSink) -> Result<(), Gone> {
         self.control = job.control().or(self.control.take());
-        // What has to begin again is told when it is sure to stay: its events are the same.
+        // The events of a job in its first time slice wait until it is sure to stay: it may start again, with the same
+        // events.
         if matches!(job.state(), jobs::State::Running { .. }) {
             self.switches(sink).await?;
         }
@@ -157,7 +159,7 @@ impl Followed {
     }
 }
 
-/// An event of the trajectory with its number.
+/// An event of the trajectory, with its number.
 #[derive(Serialize)]
 struct Numbered<'a> {
     number: u64,
@@ -165,7 +167,7 @@ struct Numbered<'a> {
     event: &'a Event,
 }
 
-/// How many switches the client has been told of before; what makes no sense is none.
+/// The number of switches sent to the client before; zero if the header is absent or invalid.
 pub struct LastEventId(pub u64);
 
 impl<S: Send + Sync> FromRequestParts<S> for LastEventId {

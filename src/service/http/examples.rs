@@ -1,4 +1,4 @@
-//! `GET /examples` and `GET /examples/{name}`: specifications that are ready to be posted to `/solve`.
+//! `GET /examples` and `GET /examples/{name}`: specifications that can be posted to `/solve`.
 
 use super::path::Segment;
 use super::problem::{HandlerResult, Kind, Problem};
@@ -21,7 +21,7 @@ pub struct Entry {
     href: String,
 }
 
-/// What the list needs of a specification.
+/// The part of a specification that the list needs.
 #[derive(Deserialize)]
 struct Labelled {
     label: Option<String>,

@@ -1,4 +1,4 @@
-//! Which part of the results is asked for: `?fields=x,i(R1,a)&from=0.5&to=2&every=10`.
+//! The requested part of the results: `?fields=x,i(R1,a)&from=0.5&to=2&every=10`.
 
 use super::problem::Problem;
 use super::query::Query;
@@ -6,7 +6,7 @@ use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
 use solution::Excerpt;
 
-/// The part that the address asks for; nothing for the whole.
+/// The excerpt that the query asks for; `None` for the whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExcerptQuery(pub Option<Excerpt>);
 
@@ -27,7 +27,7 @@ impl<S: Send + Sync> FromRequestParts<S> for ExcerptQuery {
     }
 }
 
-/// The names of a list; a comma within parentheses is part of a name.
+/// Splits a list at commas; a comma within parentheses is part of a name.
 fn names(list: &str) -> Vec<String> {
     let mut depth = 0_usize;
     let parts = list.split(|c| {

@@ -1,5 +1,5 @@
-//! `GET /jobs`: the client's own jobs, or everyone's for who may see them, newest first, a page at a time. How many there are in all is not told: it would
-//! cost a look at each and be wrong at once.
+//! `GET /jobs`: the jobs of the client, or of all clients for an administrator, newest first, one page at a time. The
+//! total number is not given: it would take a look at every job and be outdated at once.
 
 use super::access::Visibility;
 use super::problem::{HandlerResult, Problem};
@@ -22,13 +22,13 @@ const STATUSES: [&str; 5] = ["accepted", "running", "successful", "failed", "dis
 const DEFAULT_LIMIT: usize = 100;
 const MOST: usize = 1000;
 
-/// Which jobs are asked for.
+/// The jobs that the query asks for.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Filter {
     status: Option<String>,
     label: Option<String>,
     limit: usize,
-    /// The last job of the page before.
+    /// The last job of the previous page.
     cursor: Option<JobId>,
 }
 
@@ -55,9 +55,9 @@ pub struct JobList {
     ),
     responses((status = 200, description = "A page; `Link` has the next", body = JobList), Problem)
 )]
-pub async fn list_jobs(State(shared): State<Shared>, sight: Visibility, filter: Filter) -> Response {
+pub async fn list_jobs(State(shared): State<Shared>, visibility: Visibility, filter: Filter) -> Response {
     let mut jobs = shared.jobs.all();
-    jobs.retain(|job| sight.reaches(job));
+    jobs.retain(|job| visibility.reaches(job));
     jobs.sort_unstable_by_key(|job| Reverse(job.id));
     let rest = jobs.iter().filter(|job| filter.cursor.is_none_or(|last| job.id < last));
     let named = rest.filter(|job| filter.label.is_none() || job.label == filter.label);

@@ -45,7 +45,7 @@ pub async fn find_specification(
     Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json"))], Bytes::from_owner(document)))
 }
 
-/// What has been stored of a job cannot be read, which only the log explains.
+/// The problem for stored data that cannot be read; details are logged only.
 pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
     tracing::error!(job.id = %job, %error, "what is stored of job {job} cannot be read");
     Problem::plain(if is_damage(error) { Kind::Damaged } else { Kind::Unreadable }).of_job(job)

@@ -1,4 +1,4 @@
-//! `GET /methods`: what there is to choose from, each method with its checked conditions, and the limits in force.
+//! `GET /methods`: the available methods with their checked conditions, and the bounds in force.
 
 use super::Shared;
 use super::problem::Problem;
@@ -8,7 +8,7 @@ use axum::extract::State;
 use serde::Serialize;
 use specification::{Catalogue, catalogue};
 
-/// The catalogue of solves, and the bounds of the service beside it.
+/// The catalogue of methods, and the bounds of the service.
 #[derive(Debug, Serialize)]
 pub struct Methods {
     #[serde(flatten)]

@@ -1,4 +1,4 @@
-//! `GET /metrics`: figures for Prometheus, in the text form of `OpenMetrics` 1.0.
+//! `GET /metrics`: metrics for Prometheus, in the text format of `OpenMetrics` 1.0.
 
 use super::Shared;
 use super::problem::Problem;

@@ -1,4 +1,4 @@
-//! The resources of the service, a file each, and the router that finds them.
+//! The resources of the service, one file each, and the router.
 
 mod access;
 mod access_log;
@@ -62,39 +62,39 @@ use tower_http::compression::CompressionLayer;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-/// What handlers share.
+/// The state shared by all handlers.
 pub type Shared = Arc<Common>;
 
-/// The service as its handlers see it.
+/// The state of the service.
 pub struct Common {
     /// The jobs of the service.
     pub jobs: Arc<Jobs>,
-    /// Its bounds.
+    /// The options of the service.
     pub options: Options,
-    /// Its figures.
+    /// The metrics of the service.
     pub metrics: Arc<Metrics>,
-    /// The tokens of clients, where they are asked for.
+    /// The tokens of clients, if the service requires them.
     pub tokens: Option<Arc<Tokens>>,
-    /// Specifications that were compiled before.
+    /// The cache of compiled specifications.
     pub compiled: Compiled,
-    /// Large pictures that may be drawn at a time.
+    /// Places for the concurrent preparation of large responses.
     pub turns: Arc<Turns>,
-    /// Specifications that workers may check at a time.
+    /// Places for concurrent checks by workers.
     pub checks: Arc<Turns>,
-    /// Those workers.
+    /// The workers for checks.
     pub checkers: Arc<Checkers>,
-    /// For the bytes of answers on their way.
+    /// Room for the bytes of pending responses.
     pub room: Room,
-    /// Streams of events that may be open at a time.
+    /// Permits for open event streams.
     pub streams: Arc<Semaphore>,
-    /// Connections that may be open at a time.
+    /// Permits for open connections.
     pub connections: Arc<Semaphore>,
-    /// Becomes true when every stream is to end.
+    /// Set to true when all event streams are to end.
     pub closing: watch::Sender<bool>,
 }
 
 impl Common {
-    /// Whether a client that was let in may still be here: its token is neither revoked nor expired.
+    /// Whether an admitted client may stay: its token is neither revoked nor expired.
     fn admits(&self, client: Client) -> bool {
         match (&self.tokens, client) {
             (Some(tokens), Client::Token(number)) => tokens.knows(number),
@@ -103,7 +103,7 @@ impl Common {
     }
 }
 
-/// What clients do, one line a resource.
+/// The resources for the work of clients, which may require a token; one line per resource.
 fn work() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .routes(routes!(solve::solve))
@@ -118,7 +118,7 @@ fn work() -> OpenApiRouter<Shared> {
         .routes(routes!(again::continue_job))
 }
 
-/// The same for everyone, and nobody's secret.
+/// The resources that are the same for all clients and need no token.
 fn open() -> OpenApiRouter<Shared> {
     OpenApiRouter::new()
         .routes(routes!(examples::list_examples))
@@ -139,13 +139,14 @@ fn open() -> OpenApiRouter<Shared> {
         .routes(routes!(metrics::list_metrics))
 }
 
-/// The resources with what is common to them.
+/// The router of all resources, with the common middleware.
 pub fn router(shared: Shared) -> Router {
     let work = match &shared.tokens {
         Some(tokens) => work().route_layer(from_fn_with_state(Arc::clone(tokens), access::authorize)),
         None => work(),
     };
-    // As one layer: between layers a router boxes its service and its answer, which takes longer than these do.
+    // One layer instead of three: between layers, the router boxes the service and its response, which takes longer
+    // than the middleware.
     let common = (
         from_fn_with_state(Arc::clone(&shared), observe::observe),
         CompressionLayer::new().quality(CompressionLevel::Fastest),
@@ -158,7 +159,7 @@ pub fn router(shared: Shared) -> Router {
         .method_not_allowed_fallback(no_such_method)
         .layer(common)
         .with_state(shared);
-    // Proxies pass the prefix on or take it off.
+    // Serve with and without the prefix, since some proxies pass it on and others strip it.
     if prefix.is_empty() { router } else { router.clone().nest(&prefix, router) }
 }
 
@@ -174,13 +175,13 @@ fn panicked(_: Box<dyn Any + Send>) -> Response {
     Problem::plain(Kind::Internal).into_response()
 }
 
-/// The state of a job is of this moment only.
+/// Forbids caching: the state of a job changes.
 fn no_store() -> [(HeaderName, HeaderValue); 1] {
     [(header::CACHE_CONTROL, HeaderValue::from_static("no-store"))]
 }
 
-/// The value of `Retry-After`: whole seconds, at least one, and at most ten minutes, after which a look is worth
-/// while however slow the queue was.
+/// The value of `Retry-After`: whole seconds, at least one, and at most ten minutes, after which a retry is reasonable
+/// however slow the queue was.
 fn retry_after(time: Duration) -> HeaderValue {
     HeaderValue::from(time.as_secs_f64().ceil().clamp(1.0, 600.0) as u64)
 }

@@ -1,8 +1,9 @@
-//! What every request meets: its ids, a look at where it comes from and whom it asks, figures and a line of the log. Whatever
-//! the answer is, it leaves under the same security headers.
+//! Middleware for every request: request ids, checks of the origin and of the host, metrics and the access log. All
+//! responses get the same security headers.
 //!
-//! The id of a request is the client's `X-Request-Id`, or a new one, and is given back. The trace of a `traceparent` (W3C
-//! Trace Context) goes with the request and its job into the log, and is given back with a parent of this service.
+//! The id of a request is the client's `X-Request-Id`, or a new one, and is returned in the response. The trace of a
+//! `traceparent` (W3C Trace Context) is logged for the request and its job, and is returned with a span of this service
+//! as its parent.
 
 use super::Shared;
 use super::access_log::{self, Line};
@@ -27,13 +28,13 @@ use uuid::Uuid;
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 const TRACE: HeaderName = HeaderName::from_static("traceparent");
 
-/// A longer id is not one that somebody looks for in a log.
+/// The longest accepted request id, in bytes; a longer one is replaced by a new id.
 const LONGEST: usize = 128;
 
-/// What watches over a service asks for these every few seconds, and nobody looks for it in a log.
+/// Paths that monitoring requests every few seconds, which are left out of the access log.
 const WATCHED: [&str; 3] = ["/healthz", "/readyz", "/metrics"];
 
-/// Runs the request, logs how it went and gives its ids to the answer.
+/// Serves the request, records it, and adds the ids and the security headers to the response.
 pub async fn observe(State(shared): State<Shared>, request: Request, next: Next) -> Response {
     let given =
         request.headers().get(&REQUEST_ID).filter(|id| (1..=LONGEST).contains(&id.len()) && id.to_str().is_ok());
@@ -61,7 +62,7 @@ pub async fn observe(State(shared): State<Shared>, request: Request, next: Next)
     let mut response = context.clone().around(serving.instrument(span.clone())).await;
     let status = response.status();
     span.record("http.status", status.as_u16());
-    // It ends with the beginning of the answer.
+    // The span ends with the head of the response.
     drop(span);
     if status == StatusCode::INTERNAL_SERVER_ERROR {
         let duration_ms = start.elapsed().as_secs_f64() * 1e3;

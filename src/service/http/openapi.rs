@@ -1,5 +1,5 @@
-//! `GET /openapi.json`: the description of the interface (`OpenAPI` 3.1), made from the handlers. `GET /docs/interface` is the
-//! same to be read.
+//! `GET /openapi.json`: the description of the API (`OpenAPI` 3.1), generated from the handlers; and `GET /docs/interface`:
+//! the description as a page.
 
 use super::described;
 use super::problem::Problem;
@@ -15,16 +15,16 @@ use utoipa::{IntoResponses, OpenApi, ToSchema};
 
 const JSON: [(HeaderName, &str); 1] = [(header::CONTENT_TYPE, "application/json")];
 
-/// The policy of pages to be read: the style and the icon of the service, its search, and nothing else.
+/// The content security policy of pages of text: the style and the icon of the service, its search, and nothing else.
 pub(super) const POLICY: HeaderValue = HeaderValue::from_static(
     "default-src 'none'; style-src 'self'; img-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
 );
 
-/// The description, made once.
+/// The description, generated once.
 pub(super) static DESCRIPTION: LazyLock<Value> = LazyLock::new(description);
 static TEXT: LazyLock<String> = LazyLock::new(|| DESCRIPTION.to_string());
 
-/// What is not said by the handlers.
+/// The parts of the description that belong to no handler.
 #[derive(OpenApi)]
 #[openapi(
     info(
@@ -42,10 +42,10 @@ static TEXT: LazyLock<String> = LazyLock::new(|| DESCRIPTION.to_string());
 )]
 struct Frame;
 
-/// The description of the interface, as it follows from the code.
+/// The description of the API, generated from the code.
 pub fn description() -> Value {
     let mut router = utoipa_axum::router::OpenApiRouter::with_openapi(Frame::openapi()).merge(work()).merge(open());
-    // A description is strings, lists and maps, which have a JSON form.
+    // A description consists of strings, lists and maps, so that it can be encoded.
     let mut description = serde_json::to_value(router.to_openapi()).unwrap_or_default();
     let mut work = utoipa_axum::router::OpenApiRouter::<super::Shared>::new().merge(work());
     let asks_token = work.to_openapi().paths.paths.into_keys().collect();
@@ -53,7 +53,7 @@ pub fn description() -> Value {
     description
 }
 
-/// Every operation may refuse, and says why in one form.
+/// The default response of every operation: a problem, in one form.
 impl IntoResponses for Problem {
     fn responses() -> BTreeMap<String, RefOr<Response>> {
         let content = ContentBuilder::new().schema(Some(Ref::from_schema_name(Self::name()))).build();

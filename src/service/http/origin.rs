@@ -1,20 +1,20 @@
-//! Refuses what a page of another site makes a browser post. `application/x-www-form-urlencoded`, which `curl -d` says
-//! of everything, is also what browsers send across sites without asking the service first (Fetch, "CORS-safelisted
-//! request-header"), so the type of the body protects nothing. Browsers say where a request comes from, in
-//! `Sec-Fetch-Site` and, those without it, in `Origin`; other clients send neither.
+//! Refusal of cross-site requests. `application/x-www-form-urlencoded`, which `curl -d` sends by default, is also what
+//! browsers send across sites without a preflight request (Fetch, "CORS-safelisted request-header"), so the content
+//! type protects nothing. Browsers name the origin of a request in `Sec-Fetch-Site` or, if they lack that, in `Origin`;
+//! other clients send neither.
 
 use super::problem::{HandlerResult, Kind, Problem};
 use axum::extract::Request;
 use axum::http::{HeaderMap, Method, header};
 
-/// Lets through what changes nothing, and what comes from no page or from one of this service.
+/// Accepts requests that change nothing, and requests from no page or from a page of this service; refuses others.
 pub fn refuse_other_sites(request: &Request) -> HandlerResult<()> {
     let changes_nothing = matches!(*request.method(), Method::GET | Method::HEAD | Method::OPTIONS);
     if changes_nothing || is_own(request.headers()) { Ok(()) } else { Err(Problem::plain(Kind::CrossSite)) }
 }
 
 fn is_own(headers: &HeaderMap) -> bool {
-    // Another port of the same host is of the same site, but not ours.
+    // `same-site` is not enough: another port of the host is the same site, but another service.
     if let Some(site) = headers.get("sec-fetch-site") {
         return site == "same-origin" || site == "none";
     }

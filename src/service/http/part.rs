@@ -1,4 +1,4 @@
-//! Results, or an excerpt of them.
+//! Results, or an excerpt of them, opened for a response.
 
 use super::Shared;
 use super::jobs::unreadable;
@@ -8,24 +8,24 @@ use solution::columnar::{Columns, Skeleton};
 use solution::{Excerpt, ExcerptError, Selection, Solution};
 use std::io;
 
-/// The whole of results, or a part.
+/// The whole results, or a part.
 pub struct Part {
-    /// The columns of the whole.
+    /// The columns of the whole results.
     pub columns: Box<dyn Columns>,
-    /// What of them is asked for.
+    /// The requested rows and fields.
     pub selection: Selection,
-    /// The rest of the solution, with the events of the part and the evidence of the whole.
+    /// The other parts of the solution, with the events of the excerpt and the evidence of the whole.
     pub skeleton: Skeleton,
 }
 
-/// Names that fit into an answer.
+/// The largest number of field names listed in an error message.
 const MOST_NAMES: usize = 30;
 
 impl Part {
-    /// The part that `excerpt` asks for. All that is to be read of it was found to be as it was written.
+    /// The part that `excerpt` asks for, verified against the digests of its blocks.
     ///
     /// # Errors
-    /// It names a field that is not there, or what was stored cannot be read.
+    /// The excerpt names a field that does not exist, or the stored results cannot be read.
     pub fn of(results: &Results, excerpt: Option<&Excerpt>) -> Result<Self, ExcerptError> {
         let Opened { columns, mut skeleton } = results.open()?;
         let selection = match excerpt {
@@ -39,21 +39,21 @@ impl Part {
         Ok(Self { columns, selection, skeleton })
     }
 
-    /// How many numbers there are.
+    /// The number of values in the part.
     pub fn numbers(&self) -> usize {
         self.selection.rows.len().saturating_mul(1 + self.selection.fields.len())
     }
 
-    /// All of it in memory.
+    /// The part as a solution in memory.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn solution(&self) -> io::Result<Solution> {
         self.skeleton.with(self.selection.block(&*self.columns, self.selection.rows)?)
     }
 }
 
-/// The problem for a client whose excerpt cannot be had.
+/// The problem for a request whose excerpt cannot be given.
 pub async fn no_excerpt(shared: &Shared, job: &Job, error: ExcerptError) -> Box<Problem> {
     match error {
         ExcerptError::NoSuchField(name, known) => {

@@ -1,4 +1,4 @@
-//! What stands in the path of a request: a name, or the id of a job.
+//! The variable segment of a request path: a name, or the id of a job.
 
 use super::Shared;
 use super::access::Visibility;
@@ -9,7 +9,7 @@ use axum::http::request::Parts;
 use std::convert::Infallible;
 use std::sync::Arc;
 
-/// The variable segment of the path; empty if it is not UTF-8, which is the name of nothing.
+/// The variable segment of the path; empty, and so the name of nothing, if it is not UTF-8.
 pub struct Segment(pub String);
 
 impl<S: Send + Sync> FromRequestParts<S> for Segment {
@@ -22,7 +22,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Segment {
     }
 }
 
-/// The job that the path names, if its client is the one who asks.
+/// The job that the path names, if the client may access it.
 pub struct JobPath(pub Arc<Job>);
 
 impl FromRequestParts<Shared> for JobPath {
@@ -33,8 +33,8 @@ impl FromRequestParts<Shared> for JobPath {
         let Ok(id) = text.parse::<JobId>() else {
             return Err(Problem::new(Kind::NoSuchJob, "the id of a job is a UUID, as `Location` gave it"));
         };
-        let Ok(sight) = Visibility::from_request_parts(parts, shared).await;
-        let job = shared.jobs.find(id).filter(|job| sight.reaches(job));
+        let Ok(visibility) = Visibility::from_request_parts(parts, shared).await;
+        let job = shared.jobs.find(id).filter(|job| visibility.reaches(job));
         let missing = || if shared.jobs.is_damaged(id) { Kind::Damaged } else { Kind::NoSuchJob };
         job.map(Self).ok_or_else(|| Problem::plain(missing()).of_job(id))
     }

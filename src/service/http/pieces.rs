@@ -1,5 +1,5 @@
-//! Answers that go out in pieces, each written when the one before has been taken. The bytes of all pieces in hand are bounded
-//! together: clients who read slowly wait for room, and hold none but that of the pieces they have yet to take.
+//! Responses sent in pieces, each generated when the one before has been taken. The bytes of all pieces in memory have
+//! a common bound: the responses to slow clients wait for room, and hold only the room of the pieces not yet taken.
 
 use super::part::Part;
 use axum::body::{Bytes, HttpBody};
@@ -12,13 +12,13 @@ use std::task::{Context, Poll, ready};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::spawn_blocking;
 
-/// The unit of room.
+/// The unit of room, in bytes.
 const KIB: usize = 1 << 10;
 
-/// What is taken for a piece before it is written: more than most are long.
+/// The room taken for a piece before it is generated, in bytes: more than the length of most pieces.
 const PIECE: usize = 128 * KIB;
 
-/// Room for the bytes of answers.
+/// The room for the bytes of pending responses.
 #[derive(Clone, Debug)]
 pub struct Room {
     free: Arc<Semaphore>,
@@ -26,28 +26,28 @@ pub struct Room {
 }
 
 impl Room {
-    /// So many MiB.
+    /// Room for `mib` MiB.
     pub fn new(mib: usize) -> Self {
         let kib = u32::try_from(mib.saturating_mul(KIB)).unwrap_or(u32::MAX).min(Semaphore::MAX_PERMITS as u32);
         Self { free: Arc::new(Semaphore::new(kib as usize)), kib }
     }
 
-    /// Room for `bytes`, or all that there is, once it is free.
+    /// Waits for room for `bytes` bytes, or for all of the room if there is less.
     pub async fn take(&self, bytes: usize) -> Option<OwnedSemaphorePermit> {
         let kib = u32::try_from(bytes.div_ceil(KIB)).unwrap_or(u32::MAX).min(self.kib);
-        // Closed it never is.
+        // The semaphore is never closed.
         Arc::clone(&self.free).acquire_many_owned(kib).await.ok()
     }
 }
 
-/// Bytes with the room that they take, which is free again when they are gone.
+/// Bytes and the room that they take, which is freed when they are dropped.
 pub struct Taken<B> {
     bytes: B,
     _room: Option<OwnedSemaphorePermit>,
 }
 
 impl<B> Taken<B> {
-    /// Those bytes in that room.
+    /// `bytes` in `room`.
     pub fn new(bytes: B, room: Option<OwnedSemaphorePermit>) -> Self {
         Self { bytes, _room: room }
     }
@@ -59,27 +59,27 @@ impl<B: AsRef<[u8]>> AsRef<[u8]> for Taken<B> {
     }
 }
 
-/// An answer in the making.
+/// A response being generated.
 pub enum Making {
     /// JSON.
     Json(JsonPieces),
-    /// A table.
+    /// A table, in one of its formats.
     Table(TablePieces),
 }
 
-/// A part, and how far its answer is.
+/// A part of the results, and the state of its generation.
 pub struct Unwritten {
-    /// What it is of.
+    /// The part of the results.
     pub part: Part,
-    /// How far it is.
+    /// The state of the generation.
     pub making: Making,
 }
 
 impl Unwritten {
-    /// The next piece, and whether there is more.
+    /// Appends the next piece to `out`; returns whether there are more.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn write(&mut self, out: &mut Vec<u8>) -> io::Result<bool> {
         match &mut self.making {
             Making::Json(json) => json.write(&*self.part.columns, out),
@@ -88,26 +88,26 @@ impl Unwritten {
     }
 }
 
-/// A piece, and what is left to be written.
-type Written = io::Result<(Bytes, Option<Box<Unwritten>>)>;
+/// A piece, and the rest of the response.
+type NextPiece = io::Result<(Bytes, Option<Box<Unwritten>>)>;
 
-/// The body of an answer in pieces.
+/// The body of a response in pieces.
 pub struct Pieces {
     room: Room,
-    /// What is to be written, when the next piece is asked for.
+    /// The rest of the response, between two pieces.
     rest: Option<Box<Unwritten>>,
-    /// The piece that is being written.
-    next: Option<Pin<Box<dyn Future<Output = Written> + Send>>>,
+    /// The generation of the next piece.
+    next: Option<Pin<Box<dyn Future<Output = NextPiece> + Send>>>,
 }
 
 impl Pieces {
-    /// All that is to be written.
+    /// The body of a response that has not been begun.
     pub fn new(answer: Unwritten, room: Room) -> Self {
         Self { room, rest: Some(Box::new(answer)), next: None }
     }
 }
 
-async fn written(mut answer: Box<Unwritten>, room: Room) -> Written {
+async fn next_piece(mut answer: Box<Unwritten>, room: Room) -> NextPiece {
     let taken = room.take(PIECE).await;
     let work = move || {
         let mut bytes = Vec::with_capacity(PIECE);
@@ -126,7 +126,7 @@ impl HttpBody for Pieces {
         let Self { room, rest, next } = &mut *self;
         if next.is_none() {
             let Some(answer) = rest.take() else { return Poll::Ready(None) };
-            *next = Some(Box::pin(written(answer, room.clone())));
+            *next = Some(Box::pin(next_piece(answer, room.clone())));
         }
         let Some(piece) = next else { return Poll::Ready(None) };
         let piece = ready!(piece.as_mut().poll(context));
@@ -153,7 +153,7 @@ mod tests {
         assert!(timeout(Duration::from_secs(60), &mut second).await.is_err());
         drop(first);
         assert!(second.await.is_some());
-        // More than there is takes all.
+        // A request for more than the whole room takes the whole room.
         assert!(room.take(usize::MAX).await.is_some());
     }
 }

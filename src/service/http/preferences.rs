@@ -1,8 +1,8 @@
-//! How long a client would wait for its answer: the header `Prefer` (RFC 7240).
+//! The time that a client is willing to wait: the header `Prefer` (RFC 7240).
 //!
-//! `wait=N` is N seconds, at most 60. `respond-async` alone is none. With both the client waits N seconds and then takes
-//! a monitor instead of an answer (section 4.1), which is what happens to every client here. Without either it
-//! waits 30 seconds. A preference that makes no sense is as good as none (section 2).
+//! `wait=N` means N seconds, at most 60. `respond-async` alone means no wait. With both, the client waits N seconds and
+//! then accepts a monitor instead of results (section 4.1), as every client here must. Without either, it waits 30
+//! seconds. An invalid preference is ignored (section 2).
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -13,7 +13,7 @@ use std::time::Duration;
 const DEFAULT_SECONDS: u64 = 30;
 const MOST_SECONDS: u64 = 60;
 
-/// What a client prefers.
+/// The preferences of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Preferences {
     wait: Option<u64>,
@@ -21,7 +21,7 @@ pub struct Preferences {
 }
 
 impl Preferences {
-    /// The time to wait for the answer.
+    /// The time to wait for the results.
     pub fn wait(self) -> Duration {
         Duration::from_secs(match self {
             Self { wait: Some(seconds), .. } => seconds,
@@ -30,7 +30,7 @@ impl Preferences {
         })
     }
 
-    /// The value of `Preference-Applied`, for an answer that is `asynchronous` or not.
+    /// The value of `Preference-Applied` for a response that is `asynchronous` or not.
     pub fn applied(self, asynchronous: bool) -> Option<HeaderValue> {
         let text = match self {
             Self { wait: Some(seconds), respond_async: true } if asynchronous => {
@@ -51,7 +51,7 @@ impl Preferences {
             let token = preference.split(';').next().unwrap_or_default();
             let (name, value) = token.split_once('=').unwrap_or((token, ""));
             let (name, value) = (name.trim(), value.trim().trim_matches('"'));
-            // The first of several counts (RFC 7240, section 2).
+            // The first of several values applies (RFC 7240, section 2).
             if name.eq_ignore_ascii_case("wait") && read.wait.is_none() {
                 read.wait = value.parse().ok().map(|seconds: u64| seconds.min(MOST_SECONDS));
             } else if name.eq_ignore_ascii_case("respond-async") {

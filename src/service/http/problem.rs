@@ -1,5 +1,5 @@
-//! Every way in which a request can fail, in one table, and its form on the wire: `application/problem+json`
-//! (RFC 9457). The `type` of a problem is the address of its row.
+//! All problems with which a request can fail, in one table, and their form in responses: `application/problem+json`
+//! (RFC 9457). The `type` of a problem is the URL of its row.
 
 use super::retry_after;
 use crate::context::address;
@@ -19,25 +19,25 @@ macro_rules! problems {
         pub enum Kind { $(#[doc = $meaning] $kind,)* }
 
         impl Kind {
-            /// The whole table.
+            /// All kinds of problems.
             pub const ALL: &[Self] = &[$(Self::$kind),*];
 
-            /// The last segment of its address.
+            /// The last segment of its URL.
             pub fn slug(self) -> &'static str {
                 match self { $(Self::$kind => $slug,)* }
             }
 
-            /// The status it answers with.
+            /// The status of the response.
             pub fn status(self) -> StatusCode {
                 match self { $(Self::$kind => StatusCode::$status,)* }
             }
 
-            /// The same few words for every occurrence.
+            /// The title, the same for every occurrence.
             pub fn title(self) -> &'static str {
                 match self { $(Self::$kind => $title,)* }
             }
 
-            /// When it occurs and what to do about it.
+            /// When the problem occurs, and what to do about it.
             pub fn meaning(self) -> &'static str {
                 match self { $(Self::$kind => $meaning,)* }
             }
@@ -167,11 +167,11 @@ pub struct Problem {
     retry_after: Option<Duration>,
 }
 
-/// What handlers return: errors are rare, so they are kept out of line.
+/// The result of a handler; problems are rare, so they are boxed.
 pub type HandlerResult<T> = Result<T, Box<Problem>>;
 
 impl Problem {
-    /// A problem of this kind; `detail` is about this occurrence.
+    /// A problem of this kind; `detail` describes the occurrence.
     pub fn new(kind: Kind, detail: impl Into<String>) -> Box<Self> {
         Box::new(Self {
             kind,
@@ -184,28 +184,28 @@ impl Problem {
         })
     }
 
-    /// A problem whose occurrence says no more than its kind.
+    /// A problem with the description of its kind.
     pub fn plain(kind: Kind) -> Box<Self> {
         Self::new(kind, kind.meaning())
     }
 
-    /// Its row of the table.
+    /// The kind of the problem.
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// What is said of this occurrence.
+    /// The description of the occurrence.
     pub fn detail(&self) -> &str {
         &self.detail
     }
 
-    /// Concerning a job.
+    /// Names the job that the problem concerns.
     pub fn of_job(mut self: Box<Self>, id: JobId) -> Box<Self> {
         self.instance = Some(address(format_args!("/jobs/{id}")));
         self
     }
 
-    /// That may be over after `time`.
+    /// Sets the time after which a retry is reasonable.
     pub fn after(mut self: Box<Self>, time: Duration) -> Box<Self> {
         self.retry_after = Some(time);
         self
@@ -232,8 +232,8 @@ impl From<Vec<Finding>> for Box<Problem> {
 }
 
 impl From<AdmissionError> for Box<Problem> {
-    fn from(refusal: AdmissionError) -> Self {
-        match refusal {
+    fn from(error: AdmissionError) -> Self {
+        match error {
             AdmissionError::QueueFull(time) => Problem::plain(Kind::QueueFull).after(time),
             AdmissionError::QueueBytes(time) => Problem::plain(Kind::QueueBytes).after(time),
             AdmissionError::ClientShare(time) => Problem::plain(Kind::ClientShare).after(time),
@@ -287,7 +287,7 @@ impl From<Fault> for Box<Problem> {
 
 impl IntoResponse for Problem {
     fn into_response(self) -> Response {
-        // Strings and numbers always have a JSON form.
+        // Strings and numbers can always be encoded.
         let body = serde_json::to_vec(&self).unwrap_or_default();
         let mut response = (self.kind.status(), body).into_response();
         response.extensions_mut().insert(self.kind);

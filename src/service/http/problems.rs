@@ -1,5 +1,5 @@
-//! `GET /problems` and `GET /problems/{code}`: a page for every code of errors, warnings, verdicts and refusals. It is what
-//! the `type` of a problem answers to: JSON for programs, a page for browsers, text for terminals.
+//! `GET /problems` and `GET /problems/{code}`: a page for every code of errors, warnings, verdicts and refusals. The
+//! page is at the `type` of a problem: as JSON for programs, as HTML for browsers, as text for terminals.
 
 use super::negotiation::{self, MediaType};
 use super::path::Segment;
@@ -47,7 +47,7 @@ impl From<&'static Page> for Row {
     }
 }
 
-/// A form of a page.
+/// The format of a page.
 #[derive(Clone, Copy)]
 enum Form {
     Json,
@@ -124,7 +124,7 @@ fn html(title: &str, rows: &[Row]) -> String {
          <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n"
     );
     for row in rows {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let _ = write!(
             html,
             "<section id=\"{0}\">\n<h2><code>{0}</code></h2>\n<p>{1}</p>\n<dl>\n<dt>Why</dt><dd>{2}</dd>\n<dt>What to do</dt>\
@@ -139,7 +139,7 @@ fn html(title: &str, rows: &[Row]) -> String {
     html + "</body>\n</html>\n"
 }
 
-/// Text as HTML, what stands between backticks as code.
+/// Text as HTML, with the text between backticks as code.
 fn marked_up(text: &str) -> String {
     let escaped = text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
     let parts = escaped.split('`').enumerate();

@@ -1,4 +1,4 @@
-//! What stands behind the question mark of an address: names with values, each known, none given twice.
+//! The query string of a request: parameters with values, each of them known, none given twice.
 
 use super::problem::{Kind, Problem};
 use axum::extract::FromRequestParts;
@@ -7,7 +7,7 @@ use std::convert::Infallible;
 use std::fmt::Display;
 use std::str::FromStr;
 
-/// The parameters, of which a resource takes those that it knows.
+/// The parameters of a query; a resource takes those that it knows.
 pub struct Query {
     given: Vec<(String, String)>,
     known: Vec<&'static str>,
@@ -15,19 +15,19 @@ pub struct Query {
 }
 
 impl Query {
-    /// The text of a parameter.
+    /// Takes a parameter as text.
     pub fn text(&mut self, name: &'static str) -> Option<String> {
         self.known.push(name);
         let index = self.given.iter().position(|(given, _)| given == name)?;
         Some(self.given.remove(index).1)
     }
 
-    /// A parameter as a value.
+    /// Takes a parameter as a value.
     pub fn value<T: FromStr>(&mut self, name: &'static str, expected: impl Display) -> Option<T> {
         self.checked(name, expected, |text| text.parse().ok())
     }
 
-    /// A parameter as what `read` makes of it; where that is nothing, it is noted with what was `expected`.
+    /// Takes a parameter and converts it by `read`; if that fails, records an error that says what was `expected`.
     pub fn checked<T>(
         &mut self,
         name: &'static str,
@@ -42,15 +42,15 @@ impl Query {
         value
     }
 
-    /// A parameter as a finite number.
+    /// Takes a parameter as a finite number.
     pub fn number(&mut self, name: &'static str) -> Option<f64> {
         self.checked(name, "a finite number", |text| text.parse().ok().filter(|number: &f64| number.is_finite()))
     }
 
-    /// That nothing was wrong with what was taken, and nothing is left over.
+    /// Checks that all conversions succeeded, and that no parameter is left over.
     ///
     /// # Errors
-    /// [`Kind::BadQuery`] with all that is wrong.
+    /// [`Kind::BadQuery`] with all errors.
     pub fn end(mut self) -> Result<(), Box<Problem>> {
         let known = self.known.join(", ");
         for (name, _) in &self.given {

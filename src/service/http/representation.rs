@@ -1,4 +1,4 @@
-//! The forms in which results are given.
+//! The representations of results.
 
 use super::Shared;
 use super::jobs::unreadable;
@@ -19,14 +19,14 @@ use std::io;
 use std::sync::Arc;
 use tokio::task::spawn_blocking;
 
-/// A form of the results.
+/// A representation of the results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Representation {
-    /// All of the solution; the only one with the whole verdict, beside the metadata of Arrow.
+    /// The whole solution; apart from the metadata of Arrow, the only representation that contains the whole verdict.
     Json,
     /// The trajectory as a table.
     Csv,
-    /// The trajectory as objects, one a line.
+    /// The trajectory as JSON objects, one per line.
     Lines,
     /// The trajectory as columns for programs.
     Arrow,
@@ -35,7 +35,7 @@ pub enum Representation {
 }
 
 impl Representation {
-    /// All with their media types, in the order of preference of the service.
+    /// All representations with their media types, in the service's order of preference.
     pub const OFFERED: [(Self, MediaType); 5] = [
         (Self::Json, ("application", "json")),
         (Self::Csv, ("text", "csv")),
@@ -65,12 +65,12 @@ impl Representation {
         }
     }
 
-    /// The results of `job`, or an excerpt of them, in this form. Short ones have their JSON in hand; what is long is written
-    /// as the client takes it.
+    /// The results of `job`, or an excerpt of them, in this representation. The JSON of short results is sent from
+    /// memory; long results are generated as the client takes them.
     ///
     /// # Errors
-    /// [`Kind::BadQuery`] if the excerpt names a field that is not there, [`Kind::Internal`] if a thread was lost,
-    /// [`Kind::Damaged`] or [`Kind::Unreadable`] if what was stored cannot be read.
+    /// [`Kind::BadQuery`] if the excerpt names a field that does not exist, [`Kind::Internal`] if a thread was lost,
+    /// [`Kind::Damaged`] or [`Kind::Unreadable`] if the stored results cannot be read.
     pub async fn body(
         self,
         job: &Job,
@@ -86,7 +86,7 @@ impl Representation {
             return Ok(Body::from(Bytes::from_owner(Taken::new(JsonOf(results), room))));
         }
         let (id, large) = (job.id, results.bytes() > SHORT);
-        let part = match aside(shared, job.client, large, move || Part::of(&results, excerpt.as_ref())).await? {
+        let part = match run_blocking(shared, job.client, large, move || Part::of(&results, excerpt.as_ref())).await? {
             Ok(part) => part,
             Err(error) => return Err(no_excerpt(shared, job, error).await),
         };
@@ -107,7 +107,7 @@ impl Representation {
             Self::Svg => {
                 let label = job.label.clone();
                 let room = shared.room.take(numbers.saturating_mul(size_of::<f64>())).await;
-                let drawn = aside(shared, job.client, large, move || picture(&part, label.as_deref())).await?;
+                let drawn = run_blocking(shared, job.client, large, move || picture(&part, label.as_deref())).await?;
                 return Ok(Body::from(Bytes::from_owner(Taken::new(
                     drawn.map_err(|error| unreadable(id, &error))?,
                     room,
@@ -126,13 +126,13 @@ impl Representation {
     }
 }
 
-/// Answers up to this size are not counted: what a connection takes is more than they.
+/// The largest size in bytes of responses that take no room: their connection takes more memory than they do.
 const UNCOUNTED: usize = 4 << 10;
 
-/// So few numbers are written at once.
+/// The largest number of values that are written at once.
 const FEW: usize = 256;
 
-/// An answer of so many numbers in pieces, or at once if they are few.
+/// A response with this many numbers: in pieces, or at once if they are few.
 fn pieces(mut answer: Unwritten, numbers: usize, job: JobId, shared: &Shared) -> HandlerResult<Body> {
     if numbers > FEW {
         return Ok(Body::new(Pieces::new(answer, shared.room.clone())));
@@ -150,8 +150,9 @@ impl<S: Send + Sync> FromRequestParts<S> for Representation {
     }
 }
 
-/// Does work on results; on large ones on a thread of its own, few at a time and the clients in turn.
-pub async fn aside<T: Send + 'static>(
+/// Does work on results; if they are large, on a thread for blocking calls, a few at a time, with the clients taking
+/// turns.
+pub async fn run_blocking<T: Send + 'static>(
     shared: &Shared,
     client: Client,
     large: bool,
@@ -165,7 +166,7 @@ pub async fn aside<T: Send + 'static>(
         let _turn = turn;
         work()
     };
-    // The work does not panic; if it did, that would be ours to answer for.
+    // The work is not expected to panic.
     spawn_blocking(work).await.map_err(|_| Problem::plain(Kind::Internal))
 }
 
@@ -181,7 +182,7 @@ fn members(part: &Part, form: MembersForm) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// The JSON of short results, not copied.
+/// The JSON of short results, shared and not copied.
 struct JsonOf(Arc<Results>);
 
 impl AsRef<[u8]> for JsonOf {

@@ -1,13 +1,14 @@
 //! `GET /jobs/{id}/results`, the whole or an excerpt.
 //!
-//! Results do not change, so that a client that has them is told so (`ETag`, RFC 9110, section 13.1.2). The tag is the digest
-//! of their JSON, with what is asked of them. It is a weak one: it is the same however the bytes are compressed on the way.
+//! Results do not change, so that requests can be conditional (`ETag`, RFC 9110, section 13.1.2). The tag consists of
+//! the digest of the results as JSON and a hash of the representation and the excerpt. It is a weak tag, since it does
+//! not depend on the compression of the response.
 //!
-//! A solve that failed or was stopped has results all the same: the trajectory so far, with `status` and `error`
-//! that say so. A problem is answered only where there is no solution at all.
+//! A solve that failed or was stopped has results as well: the trajectory up to the stop, with `status` and `error`.
+//! The response is a problem only if there is no solution at all.
 //!
-//! `Dvi-Trusted` is `true` or `false` with every answer that has results, in whatever form: a table has no place for the
-//! verdict.
+//! `Dvi-Trusted` is `true` or `false` in every response with results, in any representation: a table has no place for
+//! the verdict.
 
 use super::excerpt::ExcerptQuery;
 use super::jobs::unreadable;
@@ -24,10 +25,10 @@ use solution::Excerpt;
 use solution::Solution;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-/// Whether the answer may be relied upon, `true` or `false`.
+/// Whether the solution can be trusted, `true` or `false`.
 const TRUSTED: HeaderName = HeaderName::from_static("dvi-trusted");
 
-/// That the answer is the one to an earlier request with the same text.
+/// The solution is that of an earlier request with the identical specification.
 const REPEATED: HeaderName = HeaderName::from_static("dvi-repeated");
 
 /// Fetch the results of a job.
@@ -84,8 +85,8 @@ pub async fn find_results(
     Ok(response)
 }
 
-/// The same for the same bytes, before they are compressed: the JSON of the whole is known by its digest alone; with another
-/// form goes the version of the program, since another may write it otherwise.
+/// The tag of uncompressed bytes: the digest alone for the whole as JSON. For other representations and excerpts, the
+/// tag includes the version of the program, since another version may format them differently.
 fn entity_tag(held: &Held, representation: Representation, excerpt: Option<&Excerpt>) -> String {
     let digest = held.digest();
     if representation == Representation::Json && excerpt.is_none() {
@@ -96,14 +97,14 @@ fn entity_tag(held: &Held, representation: Representation, excerpt: Option<&Exce
     format!("W/\"{digest}-{:016x}\"", hasher.finish())
 }
 
-/// Whether the client has what `tag` stands for.
+/// Whether the client already has the representation of `tag`.
 fn is_known(tag: &str, headers: &HeaderMap) -> bool {
     let opaque = |tag: &str| tag.trim().trim_start_matches("W/").to_owned();
     let lines = headers.get_all(header::IF_NONE_MATCH).iter().filter_map(|line| line.to_str().ok());
     lines.flat_map(|line| line.split(',')).any(|known| known.trim() == "*" || opaque(known) == opaque(tag))
 }
 
-/// The results of a job that has ended, with the time it waited and the time it took.
+/// The response with the results of an ended job, and with its waiting and solving times.
 pub async fn represent(
     shared: &Shared,
     job: &Job,

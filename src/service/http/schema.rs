@@ -1,4 +1,4 @@
-//! `GET /schema`: the JSON Schema of what is posted to `/solve`.
+//! `GET /schema`: the JSON Schema of specifications, as posted to `/solve`.
 
 use super::problem::Problem;
 use axum::http::{HeaderName, header};

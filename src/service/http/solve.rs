@@ -1,7 +1,7 @@
-//! `POST /solve`: the answer itself if it comes within the time that the client would wait, a monitor if not.
+//! `POST /solve`: the results, if the solve ends within the time that the client waits, and otherwise a monitor.
 //!
-//! A client that goes away while it waits takes its job with it. A client that has been given a monitor may go: the
-//! job lives on.
+//! If a client goes away while it waits, its job is cancelled and deleted. A client that has received a monitor may go:
+//! the job continues.
 
 use super::document::Document;
 use super::event_stream::ServerSentEvent;
@@ -68,7 +68,7 @@ pub async fn solve(
     let representation = match delivery {
         Delivery::Whole(representation) => representation,
         Delivery::Stream => {
-            // Whoever follows a solve is shown one.
+            // A client that asks for a stream of events gets a solve, not a stored solution.
             let job = job(&shared, client, key, &document, false, true).await?;
             return solve_stream::stream(shared, client, job);
         }
@@ -76,7 +76,7 @@ pub async fn solve(
     let wait = preferences.wait();
     let job = job(&shared, client, key, &document, wait.is_zero(), anew).await?;
     let ended = if wait.is_zero() {
-        // One that was posted before may be waited for, and kept by memory alone.
+        // A job posted before, under the same key, may be in memory only.
         shared.jobs.outlive(&job).await?;
         None
     } else {
@@ -100,26 +100,26 @@ pub async fn solve(
     Ok(response)
 }
 
-/// A new job, or the one that was posted before under the same key.
+/// Admits a new job, or returns the earlier job with the same idempotency key.
 async fn job(
     shared: &Shared,
     client: Client,
     key: IdempotencyKey,
     document: &Document,
-    lasting: bool,
+    durable: bool,
     anew: bool,
 ) -> HandlerResult<Arc<Job>> {
     let key = key.0.map(|name| Key::new(name, &document.bytes()));
-    job_under(shared, client, key, document, lasting, anew).await
+    job_under(shared, client, key, document, durable, anew).await
 }
 
-/// The same, under a key that is known.
+/// Admits a new job under a key, or returns the earlier job with that key.
 pub async fn job_under(
     shared: &Shared,
     client: Client,
     key: Option<Key>,
     document: &Document,
-    lasting: bool,
+    durable: bool,
     anew: bool,
 ) -> HandlerResult<Arc<Job>> {
     let document_bytes = document.bytes();
@@ -128,23 +128,23 @@ pub async fn job_under(
     {
         return Ok(job);
     }
-    // ExcerptQuery before the specification is read, so that refusing costs next to nothing.
+    // Check the bounds before the specification is parsed, so that a refusal costs little.
     shared.jobs.admits(client, document_bytes.len())?;
     let (facts, known) = document.checked(shared, client).await?.facts();
     let order = Order { client, facts, known, anew, document: document_bytes, key };
-    Ok(shared.jobs.submit(order, lasting).await?)
+    Ok(shared.jobs.submit(order, durable).await?)
 }
 
-/// The end of a job, if it comes in time. If not, the job is on the disk when this returns.
+/// Waits for the end of a job, for at most `wait`; otherwise the job is durable when this returns `None`.
 async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> HandlerResult<Option<Arc<Ended>>> {
-    let departure = AbandonGuard::watch(Arc::clone(jobs), Arc::clone(job));
+    let guard = AbandonGuard::watch(Arc::clone(jobs), Arc::clone(job));
     let ended = timeout(wait, job.settled()).await.ok().flatten();
-    departure.disarm();
+    guard.disarm();
     if ended.is_some() {
         return Ok(ended);
     }
     if let Err(unwritable) = jobs.outlive(job).await {
-        // Nobody is told its name.
+        // The client has not learned the id of the job.
         jobs.forget(job).await?;
         return Err(unwritable.into());
     }
@@ -154,7 +154,7 @@ async fn wait_for(jobs: &Arc<Jobs>, job: &Arc<Job>, wait: Duration) -> HandlerRe
     })
 }
 
-/// That a job is to be asked for later.
+/// The response 202 with the status of a job.
 pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     let mut response = (StatusCode::ACCEPTED, no_store(), Json(StatusInfo::of(job, jobs))).into_response();
     response.extensions_mut().insert(job.id);
@@ -166,20 +166,21 @@ pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     response
 }
 
-/// Dropped with the waiting request when its client goes away, it forgets the job, whose name nobody was told. Where there
-/// is a key, the client can come back, and another request may wait for the same job: it goes on.
+/// A guard of the waiting request: if it is dropped because the client goes away, it deletes the job, whose id nobody
+/// knows. A job with an idempotency key goes on, since the client can come back, and another request may wait for the
+/// job.
 pub struct AbandonGuard {
     jobs: Arc<Jobs>,
     job: Option<Arc<Job>>,
 }
 
 impl AbandonGuard {
-    /// Watches over the job of a waiting client.
+    /// A guard of the job of a waiting client.
     pub fn watch(jobs: Arc<Jobs>, job: Arc<Job>) -> Self {
         Self { jobs, job: Some(job).filter(|job| !job.has_key()) }
     }
 
-    /// The client has its answer.
+    /// Disarms the guard, since the client gets a response.
     pub fn disarm(mut self) {
         self.job = None;
     }
@@ -190,7 +191,7 @@ impl Drop for AbandonGuard {
         if let Some(job) = self.job.take() {
             tracing::debug!(job.id = %job.id, "the client of job {} went away", job.id);
             let jobs = Arc::clone(&self.jobs);
-            // Without a runtime the process is about to end, and nothing keeps the job.
+            // Without a runtime, the process is about to end, and the job with it.
             if let Ok(runtime) = Handle::try_current() {
                 runtime.spawn(async move { jobs.forget(&job).await });
             }
@@ -198,7 +199,7 @@ impl Drop for AbandonGuard {
     }
 }
 
-/// Whether the client wants no answer that is older than its request: `Cache-Control: no-cache` (RFC 9111, section 5.2.1.4).
+/// Whether the client refuses stored solutions: `Cache-Control: no-cache` (RFC 9111, section 5.2.1.4).
 pub struct Anew(bool);
 
 impl<S: Send + Sync> FromRequestParts<S> for Anew {
@@ -211,10 +212,10 @@ impl<S: Send + Sync> FromRequestParts<S> for Anew {
     }
 }
 
-/// What the client said in `Idempotency-Key`.
+/// The value of `Idempotency-Key`.
 pub struct IdempotencyKey(pub Option<String>);
 
-/// Longer keys are not keys any more.
+/// The longest accepted key, in bytes.
 const LONGEST_KEY: usize = 255;
 
 impl<S: Send + Sync> FromRequestParts<S> for IdempotencyKey {

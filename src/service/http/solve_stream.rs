@@ -1,5 +1,5 @@
-//! `POST /solve` with `Accept: text/event-stream`: the job as it goes, then `result` with the whole solution as JSON, or
-//! `problem` where there is none.
+//! `POST /solve` with `Accept: text/event-stream`: the events of the job, then `result` with the whole solution as
+//! JSON, or `problem` if there is none.
 
 use super::Shared;
 use super::event_stream::{EventSink, Gone, MEDIA_TYPE, event_stream};
@@ -20,12 +20,12 @@ use std::pin::Pin;
 use std::sync::Arc;
 use tracing::Instrument;
 
-/// How a solve is answered.
+/// The form in which a solve is delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// At once, in this form.
+    /// As a whole, in this representation.
     Whole(Representation),
-    /// As it goes.
+    /// As a stream of events.
     Stream,
 }
 
@@ -40,17 +40,17 @@ impl<S: Send + Sync> FromRequestParts<S> for Delivery {
     }
 }
 
-/// Answers with the stream of a job that has just been accepted; the job is forgotten if its client goes away.
+/// The response with the event stream of a new job; the job is deleted if its client goes away.
 ///
 /// # Errors
 /// [`Kind::TooManyStreams`].
 pub fn stream(shared: Shared, client: Client, job: Arc<Job>) -> HandlerResult<Response> {
-    let departure = AbandonGuard::watch(Arc::clone(&shared.jobs), Arc::clone(&job));
+    let guard = AbandonGuard::watch(Arc::clone(&shared.jobs), Arc::clone(&job));
     let place = place(&shared)?;
     let (sink, response) = event_stream();
     let told = async move {
         if tell(&shared, client, &job, &sink).await.is_ok() {
-            departure.disarm();
+            guard.disarm();
         }
         drop(place);
     };

@@ -1,4 +1,4 @@
-//! The state of a job on the wire: the `statusInfo` of OGC API - Processes, part 1.
+//! The status of a job in responses: the `statusInfo` of OGC API - Processes, part 1.
 
 use super::problem::Problem;
 use crate::context::address;
@@ -66,12 +66,12 @@ struct Link {
 }
 
 impl StatusInfo {
-    /// The word for where it stands.
+    /// The status as one word.
     pub fn status(&self) -> &'static str {
         self.status
     }
 
-    /// The state of `job` at this moment.
+    /// The present status of `job`.
     pub fn of(job: &Job, jobs: &Jobs) -> Self {
         let state = job.state();
         let (status, message) = match &state {
@@ -81,7 +81,7 @@ impl StatusInfo {
         };
         let verdict = match &state {
             State::Accepted(_) | State::Running { .. } => None,
-            // What is not shown is not judged either.
+            // Damaged results are not served, and neither is their verdict.
             State::Ended(ended) => ended.verdict.clone().filter(|_| !ended.damaged),
         };
         let (started, finished) = match &state {
@@ -99,7 +99,7 @@ impl StatusInfo {
             (100, end)
         } else {
             let done = done.clamp(0.0, 1.0);
-            // Rounded down: one hundred is said of nothing that is not done.
+            // Rounded down: only a successful job has 100 per cent.
             ((done * 100.0).min(99.0) as u8, start + done * (end - start))
         };
         let queue_position = matches!(state, State::Accepted(_)).then(|| jobs.position(job)).flatten();

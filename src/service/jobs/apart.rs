@@ -1,5 +1,5 @@
-//! A store is looked at, before it is opened, in a process of its own: what a damaged page makes of the library of the database
-//! ends that process, and is a damaged store to this one, which has it built anew.
+//! Checks of a store in a child process, before the store is opened: a fault that a damaged page causes in the database
+//! library ends that child process alone, and is taken for a damaged store, which is then rebuilt.
 
 use super::database::Database;
 use super::guarded::guarded;
@@ -19,42 +19,44 @@ use std::sync::Arc;
 use std::thread::{sleep, spawn};
 use std::time::{Duration, Instant};
 
-/// The code with which a process ends that has found a store damaged, or has mended one and could not mend all of it.
+/// The exit code of a process that has found a store damaged, or has repaired one with losses.
 pub const DAMAGED: u8 = 1;
 
-/// A process that follows pages in a circle may not end by itself. It has a while to start on a busy machine, and then the time
-/// that the slowest disk takes to read the file.
+/// The time limit of a child process, since one that follows a cycle of pages may not end by itself: a start-up time,
+/// for a busy machine, and the time in which a slow disk reads the file.
 const START: Duration = Duration::from_secs(30);
 const BYTES_PER_SECOND: u64 = 4 << 20;
 
-/// The time between two looks at it.
+/// The time between two polls of the child process.
 const LOOK: Duration = Duration::from_millis(1);
 
-/// Whether the pages of the store in `folder` are what was written, read through in the way that a start would. Where that cannot be
-/// said, since another process uses the store or it is of another version, whoever opens it is told.
+/// Whether the pages of the store in `folder` are intact, read in the way in which a start reads them. Where this
+/// cannot be decided, since another process uses the store or another version wrote it, the result is true: opening the
+/// store reports why.
 pub fn is_sound(folder: &Path) -> bool {
-    // Whoever asked is told enough by its end.
+    // The exit code is report enough: no core file.
     let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
     let Ok(overlay) = Overlay::open(&folder.join("jobs.redb")) else { return true };
     let redb = match guarded(|| Ok(Builder::new().create_with_backend(overlay.clone())?)) {
         Ok(redb) => redb,
         Err(error) => return !is_damage(&error),
     };
-    // Rows without digests cannot be told from others: those of the first format are left to the start.
+    // Rows of the first format have no digests to check: they are left to the start.
     guarded(|| tables::has_first_rows(&redb)).unwrap_or(false) || Database::looked_at(redb).is_sound()
 }
 
-/// Has the store in `folder` looked at by a process of `program`, and built anew if it is damaged; whether it was.
+/// Has a process of `program` check the store in `folder`, and rebuilds the store if it is damaged. Returns whether it
+/// was rebuilt.
 ///
 /// # Errors
-/// Those of the disk.
+/// I/O errors of the disk.
 pub fn heal(program: &OsStr, folder: &Path) -> io::Result<bool> {
     let path = folder.join("jobs.redb");
     let bytes = match path.metadata() {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
         data => data?.len(),
     };
-    // One that has yet to be made.
+    // An empty file: the database has yet to be created.
     if bytes == 0 {
         return Ok(false);
     }
@@ -65,7 +67,7 @@ pub fn heal(program: &OsStr, folder: &Path) -> io::Result<bool> {
         Some(_) => return Ok(false),
         None => tracing::error!("pages of the database lead in a circle; it is built anew"),
     }
-    // From its tables, if they can be read.
+    // First from its tables, if they can be read.
     let (mended, told) = run("repair")?;
     if matches!(mended, Some(0 | DAMAGED)) && run("examine")?.0 == Some(0) {
         told.lines().for_each(|line| tracing::warn!("{line}"));
@@ -76,7 +78,8 @@ pub fn heal(program: &OsStr, folder: &Path) -> io::Result<bool> {
     Ok(true)
 }
 
-/// Runs a process over the store; the code with which it ended by itself, if it did in its time, and what it said.
+/// Runs `program` on the store; returns the exit code, `None` if it ended otherwise or was killed at its time limit,
+/// and its output.
 fn run(program: &OsStr, action: &str, folder: &Path, most: Duration) -> io::Result<(Option<u8>, String)> {
     let mut process = Command::new(program)
         .arg0("dvi")
@@ -89,7 +92,7 @@ fn run(program: &OsStr, action: &str, folder: &Path, most: Duration) -> io::Resu
     let out = process.stdout.take();
     let reader = spawn(move || {
         let mut told = String::new();
-        // What was said before its end is what there is.
+        // After a read error, the output so far is kept.
         let _ = out.map(|mut out| out.read_to_string(&mut told));
         told
     });

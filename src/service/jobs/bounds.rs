@@ -1,4 +1,4 @@
-//! How much a service takes on, and why it takes on no more.
+//! The bounds of a service, and the reasons to refuse a job.
 
 use super::index::Mismatch;
 use super::intake::{Intake, UNMEASURED};
@@ -7,35 +7,35 @@ use super::writer::Unwritable;
 use super::{Retention, Room};
 use std::time::Duration;
 
-/// How much is taken on.
+/// The bounds of a service.
 #[derive(Clone, Copy, Debug)]
 pub struct Bounds {
-    /// Solves that run to their ends at a time, beside those in relief.
+    /// The number of solves that run to their end at a time, without those on relief workers.
     pub workers: usize,
-    /// What may wait.
+    /// The bounds of the queue.
     pub queue: Room,
-    /// Accepted steps that a solve may make.
+    /// The largest number of accepted steps of a solve.
     pub steps: u64,
-    /// Bytes that a solve may take, by the estimate.
+    /// The largest estimated memory of a solve, in bytes.
     pub memory: usize,
-    /// Time a job may run.
+    /// The wall-time limit of a job.
     pub wall: Duration,
-    /// Bytes of the JSON of one result.
+    /// The largest size of one result as JSON, in bytes.
     pub result_bytes: usize,
-    /// How much of the past is kept.
+    /// The bounds on ended jobs.
     pub retention: Retention,
 }
 
 impl Bounds {
-    /// The memory that a worker may hold between jobs: an eighth of what a solve may take, and of what is left behind by
-    /// small ones.
+    /// The memory that a worker may keep between jobs, in bytes: an eighth of what a solve may take, and an allowance
+    /// for what small solves leave behind.
     pub fn kept_by_worker(&self) -> u64 {
         (self.memory / 8 + (64 << 20)) as u64
     }
 
-    /// Why nothing more goes in, and when there should be room again.
-    pub fn refusal(&self, intake: &Intake, full: Full) -> AdmissionError {
-        // One in ten of the places: whoever comes back then finds one, even if others come back too.
+    /// The error for a full queue, with the time after which there should be room.
+    pub fn admission_error(&self, intake: &Intake, full: Full) -> AdmissionError {
+        // Wait for a tenth of the places: a client that comes back then finds one, even if others come back too.
         match full {
             Full::Queue => AdmissionError::QueueFull(intake.time_for(self.queue.places.div_ceil(10))),
             Full::Bytes => AdmissionError::QueueBytes(intake.time_for(intake.queue.len().div_ceil(10))),
@@ -46,28 +46,28 @@ impl Bounds {
     }
 }
 
-/// Why a job is not taken on.
+/// Why a job is not admitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AdmissionError {
-    /// Every place in the queue is taken; there should be one after this time.
+    /// Every place in the queue is taken; one should be free after this time.
     QueueFull(Duration),
-    /// The specifications that wait are as large as they may be; there should be room after this time.
+    /// The waiting specifications have reached their total size; there should be room after this time.
     QueueBytes(Duration),
-    /// The client has its share of the queue; it should have a place after this time.
+    /// The client has its share of the queue; a place of its own should be free after this time.
     ClientShare(Duration),
-    /// The solve would take this many bytes, which are more than it may.
+    /// The solve is estimated to take this many bytes, more than a solve may take.
     Memory(usize),
     /// The service is about to stop.
     Draining,
-    /// Something else was posted under the key.
+    /// A different document was posted under the key.
     KeyReused,
     /// The first job under the key is still being stored.
     KeyInUse,
-    /// The disk takes nothing.
+    /// The disk refuses writes.
     Unwritable,
 }
 
-/// There is no room to wait for a check either.
+/// The room to wait for a check is full as well; its drain rate is not measured.
 impl From<Full> for AdmissionError {
     fn from(full: Full) -> Self {
         match full {

@@ -1,4 +1,4 @@
-//! Changes to the tables of jobs, and how many of them are made in one transaction.
+//! Changes to the tables of jobs, and the transaction that makes a group of them.
 
 use super::seal::seal;
 use super::tables::{FORGOTTEN, JOBS, RESULTS, SPECIFICATIONS, STARTS};
@@ -6,54 +6,54 @@ use super::{JobId, Record, Results};
 use redb::{Database, ReadableTable, WriteTransaction};
 use std::sync::Arc;
 
-/// What happens to rows; all of it or nothing.
+/// A change to the rows of jobs, made as a whole or not at all.
 #[derive(Debug, Default)]
 pub struct Change {
-    /// A job's row, new or anew.
+    /// A job's row, to be inserted or replaced.
     pub record: Option<(JobId, Vec<u8>)>,
-    /// What was posted for that job.
+    /// The specification posted for that job.
     pub document: Option<Arc<[u8]>>,
-    /// What came of it.
+    /// The results of that job.
     pub results: Option<Arc<Results>>,
-    /// Jobs of which nothing is to be left. Their names stay until their files are removed.
+    /// Jobs whose rows are to be removed. Their ids are kept until their files are removed.
     pub forgotten: Vec<JobId>,
-    /// Those of which nothing is left.
+    /// Deleted jobs whose files have been removed, so that their ids are removed too.
     pub discarded: Vec<JobId>,
 }
 
 impl Change {
-    /// Writes a row.
+    /// A change that writes a row.
     pub fn record(id: JobId, record: &Record) -> Self {
         // Strings and finite numbers always have a JSON form.
         Self { record: Some((id, serde_json::to_vec(record).unwrap_or_default())), ..Self::default() }
     }
 
-    /// Whether it takes hardly any room, or gives some back.
+    /// Whether the change takes hardly any room, or frees some.
     pub fn is_small(&self) -> bool {
         self.document.is_none() && self.results.is_none()
     }
 
-    /// The bytes of what it adds.
+    /// The size of the added data, in bytes.
     pub fn bytes(&self) -> usize {
         let document = self.document.as_ref().map_or(0, |document| document.len());
         document + self.results.as_ref().map_or(0, |results| results.bytes())
     }
 
-    /// Removes every row of these jobs.
+    /// A change that removes every row of these jobs.
     pub fn forgotten(forgotten: Vec<JobId>) -> Self {
         Self { forgotten, ..Self::default() }
     }
 }
 
-/// Makes `changes`, in their order, and counts a start of the service if there is one: all of it or nothing, for good when it
-/// returns.
+/// Makes `changes`, in their order, and counts a start of the service if one is given, in one durable transaction: all
+/// of them or none.
 pub fn write<'a>(
     redb: &Database,
     changes: impl IntoIterator<Item = &'a Change>,
     start: Option<u64>,
 ) -> Result<(), redb::Error> {
     let mut transaction = redb.begin_write()?;
-    // A kill at any moment then leaves a file that opens at once.
+    // So that the file opens at once after a kill at any moment.
     transaction.set_quick_repair(true);
     make(&transaction, changes, start)?;
     transaction.commit()?;
@@ -75,7 +75,7 @@ fn make<'a>(
             if let Some(document) = &change.document {
                 specifications.insert(id.number(), &**document)?;
             } else if jobs.get(id.number())?.is_none() {
-                // News of a job that could not be stored.
+                // An update of a job whose insertion failed.
                 continue;
             }
             jobs.insert(id.number(), seal(*id, record).as_slice())?;

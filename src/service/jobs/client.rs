@@ -1,28 +1,28 @@
-//! Whoever shares the service with others: the holder of a token, or, where none is asked for, all that comes from one
-//! address.
+//! A party that shares the service with others: the holder of a token, or, where no tokens are required, all requests
+//! from one address.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::net::IpAddr;
 
-/// A client. Its jobs are its own, and it takes turns with the others.
+/// A client. It sees its own jobs only, and takes turns with the other clients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Client {
-    /// All that comes from there.
+    /// All requests from this address.
     Address(IpAddr),
-    /// Whoever has the token of this number.
+    /// The holder of the token with this number.
     Token(u64),
 }
 
 impl Client {
-    /// The client at `address`; an IPv4 address is the same client when it comes mapped into IPv6.
+    /// The client at `address`; an IPv4 address mapped into IPv6 is the same client.
     pub fn at(address: IpAddr) -> Self {
         Self::Address(address.to_canonical())
     }
 }
 
-/// As logs name it; the number of a token is no secret.
+/// The name in logs; the number of a token is no secret.
 impl fmt::Display for Client {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -1,20 +1,21 @@
-//! What the end of a process says against the jobs that ran in it: they start again with the next, unless they seem to be what
-//! ended it.
+//! The evidence that the death of a process gives against the jobs that ran in it: the next process starts them again,
+//! unless they seem to have caused the death.
 
 use super::Record;
 use super::ended::{Ended, Ending, Fault};
 
-/// A job that was the only one running this often when its process ended, and the system had run out of memory, is not started
-/// again: beside others, any of them may have taken it.
+/// A job that ran alone this often when its process died, while the system had run out of memory, is not started again.
+/// If other jobs ran beside it, any of them may have used up the memory.
 const MOST_SHORTAGES: u32 = 2;
 
-/// The same where nothing says that it had: who ends a process from outside, by a signal or the power, says nothing of the
-/// job that runs. One that is met by two kills of five, as short jobs are where a service is killed every 50 ms, is met by
-/// so many in a row once in two million times.
+/// A job that ran alone this often when its process died, without a memory shortage, is not started again. A kill from
+/// outside or a power failure says nothing against the running job, but the count bounds the attempts: a job that meets
+/// two kills of five, as a short job does if the service is killed every 50 ms, meets 16 in a row once in two million
+/// times.
 pub const MOST_KILLS: u32 = 16;
 
-/// Brings a row up to date after the end of its process, in which the job was `running` or not, no other if it `is_alone`, and
-/// memory `was_short` or not; says whether it has changed.
+/// Updates the row of a job after the death of its process, in which the job was `running` or not, alone if `is_alone`,
+/// and in which memory `was_short` or not. Returns whether the row has changed.
 pub fn recover(record: &mut Record, running: bool, is_alone: bool, was_short: bool) -> bool {
     if record.ended.is_some() {
         return false;

@@ -1,4 +1,4 @@
-//! The tables of jobs, and the changes that are made to them, many in one transaction.
+//! The tables of jobs, and the changes made to them, many in one transaction.
 
 use super::change::{Change, write};
 use super::guarded::guarded;
@@ -19,46 +19,47 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
 
-/// Pages kept in memory. What is read again soon was just written; the rest is for the system's own cache.
+/// The page cache of the database library, in bytes. Pages are read again soon after they are written; for the rest
+/// there is the page cache of the system.
 pub(super) const CACHE_BYTES: usize = 64 << 20;
 
-/// What the database knows of jobs.
+/// The rows of all jobs.
 #[derive(Debug, Default)]
 pub struct Rows {
-    /// Those that can be read.
+    /// The rows that can be read.
     pub records: Vec<(JobId, Record)>,
-    /// The names of those that are as they were written, by a version that writes them otherwise.
+    /// The ids of intact rows in the format of another version.
     pub unreadable: Vec<JobId>,
-    /// The names of those that are not as they were written, or gone.
+    /// The ids of rows that are damaged or missing.
     pub damaged: Vec<JobId>,
-    /// The names of those that were so when the database was built anew.
+    /// The ids of rows that were damaged or missing at an earlier rebuild.
     pub lost: Vec<JobId>,
     /// Whether a page could not be read.
     pub is_broken: bool,
 }
 
-/// The database of one process: the file is locked.
+/// The open database; its file is locked against other processes.
 ///
-/// A page that the disk has changed can make the library fail or panic, after which it may refuse everything: it is then
-/// opened anew, so that one bad page shuts no other. Where such a page is in the way of a change, the database is
-/// built anew from what can be read.
+/// A corrupted page can make the library fail or panic, after which it may refuse all further calls: the database is
+/// then reopened, so that one bad page does not block access to the others. If a corrupted page prevents a change, the
+/// database is rebuilt from what can be read.
 pub struct Database {
     open: Box<Open>,
-    /// Nothing where it could not be opened anew.
+    /// `None` if it could not be reopened.
     redb: RwLock<Option<Redb>>,
-    /// Nothing where it is only looked at.
+    /// `None` if the database is only inspected and must not be rebuilt.
     home: Option<Home>,
 }
 
-/// How the library opens it.
+/// Opens or reopens the file.
 type Open = dyn Fn() -> io::Result<Redb> + Send + Sync;
 
 impl Database {
-    /// The database at `path`, made if it is not there, whose blocks have those sums.
+    /// A function that opens the database at `path`, creating it the first time, with the checksums of its blocks.
     pub fn at(path: &Path, sums: Arc<Mutex<Sums>>) -> impl Fn() -> io::Result<Redb> + Send + Sync + use<> {
         let (path, opened) = (path.to_owned(), AtomicBool::new(false));
         move || {
-            // A file that is gone is not made again: what it held would seem to be lost.
+            // A file that has disappeared is not created again: its jobs would seem to be lost.
             if opened.load(Relaxed) && !path.exists() {
                 return Err(io::ErrorKind::NotFound.into());
             }
@@ -70,11 +71,11 @@ impl Database {
         }
     }
 
-    /// Opens the database and brings it up to date; gives the format that it had, if there was anything. `file` looks at the
-    /// file of results of a job, and puts columns beside it if it may.
+    /// Opens the database and converts it to the present format; also returns its former format, `None` if it was
+    /// empty. `file` examines the results file of a job, and may write columns beside it.
     ///
     /// # Errors
-    /// It is in use by another process, is no database or one of a later version, or cannot be made.
+    /// The file is in use by another process, is no database or one of a later version, or cannot be created.
     pub fn open(
         open: impl Fn() -> io::Result<Redb> + Send + Sync + 'static,
         file: &dyn Fn(JobId) -> Option<InFile>,
@@ -90,63 +91,64 @@ impl Database {
             );
             return Err(io::Error::new(io::ErrorKind::Unsupported, told));
         }
-        // Also makes the tables, without which they could not be read.
+        // Also creates the tables, which must exist to be read.
         if format != Some(FORMAT) {
             guarded(|| tables::make(&redb, format, file))?;
         }
         Ok((Self { open: Box::new(open), redb: RwLock::new(Some(redb)), home: None }, format))
     }
 
-    /// The same of the file at `path`, made if it is not there, which may be built anew.
+    /// Opens the database at `path`, creating it if needed, for a service that may rebuild it.
     ///
     /// # Errors
-    /// As of [`Database::open`].
+    /// See [`Database::open`].
     pub fn in_file(path: &Path, file: &dyn Fn(JobId) -> Option<InFile>) -> io::Result<(Self, Option<u64>)> {
         let sums = Arc::default();
         let (database, format) = Self::open(Self::at(path, Arc::clone(&sums)), file)?;
         Ok((Self { home: Some(Home::of(path, sums)?), ..database }, format))
     }
 
-    /// One that is only looked at, and not opened again.
+    /// A database that is only inspected, and cannot be reopened.
     pub fn looked_at(redb: Redb) -> Self {
         let open = || Err(io::ErrorKind::NotConnected.into());
         Self { open: Box::new(open), redb: RwLock::new(Some(redb)), home: None }
     }
 
-    /// Whether its file is where it was opened.
+    /// Whether the opened file is still at its path.
     pub fn is_in_place(&self) -> bool {
         self.home.as_ref().is_none_or(Home::is_in_place)
     }
 
-    /// Counts that it was built anew before it was opened.
+    /// Counts a rebuild before the opening.
     pub fn count_rebuild(&self) {
         if let Some(home) = &self.home {
             home.count_rebuild();
         }
     }
 
-    /// How often it was built anew.
+    /// The number of times the database was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.home.as_ref().map_or(0, Home::rebuilds)
     }
 
-    /// What is known of jobs beside it, from now on.
+    /// Sets the source of rows for a rebuild.
     pub fn remember(&self, memory: Memory) {
         if let Some(home) = &self.home {
             home.remember(memory);
         }
     }
 
-    /// Builds it anew from what can be read; its file stays beside under another name. The reason is told with what is lost.
+    /// Rebuilds the database from what can be read; the damaged file is kept under another name. Logs `reason` and the
+    /// losses.
     ///
     /// # Errors
-    /// Those of the disk; nothing has changed.
+    /// I/O errors of the disk; the database is unchanged.
     pub fn rebuild(&self, reason: &io::Error) -> io::Result<Salvaged> {
         let Some(home) = &self.home else { return Err(io::ErrorKind::ReadOnlyFilesystem.into()) };
         let source = if self.can_be_opened() { Source::Tables(self) } else { Source::leaves(home.path())? };
         let (rebuilt, salvaged) = home.rebuild(&source, reason)?;
         let last = self.redb.write().unwrap_or_else(PoisonError::into_inner).replace(rebuilt);
-        // Whatever its last page says: it is not used any more.
+        // Closing the damaged database may fail, which no longer matters.
         let _ = guarded(|| {
             drop(last);
             Ok(())
@@ -154,7 +156,7 @@ impl Database {
         Ok(salvaged)
     }
 
-    /// Whether every page is as it was written. Writes what it mends.
+    /// Whether every page is intact. May write repairs to the file.
     pub fn is_sound(&self) -> bool {
         let sound = match &mut *self.redb.write().unwrap_or_else(PoisonError::into_inner) {
             Some(redb) => guarded(|| Ok(redb.check_integrity()?)),
@@ -168,10 +170,10 @@ impl Database {
         sound.unwrap_or(false)
     }
 
-    /// Gives room that is not needed any more back to the disk.
+    /// Compacts the file, which returns unused room to the disk.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn shrink(&self) -> io::Result<()> {
         let shrunk = match &mut *self.redb.write().unwrap_or_else(PoisonError::into_inner) {
             Some(redb) => guarded(|| {
@@ -188,18 +190,18 @@ impl Database {
         shrunk
     }
 
-    /// Makes `changes`, in their order, for good when it returns.
+    /// Makes `changes`, in their order, durably.
     ///
     /// # Errors
-    /// Those of the disk; nothing has changed.
+    /// I/O errors of the disk; the database is unchanged.
     pub fn apply<'a>(&self, changes: impl IntoIterator<Item = &'a Change> + Clone) -> io::Result<()> {
         self.insist(|redb| write(redb, changes.clone(), None))
     }
 
-    /// Makes `changes` and counts a start of the service, all in one.
+    /// Makes `changes` and stores the number of a start of the service, in one transaction.
     ///
     /// # Errors
-    /// Those of the disk; nothing has changed.
+    /// I/O errors of the disk; the database is unchanged.
     pub fn start(&self, changes: &[Change], start: u64) -> io::Result<()> {
         self.insist(|redb| write(redb, changes, Some(start)))
     }
@@ -207,12 +209,12 @@ impl Database {
     /// The number of the latest start.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn starts(&self) -> io::Result<u64> {
         self.with(|redb| Ok(redb.begin_read()?.open_table(STARTS)?.get(())?.map_or(0, |start| start.value())))
     }
 
-    /// Every row, oldest job first; one that cannot be read is named in the log and left as it is.
+    /// All rows, oldest job first; rows that cannot be read are logged and left as they are.
     pub fn records(&self) -> Rows {
         let all = RefCell::new(Rows::default());
         let whole = self.scan(JOBS, &|id, sealed| {
@@ -241,20 +243,20 @@ impl Database {
         rows
     }
 
-    /// The jobs whose rows were lost when the database was built anew.
+    /// The jobs whose rows were lost in a rebuild.
     pub(super) fn lost(&self) -> io::Result<Vec<JobId>> {
         self.named(LOST)
     }
 
-    /// Forgotten jobs whose files were not removed before the process ended.
+    /// Deleted jobs whose files were not removed before the process ended.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn forgotten(&self) -> io::Result<Vec<JobId>> {
         self.named(FORGOTTEN)
     }
 
-    /// The names in a table that has nothing else, and may be absent.
+    /// The ids in a table without values, which may be absent.
     fn named(&self, table: TableDefinition<'_, u128, ()>) -> io::Result<Vec<JobId>> {
         self.with(|redb| {
             let names = match redb.begin_read()?.open_table(table) {
@@ -265,7 +267,7 @@ impl Database {
         })
     }
 
-    /// Every name in any of the tables, from both ends to the first page that cannot be read.
+    /// All ids in any table, read from both ends up to the first page that cannot be read.
     pub fn names(&self) -> BTreeSet<JobId> {
         let mut names = self.names_in(JOBS);
         names.extend(self.names_in(SPECIFICATIONS));
@@ -273,7 +275,7 @@ impl Database {
         names
     }
 
-    /// Every name in a table, likewise.
+    /// All ids in a table, read from both ends up to the first page that cannot be read.
     fn names_in<V>(&self, table: TableDefinition<'_, u128, V>) -> BTreeSet<JobId>
     where
         V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
@@ -283,13 +285,13 @@ impl Database {
             names.borrow_mut().insert(id);
             ControlFlow::Continue(())
         };
-        // Up to a page that cannot be read, from either end.
+        // An error leaves the ids found from either end.
         let _ = self.scan(table, &visit);
         names.into_inner()
     }
 
-    /// Shows every row of a table, oldest job first; where a page cannot be read, those before it, and then those behind it
-    /// from the last one on. Stops where `visit` says so.
+    /// Visits the rows of a table, oldest job first. If a page cannot be read, visits the rows before it, and then
+    /// those behind it, from the last one backwards. Stops when `visit` breaks.
     ///
     /// # Errors
     /// A page could not be read.
@@ -317,23 +319,23 @@ impl Database {
         through(false).inspect_err(|_| drop(through(true)))
     }
 
-    /// What was posted for a job.
+    /// The posted document of a job.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn document(&self, id: JobId) -> io::Result<Option<Vec<u8>>> {
         self.find(SPECIFICATIONS, id)
     }
 
-    /// The results of a job, where they are in the table.
+    /// The results of a job, if they are in the table.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn results(&self, id: JobId) -> io::Result<Option<Vec<u8>>> {
         self.find(RESULTS, id)
     }
 
-    /// A row of a table.
+    /// The value of a job in a table.
     pub(super) fn find<V>(&self, table: TableDefinition<'_, u128, V>, id: JobId) -> io::Result<Option<Vec<u8>>>
     where
         V: for<'a> redb::Value<SelfType<'a> = &'a [u8]> + 'static,
@@ -344,7 +346,7 @@ impl Database {
         })
     }
 
-    /// Changes the database, built anew once where a damaged page is in the way.
+    /// Makes a change; if a damaged page prevents it, rebuilds the database once and tries again.
     fn insist<T>(&self, work: impl Fn(&Redb) -> Result<T, redb::Error>) -> io::Result<T> {
         let done = self.with(&work);
         let Err(damage) = &done else { return done };
@@ -364,7 +366,7 @@ impl Database {
         done
     }
 
-    /// Works with the database, opened anew first where it is not open and afterwards where the work failed.
+    /// Calls `work` with the database, reopening it first if it is not open, and afterwards if `work` failed.
     fn with<T>(&self, work: impl Fn(&Redb) -> Result<T, redb::Error>) -> io::Result<T> {
         if self.redb.read().unwrap_or_else(PoisonError::into_inner).is_none() {
             self.reopen()?;
@@ -381,15 +383,15 @@ impl Database {
         done
     }
 
-    /// Whether it is open, or was not and is now.
+    /// Whether the database is open, after an attempt to reopen it if it was not.
     fn can_be_opened(&self) -> bool {
         self.redb.read().unwrap_or_else(PoisonError::into_inner).is_some() || self.reopen().is_ok()
     }
 
-    /// Opens the database anew.
+    /// Closes the database, if it is open, and opens it again.
     ///
     /// # Errors
-    /// As of [`Database::open`].
+    /// See [`Database::open`].
     pub fn reopen(&self) -> io::Result<()> {
         let mut redb = self.redb.write().unwrap_or_else(PoisonError::into_inner);
         guarded(|| {
@@ -402,7 +404,7 @@ impl Database {
 }
 
 impl Rows {
-    /// Takes in what was found of the row of a job.
+    /// Sorts in the stored form of a job's row; `None` if it was not found.
     fn take(&mut self, id: JobId, sealed: Option<&[u8]>) {
         match sealed.and_then(|sealed| unseal(id, sealed)).map(serde_json::from_slice) {
             Some(Ok(record)) => self.records.push((id, record)),

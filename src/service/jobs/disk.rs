@@ -1,17 +1,17 @@
 //! The folder of a durable service:
 //!
 //! ```text
-//! jobs.redb         a row a job, its specification, its result if that is small
-//! jobs.redb.damaged-TIME what it was before it was built anew
-//! results/ID.columns a long result
-//! results/ID.json   one of a version before format 3, that could not be made one of columns
-//! results.orphaned  results that no row names, as of a database that was lost
-//! reserve           room held back, for deletes where the disk is full
-//! running-N         what the workers of the Nth start are at
+//! jobs.redb              for each job its row, its specification, and its results if they are short
+//! jobs.redb.damaged-TIME the damaged file that a rebuild has replaced
+//! results/ID.columns     long results
+//! results/ID.json        long results of a version before format 3 that could not be converted to columns
+//! results.orphaned       results whose job has no row, for instance since the database was lost
+//! reserve                reserved room, so that jobs can be deleted on a full disk
+//! running-N              the marks of the running jobs of the Nth start
 //! ```
 //!
-//! A start removes nothing that was once accepted or solved: the database may be missing, or of another version, by a
-//! mistake that can be mended.
+//! A start removes no admitted job and no result: the database may be missing, or of another version, by a mistake that
+//! can be corrected.
 
 use super::apart;
 use super::change::Change;
@@ -35,19 +35,19 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::{fs, io};
 
-/// The folder of results that no job names.
+/// The folder of results whose job has no row.
 const ORPHANS: &str = "results.orphaned";
 
-/// What a start found.
+/// The contents of the folder at a start.
 #[derive(Debug, Default)]
 pub struct Found {
     /// The jobs of earlier processes, oldest first.
     pub records: Vec<(JobId, Record)>,
-    /// Jobs that cannot be read.
+    /// The number of jobs whose rows another version wrote.
     pub unreadable: usize,
-    /// Jobs whose rows are not as they were written.
+    /// Jobs whose rows are damaged or lost.
     pub damaged: HashSet<JobId>,
-    /// Results that were set aside.
+    /// The number of results that were set aside.
     pub orphaned: usize,
 }
 
@@ -61,12 +61,12 @@ pub struct Disk {
 }
 
 impl Disk {
-    /// Opens the folder, made if it is not there, with the jobs of earlier processes, oldest first. Jobs that were running
-    /// have one crash more; those with too many have failed.
+    /// Opens the folder, creating it if needed, and loads the jobs of earlier processes, oldest first. A job that was
+    /// running counts one more crash, and has failed if there are too many. With a `program`, a child process of it
+    /// checks the database first.
     ///
     /// # Errors
-    /// Another process uses the folder, or those of the disk.
-    /// Where there is a `program`, a process of it looks at the database first.
+    /// Another process uses the folder, or the disk reports an I/O error.
     pub fn open(folder: &Path, program: Option<&OsStr>) -> io::Result<(Self, Found)> {
         Self::recover(folder, program)
             .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", folder.display())))
@@ -79,7 +79,7 @@ impl Disk {
         let files = Arc::new(Files::open(folder.join("results"))?);
         let reserve = Reserve::at(folder.join("reserve"));
         let open = || Database::in_file(&path, &|id| files.put_beside(id));
-        // On a full disk the room held back may be just what it takes.
+        // On a full disk, the reserve may be just the room that the opening takes.
         let (database, format) = open().or_else(|error| {
             if error.kind() != io::ErrorKind::StorageFull {
                 return Err(error);
@@ -108,7 +108,7 @@ impl Disk {
         }
         let (running, was_short) = Marks::read(&Marks::path(folder, start))?;
         let running: HashSet<_> = running.into_iter().collect();
-        // What the last process did not come to.
+        // Files of deleted jobs that the last process did not get to remove.
         let forgotten = database.forgotten().unwrap_or_default();
         forgotten.iter().try_for_each(|id| files.remove(*id))?;
         let mut changes = vec![Change { discarded: forgotten, ..Change::default() }];
@@ -118,12 +118,12 @@ impl Disk {
                 changes.push(Change::record(*id, record));
             }
         }
-        // In the same transaction: marks that have been counted once are those of an earlier start.
+        // One transaction for the changes and the number of the start: a crash is counted once.
         database.start(&changes, start + 1).or_else(|_| {
             reserve.release();
             database.start(&changes, start + 1)
         })?;
-        // Those of the last start have been counted, and earlier ones are of no use.
+        // The marks of the last start have been counted, and older ones are obsolete.
         Marks::all(folder)?.into_iter().try_for_each(|(_, path)| fs::remove_file(path))?;
         let marks = Marks::create(&Marks::path(folder, start + 1))?;
         let named = records.iter().map(|(id, _)| id).chain(&unreadable).chain(&damaged).copied().collect();
@@ -139,7 +139,7 @@ impl Disk {
         Ok((Self { database, files, marks, writer }, found))
     }
 
-    /// A place for a change, as soon as there is one.
+    /// Waits for a slot in the queue of changes.
     ///
     /// # Errors
     /// The store cannot be written.
@@ -147,12 +147,12 @@ impl Disk {
         self.writer.place().await
     }
 
-    /// Asks `memory` for what the database has lost, should it be built anew.
+    /// Sets the source of rows that the database has lost, for a rebuild.
     pub fn remember(&self, memory: Memory) {
         self.database.remember(memory);
     }
 
-    /// How often the database was built anew.
+    /// The number of times the database was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.database.rebuilds()
     }
@@ -167,11 +167,11 @@ impl Disk {
         &self.marks
     }
 
-    /// Puts away a large result, for good when it returns; a small one is given back, for the change that tells of
+    /// Writes long results to their file, durably; short ones are returned, to be written in the change that records
     /// the end.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn put_away(&self, id: JobId, ended: Ended) -> io::Result<(Ended, Option<Arc<Results>>)> {
         let Some(Held::Memory(results)) = &ended.held else { return Ok((ended, None)) };
         let results = Arc::clone(results);
@@ -184,38 +184,38 @@ impl Disk {
         })
     }
 
-    /// A file for results that may not stay.
+    /// The path of a scratch file for the results of a job.
     pub fn scratch(&self, id: JobId) -> PathBuf {
         self.files.scratch(id)
     }
 
-    /// Removes all that there is of these jobs.
+    /// Removes the rows and the files of these jobs.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn erase(&self, jobs: Vec<JobId>) -> io::Result<()> {
         jobs.iter().for_each(|id| self.discard(*id));
         self.database.apply(&[Change::forgotten(jobs)])
     }
 
-    /// Removes a result whose job is forgotten.
+    /// Removes the results file of a deleted job.
     pub fn discard(&self, id: JobId) {
         self.files.discard(id);
     }
 
-    /// What was posted for a job, if it is what its digest was made of.
+    /// The posted document of a job, verified against its digest.
     ///
     /// # Errors
-    /// Those of the disk; [`io::ErrorKind::InvalidData`] where it is damaged or gone.
+    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the document is damaged or missing.
     pub fn document(&self, id: JobId, digest: Option<&Digest>) -> io::Result<Vec<u8>> {
         let document = self.database.document(id)?.ok_or_else(gone)?;
         digest.ok_or_else(gone)?.vouch(document)
     }
 
-    /// The results of a job, if they are what their digest was made of.
+    /// The results of a job, verified against their digest (columns: when they are read).
     ///
     /// # Errors
-    /// Those of the disk; [`io::ErrorKind::InvalidData`] where they are damaged or gone.
+    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the results are damaged or missing.
     pub fn results(&self, id: JobId, held: &Held) -> io::Result<Arc<Results>> {
         let (text, json) = match held {
             Held::Memory(results) => return Ok(Arc::clone(results)),
@@ -228,10 +228,10 @@ impl Disk {
         Results::vouched(text.ok_or_else(gone)?, json.digest).map(Arc::new)
     }
 
-    /// That the results of a job are what was written, to the last byte.
+    /// Verifies every byte of the results of a job.
     ///
     /// # Errors
-    /// As of [`Disk::results`].
+    /// See [`Disk::results`].
     pub fn verify(&self, id: JobId, held: &Held) -> io::Result<()> {
         match &*self.results(id, held)? {
             Results::Text(_) => Ok(()),
@@ -240,12 +240,12 @@ impl Disk {
     }
 }
 
-/// What was stored once is not there.
+/// The error for stored data that are missing.
 fn gone() -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, "it is not there any more")
 }
 
-/// The rows and the number of the latest start, of a database that is built anew where a page of it cannot be read.
+/// Reads the rows and the number of the latest start; rebuilds the database if one of its pages cannot be read.
 fn look(database: &Database) -> io::Result<(Rows, u64)> {
     let (rows, start) = (database.records(), database.starts());
     let reason = match start {
@@ -272,7 +272,7 @@ mod tests {
     use std::thread;
     use std::time::{Duration, Instant};
 
-    /// A folder of its own, removed at the end.
+    /// A temporary folder, removed when it is dropped.
     struct Folder(PathBuf);
 
     impl Folder {
@@ -291,7 +291,7 @@ mod tests {
         folder.0.join("results").join(format!("{id}.json"))
     }
 
-    /// The folder as the next process finds it, once the thread of the last one has ended.
+    /// Opens the folder as the next process does, once the writer thread of the last one has ended.
     fn open(folder: &Folder) -> (Disk, Found) {
         let start = Instant::now();
         loop {
@@ -347,7 +347,7 @@ mod tests {
                  \"diagnostics\":{{\"steps\":  7}}}}"
             )
         };
-        // One of them was changed by the disk, and one written otherwise than it is now.
+        // The second is then corrupted on the disk, and the third has spaces that the encoder does not write.
         let texts = [json(0.3), json(0.3), json(0.3).replace("0.1,", "0.1, ")];
         for (k, text) in texts.iter().enumerate() {
             let id = JobId::of_number(k as u128);
@@ -390,7 +390,7 @@ mod tests {
             ended: None,
             ..Record::example(Held::Table(Fingerprint::of(b"")))
         };
-        // More than is kept in memory.
+        // More than the cache of the database holds.
         let ids: Vec<JobId> = (0..100).map(JobId::of_number).collect();
         for id in &ids {
             let document = Some(Arc::clone(&document));
@@ -399,7 +399,7 @@ mod tests {
         drop(database);
         let (database, _) = Database::in_file(&path, &|_| None).unwrap();
         let mut pages = fs::read(&path).unwrap();
-        // All that a branch leads to is the branch itself, and what a leaf holds is another.
+        // Each branch page gets itself as all its children, and each leaf page other contents.
         for (number, page) in pages.chunks_mut(4096).enumerate().skip(1) {
             let others = usize::from(u16::from_le_bytes([page[2], page[3]])) + 1;
             let is_branch = page[0] == 2;

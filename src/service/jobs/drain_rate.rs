@@ -1,10 +1,10 @@
-//! How fast jobs leave: `n` departures over the time since the first of them, counted over the latest departures.
-//! It is what a refused client is told to wait by.
+//! The drain rate of the queue: the number of the latest departures, divided by the time since the first of them. It
+//! gives the waiting time that a refused client is told.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-/// Enough departures to be steady, few enough to follow a change of load.
+/// The number of departures counted: enough for a steady rate, few enough to follow a change of load.
 const WINDOW: usize = 64;
 
 /// The latest departures.
@@ -14,7 +14,7 @@ pub struct DrainRate {
 }
 
 impl DrainRate {
-    /// Counts a job that left at `now`.
+    /// Counts a job that left the queue or its worker at `now`.
     pub fn departed(&mut self, now: Instant) {
         if self.departures.len() == WINDOW {
             self.departures.pop_front();
@@ -22,8 +22,8 @@ impl DrainRate {
         self.departures.push_back(now);
     }
 
-    /// The time in which `jobs` will leave at the present rate. The window ends at `now` and not at the latest
-    /// departure, so that a stall is seen as one. Nothing before the first departure.
+    /// The time in which `jobs` jobs will leave at the present rate. The window ends at `now` and not at the latest
+    /// departure, so that a stall lowers the rate. `None` before the first departure.
     pub fn time_for(&self, jobs: usize, now: Instant) -> Option<Duration> {
         let window = now.saturating_duration_since(*self.departures.front()?);
         let seconds = jobs as f64 * window.as_secs_f64() / self.departures.len() as f64;

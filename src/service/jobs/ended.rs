@@ -15,56 +15,56 @@ use std::time::Duration;
 pub enum Ending {
     /// The end time was reached.
     Successful,
-    /// The numerics failed or a limit stopped them, for this reason; the trajectory so far is kept.
+    /// The numerical method failed or a limit stopped it, for this reason; the trajectory so far is kept.
     Failed(String),
-    /// There is no solution to show.
+    /// There is no solution, because of a fault.
     Broken(Fault),
-    /// Its client stopped it, after some steps or before the first.
+    /// The client stopped the job, before the solve began or on the way.
     Dismissed,
 }
 
-/// Why there is no solution to show.
+/// Why there is no solution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
-    /// The solver panicked, which is a fault of ours.
+    /// The solver panicked: a defect of the software.
     #[serde(alias = "panicked")]
     Defect,
-    /// Its worker was refused memory beyond what a solve may take.
+    /// The worker was refused memory beyond the limit of a solve.
     TooMuchMemory {
-        /// The bytes that it may take.
+        /// The limit, in bytes.
         allowed: usize,
-        /// The bytes that it asked for at once when it was refused, where that is known.
+        /// The size of the refused allocation in bytes, if it is known.
         asked: Option<u64>,
-        /// The bytes that it had been estimated to take, where that is known.
+        /// The estimate before the solve in bytes, if there was one.
         estimate: Option<usize>,
     },
-    /// The stack of its worker was used up.
+    /// The worker exhausted its stack.
     StackOverflow,
-    /// Its worker was ended from outside, by this signal.
+    /// The worker was killed from outside, by a signal.
     Killed {
         /// The number of the signal.
         signal: i32,
     },
-    /// It did not stop at its deadline, and its worker was ended.
+    /// The job did not stop at its deadline, and its worker was killed.
     Overran,
-    /// The process ended while it ran and no other did: twice for want of memory, or many times.
+    /// The process died while this job ran alone: twice for want of memory, or many times.
     Poisoned,
-    /// The JSON would be longer than `limit` bytes.
+    /// The results as JSON would be longer than the limit.
     TooLarge {
-        /// The most bytes a result may have.
+        /// The limit, in bytes.
         limit: usize,
     },
-    /// The disk did not take the result.
+    /// The disk refused the results.
     Unwritable,
-    /// What was accepted once can no longer be read, as after a change of version.
+    /// The stored specification can no longer be parsed, for instance after a change of version.
     Unreadable,
-    /// What was accepted once is no longer what was stored.
+    /// The stored specification differs from what was written.
     Damaged,
 }
 
 impl Fault {
-    /// The word under which it has a page.
+    /// The code of the fault, which is also the name of its documentation page.
     pub fn code(&self) -> &'static str {
         match self {
             Self::Defect => "defect",
@@ -80,7 +80,7 @@ impl Fault {
         }
     }
 
-    /// That of a worker's death over a job which may take so many bytes and was estimated to take so many.
+    /// The fault that a worker's death is for a job with `allowed` bytes of memory and an `estimate` of its needs.
     pub fn of(death: &Death, allowed: usize, estimate: Option<usize>) -> Self {
         match death {
             Death::TooMuchMemory(asked) => Self::TooMuchMemory { allowed, asked: *asked, estimate },
@@ -92,7 +92,7 @@ impl Fault {
     }
 }
 
-/// Where results are.
+/// Where the results of a job are held.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Held {
@@ -105,15 +105,15 @@ pub enum Held {
     File(Fingerprint),
     /// As columns in a file of their own.
     Columns {
-        /// Of their JSON.
+        /// The fingerprint of their JSON.
         json: Fingerprint,
-        /// Of the index of the columns.
+        /// The fingerprint of the index of the columns.
         index: Fingerprint,
     },
 }
 
 impl Held {
-    /// The digest of their JSON.
+    /// The digest of the results as JSON.
     pub fn digest(&self) -> Digest {
         match self {
             Self::Memory(results) => results.digest(),
@@ -122,46 +122,46 @@ impl Held {
     }
 }
 
-/// How long a job waited and how long it ran.
+/// The waiting and the running time of a job.
 #[derive(Clone, Copy, Debug)]
 pub struct Timing {
-    /// From its acceptance to its start.
+    /// From admission to start.
     pub queue: Duration,
-    /// From its start to its end.
+    /// From start to end.
     pub solve: Duration,
 }
 
 /// The end of a job.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Ended {
-    /// When a worker took it, if one did.
+    /// When a worker started it, if one did.
     pub started: Option<Timestamp>,
     /// When it ended.
     pub finished: Timestamp,
-    /// Measured in this process.
+    /// The durations, if they were measured in this process.
     #[serde(skip)]
     pub timing: Option<Timing>,
-    /// The part of the time horizon that was done, in `[0, 1]`.
+    /// The fraction of the time horizon that was integrated, in `[0, 1]`.
     pub fraction: f64,
-    /// Accepted steps of the method.
+    /// The number of accepted steps.
     pub steps: u64,
     /// How it ended.
     pub ending: Ending,
-    /// The verdict on its answer, if it left one.
+    /// The verdict on the solution, if there is one.
     #[serde(default)]
     pub verdict: Option<Verdict>,
-    /// What it left.
+    /// The results, if there are any.
     pub held: Option<Held>,
-    /// What it left is no longer what was stored.
+    /// The stored results differ from what was written.
     #[serde(default)]
     pub damaged: bool,
-    /// It is the answer to the same specification, of an earlier solve.
+    /// The results repeat an earlier solve of the identical specification.
     #[serde(skip)]
     pub repeated: bool,
 }
 
 impl Ended {
-    /// The end, now, of a job that no worker has solved in this process.
+    /// The end, now, of a job that was not solved in this process.
     pub fn unsolved(ending: Ending) -> Self {
         let finished = Timestamp::now();
         Self {
@@ -178,7 +178,7 @@ impl Ended {
         }
     }
 
-    /// The bytes that keeping it takes.
+    /// The size of the results, in bytes.
     pub fn bytes(&self) -> usize {
         match &self.held {
             Some(Held::Memory(results)) => results.bytes(),
@@ -189,7 +189,7 @@ impl Ended {
 }
 
 impl Ending {
-    /// A word for logs: how it ended, or why there is no solution.
+    /// The ending as one word for logs: successful, failed, dismissed, or the code of the fault.
     pub fn code(&self) -> &'static str {
         match self {
             Self::Successful => "successful",
@@ -199,7 +199,7 @@ impl Ending {
         }
     }
 
-    /// The ending of a solve that returned, `cancelled` by its client or not on the way.
+    /// The ending of a solve that returned; `cancelled` if it was asked to stop.
     pub fn of(status: Status, failed: Option<&str>, cancelled: bool) -> Self {
         match (status, failed) {
             (Status::Completed, _) => Self::Successful,

@@ -1,5 +1,6 @@
-//! Long results, a file each. A file has its name only when all of it is on the disk: written under another, synced,
-//! renamed, and the folder synced (Pillai et al. 2014, "All file systems are not created equal").
+//! The files of long results. A file gets its final name only once it is complete on the disk: it is written under
+//! another name, synced and renamed, and the folder is synced (Pillai et al. 2014, "All file systems are not created
+//! equal").
 
 use super::JobId;
 use super::results::Long;
@@ -13,13 +14,13 @@ use std::io::{self, Write};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-/// What names of files end in: results as columns, as JSON, those that are being written, and those that may not stay.
+/// The suffixes of file names: results as columns and as JSON, unfinished files, and scratch files.
 const COLUMNS: &str = ".columns";
 const JSON: &str = ".json";
 const PART: &str = ".part";
 const SCRATCH: &str = ".scratch";
 
-/// The kinds of results that stay.
+/// The suffixes of permanent results.
 const KINDS: [&str; 2] = [COLUMNS, JSON];
 
 /// A folder of results.
@@ -29,16 +30,16 @@ pub struct Files {
 }
 
 impl Files {
-    /// The folder, made if it is not there.
+    /// The folder, created if needed.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The folder cannot be created.
     pub fn open(folder: PathBuf) -> io::Result<Self> {
         create(&folder)?;
         Ok(Self { folder })
     }
 
-    /// A folder that is there.
+    /// An existing folder.
     pub fn at(folder: PathBuf) -> Self {
         Self { folder }
     }
@@ -46,16 +47,16 @@ impl Files {
     /// The jobs that have a file of results.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn names(&self) -> io::Result<BTreeSet<JobId>> {
         let entries = fs::read_dir(&self.folder)?.flatten();
         Ok(entries.filter_map(|entry| of_any(entry.file_name().to_str()?, &KINDS)).collect())
     }
 
-    /// Puts away the columns of a job, for good when it returns.
+    /// Stores the columns of a job, durably.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn keep(&self, id: JobId, backing: &Backing) -> io::Result<()> {
         let scratch = match backing {
             Backing::Memory(bytes) => return self.write(id, bytes),
@@ -66,50 +67,50 @@ impl Files {
         let path = self.path(id, COLUMNS);
         match fs::hard_link(scratch, &path) {
             Ok(()) => sync(&self.folder),
-            // Solved again after what was there had not been told.
+            // A file left by an earlier solve of the job, whose end was not recorded.
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
                 fs::remove_file(&path)?;
                 fs::hard_link(scratch, &path)?;
                 sync(&self.folder)
             }
-            // A file system without links.
+            // A file system without hard links.
             Err(_) => self.write(id, &fs::read(scratch)?),
         }
     }
 
-    /// Puts away columns, for good when it returns.
+    /// Writes the columns of a job, durably.
     fn write(&self, id: JobId, bytes: &[u8]) -> io::Result<()> {
         let unfinished = self.path(id, PART);
         let written = write_as(&unfinished, bytes).and_then(|()| fs::rename(&unfinished, self.path(id, COLUMNS)));
         if written.is_err() {
-            // On a full disk, what has been written of it takes the room.
+            // On a full disk, the unfinished file takes the room.
             let _ = fs::remove_file(&unfinished);
         }
         written?;
         sync(&self.folder)
     }
 
-    /// Where the columns of a job may be while it is not known whether they stay.
+    /// The path of a scratch file for the columns of a job.
     pub fn scratch(&self, id: JobId) -> PathBuf {
         self.path(id, SCRATCH)
     }
 
-    /// The columns of a job, where they are to be.
+    /// The stored columns of a job, not yet opened.
     pub fn columns(&self, id: JobId, json: Fingerprint, index: Fingerprint) -> Long {
         Long { backing: Backing::File(self.path(id, COLUMNS)), json, index }
     }
 
-    /// Removes a result whose job is forgotten.
+    /// Removes the results of a deleted job; a failure is logged.
     pub fn discard(&self, id: JobId) {
         if let Err(error) = self.remove(id) {
             tracing::warn!(job.id = %id, %error, "a file of results is left behind until the next start");
         }
     }
 
-    /// The results of a job as JSON, if there are any.
+    /// The results of a job as JSON, if there is such a file.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn find(&self, id: JobId) -> io::Result<Option<Vec<u8>>> {
         match fs::read(self.path(id, JSON)) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -117,14 +118,15 @@ impl Files {
         }
     }
 
-    /// The file of a job as a version before format 3 left it, if it can be read.
+    /// The JSON file of a job, as a version before format 3 wrote it, if it can be read.
     pub fn look(&self, id: JobId) -> Option<InFile> {
         Some(InFile { json: Fingerprint::of(&self.find(id).ok()??), index: None })
     }
 
-    /// The same, with columns put beside it that stand for the same JSON to the last byte; without them where that cannot be.
+    /// The JSON file of a job, with columns written beside it that encode the identical JSON; without columns if that
+    /// is not possible.
     ///
-    /// The JSON stays until the row of the job names the columns.
+    /// The JSON file stays until the row of the job refers to the columns.
     pub fn put_beside(&self, id: JobId) -> Option<InFile> {
         let text = self.find(id).ok()??;
         let json = Fingerprint::of(&text);
@@ -148,7 +150,7 @@ impl Files {
         Ok(Some(index))
     }
 
-    /// Removes the JSON beside columns that the row of the job names.
+    /// Removes the JSON file of a job whose row refers to columns.
     pub fn remove_json(&self, id: JobId) {
         if let Err(error) = remove(&self.path(id, JSON)) {
             tracing::warn!(job.id = %id, %error, "a file of results is left behind");
@@ -158,16 +160,16 @@ impl Files {
     /// Removes the results of a job, if there are any.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn remove(&self, id: JobId) -> io::Result<()> {
         KINDS.iter().try_for_each(|kind| remove(&self.path(id, kind)))
     }
 
-    /// Removes what was being written when the process ended, and sets aside into `orphans` whatever else does not belong
-    /// to one of `jobs`; says how much that was. Nothing that was ever whole is removed.
+    /// Removes unfinished and scratch files of an earlier process, and moves all other files that belong to none of
+    /// `jobs` to `orphans`; returns their number. No complete file is removed.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn sweep(&self, jobs: &HashSet<JobId>, orphans: &Path) -> io::Result<usize> {
         let mut set_aside = 0;
         for entry in fs::read_dir(&self.folder)? {
@@ -208,27 +210,27 @@ fn remove(path: &Path) -> io::Result<()> {
     }
 }
 
-/// The job of a file whose name ends in one of `kinds`.
+/// The job whose file has this name, with one of the suffixes `kinds`.
 fn of_any(name: &str, kinds: &[&str]) -> Option<JobId> {
     kinds.iter().find_map(|kind| name.strip_suffix(kind)?.parse().ok())
 }
 
-/// Files are their owner's alone, and so are folders: specifications and results are nobody else's business.
+/// The modes of files and folders: access for the owner alone, since specifications and results are confidential.
 pub const OWN: u32 = 0o600;
 const OWN_FOLDER: u32 = 0o700;
 
-/// Makes a folder, if it is not there.
+/// Creates a folder, if needed.
 ///
 /// # Errors
-/// Those of the disk.
+/// I/O errors of the disk.
 pub fn create(folder: &Path) -> io::Result<()> {
     DirBuilder::new().recursive(true).mode(OWN_FOLDER).create(folder)
 }
 
-/// Makes the names in a folder last.
+/// Syncs a folder, so that its entries are durable.
 ///
 /// # Errors
-/// Those of the disk.
+/// I/O errors of the disk.
 pub fn sync(folder: &Path) -> io::Result<()> {
     File::open(folder)?.sync_all()
 }

@@ -1,9 +1,10 @@
-//! The library of the database at work: what it says of a damaged file, and what it panics over.
+//! Calls into the database library, with its panics turned into errors.
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-/// Does work with the library; a panic of it, as over a damaged page, is an error like others. The log has its place.
+/// Calls the database library; a panic in it, for instance over a damaged page, is returned as an error. The panic is
+/// logged by the panic hook.
 pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T> {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(done)) => Ok(done),
@@ -11,7 +12,7 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T
             Err(io::Error::new(io::ErrorKind::ResourceBusy, "the store is in use by another process"))
         }
         Ok(Err(redb::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => Err(error),
-        // Tables that were made have the types that they were made with.
+        // Tables and their types are fixed at creation, so errors about them are damage as well.
         Ok(Err(
             error @ (redb::Error::Corrupted(_)
             | redb::Error::Io(_)

@@ -1,5 +1,5 @@
-//! Where the file of a database is, and how another takes its place: what can be read of it is written to a new one beside it,
-//! which gets its name; the file itself stays, under a name that tells what it is and when that was.
+//! The place of a database file, and its replacement by a rebuilt one: all that can be read is written to a new file
+//! beside it, which takes its name; the damaged file is kept, under a name that contains the date.
 
 use super::files::{self, OWN};
 use super::marks::Marks;
@@ -16,13 +16,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-/// The rows of the jobs that a process knows.
+/// Returns the rows of the jobs that this process holds in memory.
 pub type Memory = Box<dyn Fn() -> Vec<(JobId, Record)> + Send + Sync>;
 
-/// A path, and which file it was that was opened there.
+/// The path of a database file, and the identity (device and inode) of the file opened there.
 pub struct Home {
     path: PathBuf,
-    /// Those of the blocks of the file.
+    /// The checksums of the blocks of the file.
     sums: Arc<Mutex<Sums>>,
     file: Mutex<(u64, u64)>,
     memory: OnceLock<Memory>,
@@ -31,10 +31,10 @@ pub struct Home {
 }
 
 impl Home {
-    /// That of the file which is at `path` now, whose blocks have those sums.
+    /// The home of the file that is at `path` now, with the checksums of its blocks.
     ///
     /// # Errors
-    /// There is none.
+    /// There is no file at `path`.
     pub fn of(path: &Path, sums: Arc<Mutex<Sums>>) -> io::Result<Self> {
         Ok(Self {
             path: path.to_owned(),
@@ -46,47 +46,48 @@ impl Home {
         })
     }
 
-    /// Where it is.
+    /// The path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether the file is still there.
+    /// Whether the opened file is still at its path.
     pub fn is_in_place(&self) -> bool {
         let file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         identity(&self.path).is_ok_and(|there| there == *file)
     }
 
-    /// Asks `memory` for what the file has lost.
+    /// Sets the source of rows that a damaged file has lost.
     pub fn remember(&self, memory: Memory) {
-        // The first one knows as much as a second.
+        // Set once: all sources hold the same jobs.
         let _ = self.memory.set(memory);
     }
 
-    /// How often the file was built anew.
+    /// The number of times the file was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.rebuilds.load(Relaxed)
     }
 
-    /// Counts one more.
+    /// Counts a rebuild.
     pub fn count_rebuild(&self) {
         self.rebuilds.fetch_add(1, Relaxed);
     }
 
-    /// Whether it would help to build it anew.
+    /// Whether another rebuild may help.
     pub fn may_be_rebuilt(&self) -> bool {
         !self.in_vain.load(Relaxed)
     }
 
-    /// Notes that it did not help: where the machine damages what is written, each attempt would take the room of a file.
+    /// Records that a rebuild did not help: if the machine damages what is written, each attempt would cost the room of
+    /// a file.
     pub fn give_up(&self) {
         self.in_vain.store(true, Relaxed);
     }
 
-    /// Puts in the place of the file a new one with all that can be read, which it gives.
+    /// Replaces the file by a new one with all that can be read of `source`, and returns the new database.
     ///
     /// # Errors
-    /// Those of the disk; the file is where it was.
+    /// I/O errors of the disk; the file stays in place.
     pub fn rebuild(&self, source: &Source<'_>, reason: &io::Error) -> io::Result<(Redb, Salvaged)> {
         tracing::error!(%reason, "{} is built anew from what can be read", self.path.display());
         let part = beside(&self.path, "part");
@@ -127,11 +128,11 @@ impl Home {
         let (rebuilt, salvaged) = salvage(source, new, sums.clone(), start, remembered)?;
         let file = identity(part)?;
         let aside = beside(&self.path, &format!("damaged-{}", Timestamp::now().strftime("%Y%m%dT%H%M%S%3fZ")));
-        // At any moment one of the two has the name of the store.
+        // Link before renaming, so that a file has the name of the store at any moment.
         if fs::hard_link(&self.path, &aside).is_err() {
             fs::copy(&self.path, &aside)?;
         }
-        // Before the name changes: whoever looks in between finds it removed, and waits.
+        // Set before the rename: a check in between finds the file missing from its path, and waits.
         *self.file.lock().unwrap_or_else(PoisonError::into_inner) = file;
         fs::rename(part, &self.path)?;
         *self.sums.lock().unwrap_or_else(PoisonError::into_inner) = sums;
@@ -140,7 +141,7 @@ impl Home {
     }
 }
 
-/// The name of a file with something behind it.
+/// A path with `.` and a suffix appended to its name.
 fn beside(path: &Path, what: &str) -> PathBuf {
     let mut name = OsString::from(path);
     name.push(".");
@@ -148,7 +149,7 @@ fn beside(path: &Path, what: &str) -> PathBuf {
     name.into()
 }
 
-/// By which a file is told from others.
+/// The device and the inode of a file.
 fn identity(path: &Path) -> io::Result<(u64, u64)> {
     let data = fs::metadata(path)?;
     Ok((data.dev(), data.ino()))

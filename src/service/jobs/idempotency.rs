@@ -1,13 +1,13 @@
-//! Requests that come again: a client that does not know whether its job was accepted sends it once more under the same
-//! `Idempotency-Key` and gets the same job. A key is of one client and lives as long as its job.
+//! Idempotent requests: a client that does not know whether its job was admitted posts it again under the same
+//! `Idempotency-Key` and gets the same job. A key belongs to one client and lives as long as its job.
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-/// A key and what was first posted under it, as a digest.
+/// An idempotency key and the digest of the document first posted under it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Key {
-    /// The client's own words.
+    /// The text of the key, chosen by the client.
     pub name: String,
     digest: String,
 }
@@ -19,7 +19,7 @@ impl Key {
     }
 }
 
-/// Bytes as text.
+/// Bytes as lower-case hexadecimal text.
 pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
     const DIGITS: [char; 16] = ['0', '1', '2', '3', '4', '5', '6', '7', '8', '9', 'a', 'b', 'c', 'd', 'e', 'f'];
     let mut text = String::with_capacity(2 * bytes.len());

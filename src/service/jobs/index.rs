@@ -1,5 +1,5 @@
-//! The jobs that clients may ask for: all that have not ended, and the latest that have, up to a number, a size and an
-//! age. The oldest ending is forgotten first; the latest is kept whatever its size.
+//! The index of jobs that clients may ask for: all unfinished jobs, and the latest ended ones, bounded in number, size
+//! and age. The job that ended first is forgotten first; the latest is kept whatever its size.
 
 use super::Client;
 use super::idempotency::Key;
@@ -9,22 +9,22 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// How much of the past is kept.
+/// Bounds on the ended jobs that are kept.
 #[derive(Clone, Copy, Debug)]
 pub struct Retention {
-    /// Ended jobs.
+    /// The number of ended jobs.
     pub jobs: usize,
-    /// Bytes of their results.
+    /// The bytes of their specifications and results.
     pub bytes: usize,
-    /// Time since their end.
+    /// The time since their end.
     pub age: Duration,
 }
 
-/// A key stands for something else that was posted.
+/// An idempotency key was used before with a different document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mismatch;
 
-/// Jobs by name and by key, in memory.
+/// The jobs by id and by idempotency key, in memory.
 #[derive(Debug)]
 pub struct Index {
     retention: Retention,
@@ -35,7 +35,7 @@ pub struct Index {
 struct Held {
     jobs: HashMap<JobId, Arc<Job>>,
     keys: HashMap<(Client, String), Arc<Job>>,
-    /// Ended jobs, oldest ending first.
+    /// The ended jobs, in order of their ends.
     ended: VecDeque<Past>,
     bytes: usize,
 }
@@ -48,15 +48,15 @@ struct Past {
 }
 
 impl Index {
-    /// No jobs yet.
+    /// An empty index.
     pub fn new(retention: Retention) -> Self {
         Self { retention, held: Mutex::default() }
     }
 
-    /// Takes in a job that has just been accepted; gives back the one that came before it under the same key.
+    /// Adds a job that has just been admitted, or returns the earlier job with the same key.
     ///
     /// # Errors
-    /// Something else was posted under the key.
+    /// A different document was posted under the key.
     pub fn insert(&self, job: &Arc<Job>) -> Result<Option<Arc<Job>>, Mismatch> {
         let mut held = self.lock();
         if let Some(key) = &job.key {
@@ -69,31 +69,31 @@ impl Index {
         Ok(None)
     }
 
-    /// The job of that name, if it is not forgotten.
+    /// The job with this id, unless it is forgotten.
     pub fn find(&self, id: JobId) -> Option<Arc<Job>> {
         self.lock().jobs.get(&id).map(Arc::clone)
     }
 
-    /// The job under that key.
+    /// The client's job with this key.
     ///
     /// # Errors
-    /// Something else was posted under the key.
+    /// A different document was posted under the key.
     pub fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, Mismatch> {
         self.lock().recall(client, key)
     }
 
-    /// How many ended jobs there are, and their bytes.
+    /// The number of ended jobs, and their bytes.
     pub fn kept(&self) -> (usize, usize) {
         let held = self.lock();
         (held.ended.len(), held.bytes)
     }
 
-    /// Every job, in no order.
+    /// All jobs, in no particular order.
     pub fn all(&self) -> Vec<Arc<Job>> {
         self.lock().jobs.values().map(Arc::clone).collect()
     }
 
-    /// Counts a job as ended, with the bytes of its result, and gives those that are forgotten for it.
+    /// Counts a job as ended, with its size in `bytes`, and returns the jobs that are forgotten to make room.
     pub fn keep(&self, id: JobId, finished: Timestamp, bytes: usize) -> Vec<Arc<Job>> {
         let mut held = self.lock();
         if !held.jobs.contains_key(&id) {
@@ -108,7 +108,7 @@ impl Index {
         forgotten
     }
 
-    /// Gives those that are forgotten for their age at this time.
+    /// Forgets the jobs whose retention time has passed at `now`, and returns them.
     pub fn expire(&self, now: Timestamp) -> Vec<Arc<Job>> {
         let mut held = self.lock();
         let mut forgotten = Vec::new();
@@ -121,7 +121,7 @@ impl Index {
         forgotten
     }
 
-    /// Forgets a job, ended or not.
+    /// Forgets a job, whether it has ended or not.
     pub fn forget(&self, id: JobId) {
         let mut held = self.lock();
         if held.take(id).is_some()

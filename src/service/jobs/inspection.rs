@@ -1,4 +1,4 @@
-//! A look at all that a store holds, as by `dvi store check`: nothing of it is changed, and one in use is left alone.
+//! The inspection of a store, as by `dvi store check`: it changes nothing, and refuses a store in use.
 
 use super::JobId;
 use super::database::{Database, Rows};
@@ -12,33 +12,33 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::io;
 use std::path::Path;
 
-/// What a store holds.
+/// The contents of a store.
 #[derive(Debug, Default)]
 pub struct Inspection {
-    /// The version of its format.
+    /// The format version of the store.
     pub format: u64,
-    /// Jobs whose rows can be read.
+    /// The number of jobs whose rows can be read.
     pub jobs: usize,
-    /// Of those, jobs that have ended.
+    /// The number of those that have ended.
     pub ended: usize,
-    /// Results that are as they were written.
+    /// The number of intact results.
     pub results: usize,
-    /// Their bytes.
+    /// The bytes of the intact results.
     pub result_bytes: usize,
-    /// What is not as it was written, or gone, by the name of its job.
+    /// The parts that are damaged or missing, by job.
     pub damaged: BTreeMap<JobId, Vec<&'static str>>,
-    /// Jobs that another version wrote.
+    /// Jobs written by another version.
     pub unreadable: Vec<JobId>,
-    /// Jobs whose rows were lost when the database was built anew.
+    /// Jobs whose rows were lost in a rebuild of the database.
     pub lost: Vec<JobId>,
-    /// Files of results that no row names.
+    /// The number of result files whose job has no row.
     pub orphaned: usize,
-    /// Whether the pages of the database are as they were written.
+    /// Whether the pages of the database are intact.
     pub is_sound: bool,
 }
 
 impl Inspection {
-    /// Looks at the store in `folder`.
+    /// Inspects the store in `folder`.
     ///
     /// # Errors
     /// The store is absent, in use or of a later version, or its database cannot be opened.
@@ -84,7 +84,7 @@ impl Inspection {
                 found.damages(id, "results");
             }
         }
-        // What has lost its row, for a page above it that cannot be read.
+        // Ids whose row is lost, since a page above it in the tree cannot be read.
         for id in database.names().difference(&known) {
             found.damages(*id, "row");
         }
@@ -92,7 +92,7 @@ impl Inspection {
         Ok(found)
     }
 
-    /// Whether all is as it was written.
+    /// Whether nothing is damaged.
     pub fn is_whole(&self) -> bool {
         self.is_sound && self.damaged.is_empty()
     }

@@ -1,12 +1,12 @@
-//! The jobs that wait and the count of those that run: which is taken next, by a worker or in relief.
+//! The waiting jobs and the counts of running ones: which job an ordinary or a relief worker takes next.
 //!
-//! So many jobs as there are `workers` run to their ends. There are some workers more (`express`), on which a job has a *first
-//! slice*, a short time in which most are done: whatever has not had its own waits for first slices, and never for what
-//! comes after them. A job that is not done in its slice goes on where it is if a place has become free to run to the end.
-//! Otherwise it makes room: it is stopped, and begins again when there is such a place.
+//! At most `workers` jobs run to their end at a time. Some additional workers (`express`) give each job a *first time
+//! slice*, a short time in which most jobs end: a job that has not had its slice waits for slices of others only, never
+//! for long runs. A job that has not ended in its slice goes on where it is if fewer than `workers` jobs run to their
+//! end. Otherwise it yields: it is stopped, and starts again when a place to run to the end is free.
 //!
-//! To begin again costs at most the slice once more. To suspend its process instead would keep its memory for as long as it
-//! waits, and a thousand jobs may wait; to let it go on beside the others would take a process and its memory for each.
+//! A restart costs at most the first slice again. To suspend the worker process instead would hold its memory while the
+//! job waits, and a thousand jobs may wait; to let the job go on beside the others would take a process for each.
 
 use super::Client;
 use super::drain_rate::DrainRate;
@@ -17,39 +17,39 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-/// What waits and what runs.
+/// The waiting jobs and the counts of running ones.
 pub struct Intake {
     pub queue: FairQueue<Arc<Job>>,
     pub running: usize,
-    /// Of those, jobs in the hands of relief workers.
+    /// The number of running jobs on relief workers.
     relieved: usize,
-    /// Of the others, jobs that run to their ends.
+    /// The number of jobs that run to their end, without those on relief workers.
     long: usize,
-    /// What runs, of each client that has any.
+    /// The counts of running jobs, for each client that has any.
     of: HashMap<Client, Running>,
     spent: Spent,
-    /// Jobs that may run to their ends at a time, beside those in relief.
+    /// The largest number of jobs that may run to their end at a time, without those on relief workers.
     workers: usize,
     pub draining: bool,
     pub drain_rate: DrainRate,
 }
 
-/// What runs of a client.
+/// The counts of running jobs of a client.
 #[derive(Debug, Default)]
 struct Running {
     all: usize,
-    /// Of those, jobs that run to their ends, in relief or not.
+    /// The number of jobs that run to their end, on relief workers or not.
     long: usize,
 }
 
-/// How a job runs.
+/// The terms under which a job runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lane {
-    /// In its first slice, after which it may have to make room.
+    /// In its first time slice, after which it may have to yield.
     First,
-    /// To its end.
+    /// To its end, on an ordinary worker.
     Long,
-    /// The same, in the hands of a relief worker.
+    /// To its end, on a relief worker.
     Relief,
 }
 
@@ -58,23 +58,23 @@ pub enum Lane {
 pub struct LaneCell(Mutex<Lane>);
 
 impl LaneCell {
-    /// That one.
+    /// A cell with this lane.
     pub fn of(lane: Lane) -> Self {
         Self(Mutex::new(lane))
     }
 
-    /// Which it is.
+    /// The current lane.
     pub fn get(&self) -> Lane {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// From now on it is another.
+    /// Sets the lane.
     pub fn set(&self, lane: Lane) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = lane;
     }
 }
 
-/// What a refused client is told before any job has ended.
+/// The waiting time reported to a refused client before any job has ended.
 pub const UNMEASURED: Duration = Duration::from_secs(5);
 
 impl Heavy for Arc<Job> {
@@ -84,8 +84,8 @@ impl Heavy for Arc<Job> {
 }
 
 impl Intake {
-    /// Nothing runs yet; so many jobs may run to their ends at a time, and half of what clients have had is
-    /// forgotten in that time.
+    /// An intake without running jobs. At most `workers` jobs may run to their end at a time, and the worker time that
+    /// clients have used decays with `half_life`.
     pub fn new(queue: FairQueue<Arc<Job>>, workers: usize, half_life: Duration) -> Self {
         Self {
             queue,
@@ -100,14 +100,14 @@ impl Intake {
         }
     }
 
-    /// How many jobs run to their ends.
+    /// The number of jobs that run to their end.
     pub fn long(&self) -> usize {
         self.long + self.relieved
     }
 
-    /// Takes a job for a worker, of the client for whom the least runs. While as many run to their ends as may, one that has
-    /// had its first slice is left, and of those clients the one goes first who has had the least of the workers lately: a
-    /// few short jobs do not wait for the slices of many long ones.
+    /// Takes the next job for a worker, of the client with the fewest running jobs. While `workers` jobs run to their
+    /// end, only jobs that have not had their first time slice are taken, and ties between clients go to the one with
+    /// the least recent worker time: a few short jobs do not wait for the slices of many long ones.
     pub fn take(&mut self) -> Option<(Arc<Job>, Lane)> {
         let (now, may_be_long) = (Instant::now(), self.long < self.workers);
         let spent = |client| if may_be_long { Duration::ZERO } else { self.spent.by(client, now) };
@@ -118,13 +118,14 @@ impl Intake {
         Some((job, lane))
     }
 
-    /// Whether as many jobs run to their ends as may, and one waits that has had its first slice, of a client of whom none does.
+    /// Whether `workers` jobs run to their end, and a job that has used up its first time slice waits whose client has
+    /// no job that runs to its end.
     pub fn wants_relief(&self) -> bool {
         let waits_in_vain = |client: Client, job: &Arc<Job>| job.has_had_slice() && !has_long(&self.of, client);
         self.long >= self.workers && self.queue.any(waits_in_vain)
     }
 
-    /// Takes such a job for a relief worker.
+    /// Takes a job that needs relief (see [`Intake::wants_relief`]) for a relief worker.
     pub fn relieve(&mut self) -> Option<Arc<Job>> {
         if !self.wants_relief() {
             return None;
@@ -136,7 +137,7 @@ impl Intake {
         Some(job)
     }
 
-    /// Has a job, at the end of its first slice, go on if it may.
+    /// Whether a job may go on at the end of its first time slice; if so, counts it as one that runs to its end.
     pub fn goes_on(&mut self, job: &Job) -> bool {
         let may = self.draining || self.long < self.workers;
         if may {
@@ -146,7 +147,7 @@ impl Intake {
         may
     }
 
-    /// A worker is free of a job, which it had for so long.
+    /// Counts a job out that has left its worker after `time`.
     pub fn depart(&mut self, job: &Job, lane: Lane, time: Duration) {
         let now = Instant::now();
         self.running -= 1;
@@ -162,7 +163,7 @@ impl Intake {
         self.spent.add(job.client, time, now);
     }
 
-    /// Lets go of what clients have had long ago.
+    /// Forgets worker time that has decayed to nothing.
     pub fn forget(&mut self) {
         self.spent.forget(Instant::now());
     }

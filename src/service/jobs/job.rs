@@ -5,13 +5,14 @@
 //! accepted ------------------------------> dismissed
 //! ```
 //!
-//! A worker that takes up a job may have to put it back: until it is sure to stay, the job is told as accepted.
+//! A running job may have to release its worker at the end of its first time slice: until it is sure to stay, its
+//! reported state is accepted.
 //!
-//! The words are those of OGC API - Processes, part 1, `statusCode`. *Successful* says that the end time was reached;
-//! whether the answer is trusted, its verdict says.
-//! A solve that a limit stopped did not do what it was asked, so its job is *failed*, as is one whose numerics
-//! failed; one stopped by its client is *dismissed*. All three keep the trajectory so far. A running job that is
-//! parked goes back to accepted, for the next process to take up.
+//! The states are those of OGC API - Processes, part 1, `statusCode`. *Successful* means that the end time was reached;
+//! whether the solution can be trusted is said by its verdict.
+//! A solve stopped by a limit did not reach the requested end time, so its job is *failed*, as is a job whose numerical
+//! method failed; a job stopped by its client is *dismissed*. All three keep the trajectory up to the stop. A running
+//! job that is parked goes back to accepted, for the next process to start.
 
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
@@ -34,23 +35,23 @@ use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 use uuid::{Uuid, Variant};
 
-/// The name of a job, sorting by time of birth.
+/// The id of a job; ids sort by time of creation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct JobId(Uuid);
 
 impl JobId {
-    /// The number by which the database knows it.
+    /// The id as a number, the key in the database.
     pub(super) fn number(self) -> u128 {
         self.0.as_u128()
     }
 
-    /// The name with that key in the database, if it is one that was given here (RFC 9562, version 7).
+    /// The id with this key in the database, if the service can have issued it (RFC 9562, version 7).
     pub(super) fn of_key(key: [u8; 16]) -> Option<Self> {
         let id = Uuid::from_u128(u128::from_le_bytes(key));
         (id.get_version_num() == 7 && id.get_variant() == Variant::RFC4122).then_some(Self(id))
     }
 
-    /// The name of that number.
+    /// The id with this number.
     pub(super) fn of_number(number: u128) -> Self {
         Self(Uuid::from_u128(number))
     }
@@ -70,147 +71,148 @@ impl FromStr for JobId {
     }
 }
 
-/// A point in time: on the calendar for people, on the clock for durations.
+/// A point in time: calendar time to report, monotonic time to measure durations.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment {
-    /// On the calendar.
+    /// Calendar time.
     pub date: Timestamp,
-    /// On the monotonic clock.
+    /// Monotonic time.
     pub clock: Instant,
 }
 
 impl Moment {
-    /// This one.
+    /// The present moment.
     pub fn now() -> Self {
         Self { date: Timestamp::now(), clock: Instant::now() }
     }
 }
 
-/// Where a job stands.
+/// The state of a job.
 #[derive(Clone, Debug)]
 pub enum State {
-    /// It waits for a worker; what was posted is in the store where it is not in hand.
+    /// The job waits for a worker; `None` if its document is in the store and not in memory.
     Accepted(Option<Arc<[u8]>>),
-    /// A worker is at it.
+    /// A worker solves the job.
     Running {
-        /// Since when.
+        /// When the attempt started.
         started: Moment,
-        /// How to follow it and to stop it.
+        /// Reports progress and stops the solve.
         control: Arc<Control>,
-        /// What it is to become when it stops, if it was asked to.
+        /// Why the job was asked to stop, if it was; decides its next state.
         halt: Option<Halt>,
-        /// It may have to make room for others, and is told as one that waits until it is sure to stay.
+        /// The job is in its first time slice, may have to make room for others, and is still reported as accepted.
         on_trial: bool,
     },
-    /// It will not change any more.
+    /// The job has ended, and its state is final.
     Ended(Arc<Ended>),
 }
 
 /// Why a running job is asked to stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Halt {
-    /// Its client does not want it any more.
+    /// The client cancelled the job.
     Dismiss,
-    /// The process is about to end; the next one starts it again.
+    /// The process is about to end; the next process starts the job again.
     Park,
-    /// It has had its first slice, and others have not had theirs; it begins again later.
+    /// The first time slice is over, and other jobs wait for theirs; the job starts again later.
     Yield,
 }
 
-/// What keeps a job when the process ends.
+/// Where a job is kept, and whether it outlives the process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Persistence {
-    /// Nothing.
+    /// In memory alone: the job is lost when the process ends.
     Memory,
-    /// The disk, as soon as it has been written.
+    /// On the disk, once the pending write has completed.
     Storing,
-    /// The disk.
+    /// On the disk: the job outlives the process.
     Disk,
-    /// Nothing ever again.
+    /// Nowhere: the job is deleted.
     Forgotten,
 }
 
-/// What changes in the life of a job.
+/// The part of a job that changes.
 #[derive(Debug)]
 pub(super) struct Lifecycle {
     pub state: State,
-    pub keeping: Persistence,
-    /// It is left to the next process.
+    pub persistence: Persistence,
+    /// The job is left to the next process.
     pub parked: bool,
 }
 
-/// A specification on its way to a solution.
+/// A job: a specification to be solved, its state and its bookkeeping.
 #[derive(Debug)]
 pub struct Job {
-    /// Its name.
+    /// The id.
     pub id: JobId,
-    /// Whose it is.
+    /// The client that posted it.
     pub client: Client,
-    /// The client's own words for it.
+    /// A label chosen by the client.
     pub label: Option<String>,
     /// The time horizon of its problem.
     pub horizon: Time,
-    /// The type of its problem, and the bytes that a solve was estimated to take; not known of what earlier versions stored.
+    /// The problem type and the estimated memory of a solve; absent from jobs stored by earlier versions.
     pub(super) estimate: Option<Estimate>,
     /// When it was accepted.
     pub created: Moment,
-    /// Under which the client may ask for it again.
+    /// The idempotency key under which the client may ask for the job again.
     pub(super) key: Option<Key>,
-    /// How often the process ended while it ran.
+    /// The number of times the process died while the job ran.
     pub(super) crashes: u32,
-    /// How often it was the only one that ran.
+    /// The number of those crashes in which no other job ran.
     pub(super) crashes_alone: u32,
-    /// How often memory had run out then.
+    /// The number of those lone crashes in which the system had run out of memory.
     pub(super) shortages_alone: u32,
-    /// The bytes of what was posted.
+    /// The size of the posted document, in bytes.
     pub(super) document_bytes: usize,
-    /// What was posted, where the disk does not have it.
+    /// The posted document, unless it is on the disk.
     pub(super) document: Option<Arc<[u8]>>,
-    /// The digest of that, once it is to be on the disk.
+    /// The digest of the document, once the document is to be on the disk.
     pub(super) digest: OnceLock<Digest>,
-    /// The request that posted it, in this process.
+    /// The tracing context of the request that posted the job, if that was in this process.
     pub(super) context: Context,
-    /// What it is of, until it starts, where that was read here; and whether it is to be solved though the answer may be known.
+    /// The compiled specification for an inline solve, if it was read in this process, until an attempt takes it; and
+    /// whether the job is to be solved even if its solution is known.
     solve_inline: Mutex<Option<(Arc<Known>, bool)>>,
-    /// It has had its first slice.
+    /// The job has used up its first time slice.
     sliced: AtomicBool,
-    life: Mutex<Lifecycle>,
+    lifecycle: Mutex<Lifecycle>,
     settled: Notify,
-    /// Wakes whoever supervises its worker when it is to stop.
+    /// Wakes the supervisor of the job's worker when the job is to stop.
     pub(super) halted: Notify,
 }
 
-/// What is known of a solve before it runs.
+/// Facts of a solve that are known before it runs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Estimate {
-    /// The type of the problem.
+    /// The problem type.
     pub problem: Cow<'static, str>,
-    /// Bytes.
+    /// The estimated memory, in bytes.
     pub memory: usize,
 }
 
-/// What a client asks for.
+/// A client's request for a solve.
 #[derive(Clone, Debug)]
 pub struct Order {
-    /// Whose it is.
+    /// The client.
     pub client: Client,
-    /// What is to be solved.
+    /// The facts of the problem: label, horizon, type and estimated memory.
     pub facts: Facts,
-    /// The same, where it has been read here.
+    /// The compiled specification, if it was read in this process.
     pub known: Option<Arc<Known>>,
-    /// It is to be solved though the answer to it may be known.
+    /// Solve even if the solution of this specification is known.
     pub anew: bool,
-    /// What was posted.
+    /// The posted document.
     pub document: Arc<[u8]>,
-    /// Under which it may be asked for again.
+    /// The idempotency key, if the client sent one.
     pub key: Option<Key>,
 }
 
 impl Job {
-    /// A job that has been accepted this moment, to be kept by memory or by the disk.
-    pub(super) fn new(order: Order, lasting: bool) -> Self {
+    /// A job admitted now, kept on the disk if it is `durable` and otherwise in memory.
+    pub(super) fn new(order: Order, durable: bool) -> Self {
         let Order { client, facts: Facts { label, horizon, problem, memory }, document, key, known, anew } = order;
-        let keeping = if lasting { Persistence::Storing } else { Persistence::Memory };
+        let persistence = if durable { Persistence::Storing } else { Persistence::Memory };
         Self {
             id: JobId(Uuid::now_v7()),
             client,
@@ -223,18 +225,18 @@ impl Job {
             crashes_alone: 0,
             shortages_alone: 0,
             document_bytes: document.len(),
-            document: (!lasting).then(|| Arc::clone(&document)),
+            document: (!durable).then(|| Arc::clone(&document)),
             digest: OnceLock::new(),
             context: Context::current(),
             solve_inline: Mutex::new(known.map(|known| (known, anew))),
             sliced: AtomicBool::new(false),
-            life: Mutex::new(Lifecycle { state: State::Accepted(Some(document)), keeping, parked: false }),
+            lifecycle: Mutex::new(Lifecycle { state: State::Accepted(Some(document)), persistence, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
         }
     }
 
-    /// A job that an earlier process accepted.
+    /// A job that an earlier process admitted.
     pub(super) fn recovered(id: JobId, record: Record) -> Self {
         let Record { client, label, horizon, estimate, created, document_bytes, document, key, ended, .. } = record;
         let Record { crashes, crashes_alone, shortages_alone, .. } = record;
@@ -256,13 +258,13 @@ impl Job {
             context: Context::default(),
             solve_inline: Mutex::default(),
             sliced: AtomicBool::new(false),
-            life: Mutex::new(Lifecycle { state, keeping: Persistence::Disk, parked: false }),
+            lifecycle: Mutex::new(Lifecycle { state, persistence: Persistence::Disk, parked: false }),
             settled: Notify::new(),
             halted: Notify::new(),
         }
     }
 
-    /// Where it stands now, as it is told: a job that may have to make room still waits.
+    /// The reported state: a job in its first time slice is reported as waiting.
     pub fn state(&self) -> State {
         match &self.lock().state {
             State::Running { on_trial: true, .. } => State::Accepted(None),
@@ -270,7 +272,7 @@ impl Job {
         }
     }
 
-    /// How to follow it, if a worker is at it, told or not.
+    /// The control of the solve if a worker is at the job, whatever the reported state.
     pub fn control(&self) -> Option<Arc<Control>> {
         match &self.lock().state {
             State::Running { control, .. } => Some(Arc::clone(control)),
@@ -278,28 +280,28 @@ impl Job {
         }
     }
 
-    /// Whether the client can find it without its name.
+    /// Whether the client can find the job by an idempotency key.
     pub fn has_key(&self) -> bool {
         self.key.is_some()
     }
 
-    /// Which attempt at it this is, from one.
+    /// The number of the current attempt, counted from one.
     pub fn attempt(&self) -> u32 {
         self.crashes + 1
     }
 
-    /// Whether nobody wants what it comes to.
+    /// Whether the job is deleted, so that its results are not needed.
     pub(super) fn is_forgotten(&self) -> bool {
-        self.lock().keeping == Persistence::Forgotten
+        self.lock().persistence == Persistence::Forgotten
     }
 
-    /// Whether the disk keeps it, or is about to.
-    pub(super) fn is_lasting(&self) -> bool {
-        self.lock().is_lasting()
+    /// Whether the job is on the disk, or is about to be.
+    pub(super) fn is_durable(&self) -> bool {
+        self.lock().is_durable()
     }
 
-    /// Accepted to running, at most `wall` long, at first on trial or to stay. Nothing if it has been dismissed or parked
-    /// meanwhile.
+    /// Changes the state from accepted to running, for at most `wall`; `on_trial` if it is in its first time slice.
+    /// Returns `None` if the job has been dismissed or parked meanwhile.
     pub(super) fn start(&self, wall: Duration, on_trial: bool) -> Option<Arc<Control>> {
         let control = match Instant::now().checked_add(wall) {
             Some(deadline) => Control::with_deadline(deadline),
@@ -308,63 +310,67 @@ impl Job {
         self.start_within(control, on_trial)
     }
 
-    /// The same, as long as `control` lets it.
+    /// Changes the state from accepted to running, with a given `control`; see [`Job::start`].
     pub(super) fn start_within(&self, control: Control, on_trial: bool) -> Option<Arc<Control>> {
-        let mut life = self.lock();
-        if life.parked || !matches!(life.state, State::Accepted(_)) {
+        let mut lifecycle = self.lock();
+        if lifecycle.parked || !matches!(lifecycle.state, State::Accepted(_)) {
             return None;
         }
-        // A wish to stop that came as the last attempt ended is not one for this.
+        // Consume a pending notification: a request to stop that came as the last attempt ended does not apply to this
+        // one.
         pin!(self.halted.notified()).as_mut().enable();
         let (started, control) = (Moment::now(), Arc::new(control));
-        life.state = State::Running { started, control: Arc::clone(&control), halt: None, on_trial };
+        lifecycle.state = State::Running { started, control: Arc::clone(&control), halt: None, on_trial };
         Some(control)
     }
 
-    /// Its trial is over, and it goes on.
+    /// Ends the trial of a running job: the job may now run to its end.
     pub(super) fn stay(&self) {
         if let State::Running { on_trial, .. } = &mut self.lock().state {
             *on_trial = false;
         }
     }
 
-    /// Whether it has had its first slice.
+    /// Whether the job has used up its first time slice.
     pub(super) fn has_had_slice(&self) -> bool {
         self.sliced.load(Relaxed)
     }
 
-    /// Its first slice is over.
+    /// Records that the job has used up its first time slice.
     pub(super) fn use_up_slice(&self) {
         self.sliced.store(true, Relaxed);
     }
 
-    /// What it is of, once, where that is in hand.
+    /// Takes the compiled specification for an inline solve, if it is in memory, and whether to ignore a known
+    /// solution.
     pub(super) fn solve_inline(&self) -> Option<(Arc<Known>, bool)> {
         self.solve_inline.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 
-    /// Running to accepted, with what was posted, unless it was asked to stop meanwhile; what it is to become then.
+    /// Changes the state from running to accepted, with `document`; if the job was asked to be dismissed or parked,
+    /// leaves the state as it is and returns the reason.
     pub(super) fn go_back(&self, document: &Arc<[u8]>) -> Option<Halt> {
-        let mut life = self.lock();
-        if let State::Running { halt, .. } = &life.state {
+        let mut lifecycle = self.lock();
+        if let State::Running { halt, .. } = &lifecycle.state {
             if let Some(Halt::Dismiss | Halt::Park) = halt {
                 return *halt;
             }
-            life.state = State::Accepted(Some(Arc::clone(document)));
+            lifecycle.state = State::Accepted(Some(Arc::clone(document)));
         }
         None
     }
 
-    /// Asks a running job to stop at its next step, and says whether it runs. What its client wants goes before.
+    /// Asks a running job to stop at its next step, and returns whether the job runs. A request of the client, or to
+    /// park, takes precedence over a request to yield.
     pub(super) fn halt(&self, reason: Halt) -> bool {
-        let mut life = self.lock();
-        let State::Running { halt, .. } = &mut life.state else { return false };
+        let mut lifecycle = self.lock();
+        let State::Running { halt, .. } = &mut lifecycle.state else { return false };
         *halt = Some(halt.filter(|asked| *asked != Halt::Yield).unwrap_or(reason));
         self.halted.notify_one();
         true
     }
 
-    /// Why it was asked to stop, if it was.
+    /// Why the running job was asked to stop, if it was.
     pub(super) fn halted(&self) -> Option<Halt> {
         match &self.lock().state {
             State::Running { halt, .. } => *halt,
@@ -372,7 +378,7 @@ impl Job {
         }
     }
 
-    /// The end, now, of what has been started.
+    /// The record of an end now, with the times and the progress of the running solve.
     pub(super) fn ended(&self, ending: Ending) -> Ended {
         let finished = Moment::now();
         match &self.lock().state {
@@ -395,34 +401,34 @@ impl Job {
         }
     }
 
-    /// To its end; wakes whoever waits.
+    /// Ends the job, unless it has ended, and wakes all who wait for its end.
     pub(super) fn finish(&self, ended: Ended) {
         self.lock().finish(ended);
         self.wake();
     }
 
-    /// To its end as it is on the disk, whether it was told before or not; wakes whoever waits.
+    /// Ends the job as stored on the disk, even if an end was reported before, and wakes all who wait for its end.
     pub(super) fn conclude(&self, ended: Ended) {
         self.lock().state = State::Ended(Arc::new(ended));
         self.wake();
     }
 
-    /// Wakes whoever waits for the end.
+    /// Wakes all who wait for the end.
     pub(super) fn wake(&self) {
         self.settled.notify_waiters();
     }
 
-    /// Returns when the job has ended, with how, or when it has been parked, with nothing.
+    /// Waits until the job has ended, and returns its end, or until it has been parked, and returns `None`.
     pub async fn settled(&self) -> Option<Arc<Ended>> {
         loop {
-            // Taken before the look at the state: a job that ends in between wakes it all the same.
+            // Registered before the state is read, so that an end in between is not missed.
             let settled = self.settled.notified();
             {
-                let life = self.lock();
-                if let State::Ended(ended) = &life.state {
+                let lifecycle = self.lock();
+                if let State::Ended(ended) = &lifecycle.state {
                     return Some(Arc::clone(ended));
                 }
-                if life.parked {
+                if lifecycle.parked {
                     return None;
                 }
             }
@@ -431,16 +437,16 @@ impl Job {
     }
 
     pub(super) fn lock(&self) -> MutexGuard<'_, Lifecycle> {
-        self.life.lock().unwrap_or_else(PoisonError::into_inner)
+        self.lifecycle.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 impl Lifecycle {
-    pub fn is_lasting(&self) -> bool {
-        matches!(self.keeping, Persistence::Storing | Persistence::Disk)
+    pub fn is_durable(&self) -> bool {
+        matches!(self.persistence, Persistence::Storing | Persistence::Disk)
     }
 
-    /// Ends what has not ended.
+    /// Ends the job, unless it has ended.
     pub fn finish(&mut self, ended: Ended) {
         if !matches!(self.state, State::Ended(_)) {
             self.state = State::Ended(Arc::new(ended));

@@ -1,10 +1,11 @@
-//! The rows of a file of redb that its library cannot open, as where its header is damaged: they are found on its pages without
-//! the trees above them, and known by their digests.
+//! The rows of a redb file that the library cannot open, for instance since its header is damaged: they are found on
+//! the leaf pages without the trees above them, and verified by their digests.
 //!
-//! A leaf begins with its kind, a byte of padding, and the number of its rows (two bytes, little-endian). Then come the ends of
-//! its values, counted from its beginning (four bytes each), the keys (here sixteen), and the values. Pages begin at multiples of
-//! their size, and a leaf may have several. Pages that are free have rows as well, of earlier states of a job: the latest of
-//! those that are there counts. So a job that was forgotten not long ago may be known again.
+//! A leaf begins with its kind (one byte), a byte of padding, and the number of its rows (two bytes, little-endian).
+//! Then come the end offsets of its values, from the beginning of the leaf (four bytes each), the keys (here sixteen
+//! bytes each), and the values. Pages begin at multiples of the page size, and a leaf may span several. Free pages
+//! contain rows as well, of earlier states of a job: the latest row found is used. So a job that was deleted not long
+//! ago may reappear.
 
 use super::seal::unseal;
 use super::{JobId, Record};
@@ -16,21 +17,21 @@ use std::ops::Range;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
 
-/// The bytes of a page.
+/// The size of a page, in bytes.
 const PAGE: u64 = 4096;
 
-/// The kind of a page that has rows.
+/// The kind of a leaf page.
 const LEAF: u8 = 1;
 
-/// The bytes before the ends of values, of an end, and of a key.
+/// The sizes of the head of a leaf, of an end offset, and of a key, in bytes.
 const HEAD: usize = 4;
 const END: usize = 4;
 const KEY: usize = 16;
 
-/// The longest value that is looked at: more than a specification may have by default.
+/// The longest value that is considered, in bytes: longer than a specification may be by default.
 const LONGEST: u64 = 64 << 20;
 
-/// A file of pages.
+/// A file of database pages.
 #[derive(Debug)]
 pub struct Leaves {
     file: File,
@@ -38,20 +39,20 @@ pub struct Leaves {
 }
 
 impl Leaves {
-    /// Those of the file at `path`.
+    /// The pages of the file at `path`.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// The file cannot be read.
     pub fn of(path: &Path) -> io::Result<Self> {
         let file = File::open(path)?;
         let length = file.metadata()?.len();
         Ok(Self { file, length })
     }
 
-    /// Shows every value that may be one with its key, whatever table it is of.
+    /// Visits every possible value with its key, of whatever table.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn scan(&self, visit: &mut dyn FnMut(JobId, &[u8])) -> io::Result<()> {
         let mut value = Vec::new();
         self.places(&mut |id, place| {
@@ -62,10 +63,10 @@ impl Leaves {
         })
     }
 
-    /// The latest row of each job.
+    /// The latest row of each job, in its stored form.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn rows(&self) -> io::Result<BTreeMap<JobId, Vec<u8>>> {
         let mut rows: BTreeMap<JobId, (Option<Age>, Vec<u8>)> = BTreeMap::new();
         self.scan(&mut |id, sealed| {
@@ -78,10 +79,10 @@ impl Leaves {
         Ok(rows.into_iter().map(|(id, (_, sealed))| (id, sealed)).collect())
     }
 
-    /// Every key that is the name of a job.
+    /// Every key that is the id of a job.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn names(&self) -> io::Result<BTreeSet<JobId>> {
         let mut names = BTreeSet::new();
         self.places(&mut |id, _| {
@@ -121,7 +122,8 @@ impl Leaves {
     }
 }
 
-/// How far a job was: ended or not, whether it was dismissed, how often it had been begun, and whether its results were whole.
+/// The progress of a job, to order its rows: whether it has ended, whether it was dismissed, its number of crashes, and
+/// whether its results are intact.
 type Age = (bool, bool, u32, Reverse<bool>);
 
 fn age(row: &[u8]) -> Option<Age> {

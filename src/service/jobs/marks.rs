@@ -1,11 +1,12 @@
-//! Which job each worker is at, so that the next process knows which jobs were running when this one ended.
+//! Marks of running jobs: which job each worker runs, so that the next process knows which jobs were running when this
+//! one died.
 //!
-//! A worker writes the name of its job into its slot of a file before it starts. The write is not synced: what a
-//! process has written outlives it, and a loss of power, in which the mark may be lost, is not the fault of a job.
-//! So the mark costs a microsecond where a commit would cost a turn of the disk.
+//! The id of a job is written into its worker's slot of a file before the job starts. The write is not synced: data
+//! written by a process outlive it, and a power failure, in which a mark may be lost, is not the fault of a job. So a
+//! mark costs a microsecond, where a commit would wait for the disk.
 //!
-//! Before the slots stands how many processes the system had ended for want of memory, up to the last one that this process
-//! has met: where it was one of them itself, there is one more.
+//! The head of the file holds the number of processes that the system had killed for want of memory, up to the last
+//! kill that this process has noticed: if the process itself is killed, the system's count is larger.
 
 use super::JobId;
 use super::files::OWN;
@@ -15,42 +16,41 @@ use std::io;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 
-/// What the names of their files begin with; the number of the start follows.
+/// The prefix of the file name, which ends with the number of the start.
 const PREFIX: &str = "running-";
 
-/// The name of a job and a line feed.
+/// The size of a slot, in bytes: an id and a line feed.
 const SLOT: usize = 37;
 
-/// The line before them, of what the system has ended for want of memory; of the length of two of them, since versions before
-/// 0.2 take all for slots.
+/// The size of the head, in bytes: two slots, since versions before 0.2 read the whole file as slots.
 const HEAD: usize = 2 * SLOT;
 
-/// The marks of one process.
+/// The file of marks of one process.
 #[derive(Debug)]
 pub struct Marks {
     file: File,
 }
 
 impl Marks {
-    /// Their file in `folder`, of that start.
+    /// The path of the marks of a `start` in `folder`.
     pub fn path(folder: &Path, start: u64) -> PathBuf {
         folder.join(format!("{PREFIX}{start}"))
     }
 
-    /// The files of all starts in `folder`, with the numbers of those.
+    /// The marks of all starts in `folder`: the number of each start, and the path.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn all(folder: &Path) -> io::Result<Vec<(u64, PathBuf)>> {
         let number = |entry: &DirEntry| entry.file_name().to_str()?.strip_prefix(PREFIX)?.parse().ok();
         let entries = fs::read_dir(folder)?.collect::<io::Result<Vec<_>>>()?;
         Ok(entries.iter().filter_map(|entry| Some((number(entry)?, entry.path()))).collect())
     }
 
-    /// No marks yet, in a new file.
+    /// Creates a file without marks.
     ///
     /// # Errors
-    /// The file cannot be made.
+    /// The file cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
         let file = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(path)?;
         let marks = Self { file };
@@ -60,18 +60,19 @@ impl Marks {
         Ok(marks)
     }
 
-    /// Notes what the system has ended up to now, of which this process knows.
+    /// Writes the count of kills for want of memory that this process has accounted for.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn account(&self, taken: &Taken) -> io::Result<()> {
         self.file.write_all_at(format!("{:<1$}\n", taken.line(), HEAD - 1).as_bytes(), 0)
     }
 
-    /// The jobs that are marked in a file, none if there is no such file; and whether the system has run out of memory since.
+    /// Reads the marked jobs, none if there is no such file, and whether the system has run out of memory since the
+    /// head was written.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn read(path: &Path) -> io::Result<(Vec<JobId>, bool)> {
         let text = match fs::read(path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok((Vec::new(), false)),
@@ -83,10 +84,10 @@ impl Marks {
         Ok((jobs.collect(), was_short))
     }
 
-    /// Marks `id` as the job of a worker.
+    /// Marks `id` as the running job of a worker.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn set(&self, worker: usize, id: JobId) -> io::Result<()> {
         self.write(worker, &format!("{id}\n"))
     }
@@ -94,7 +95,7 @@ impl Marks {
     /// Marks a worker as idle.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn clear(&self, worker: usize) -> io::Result<()> {
         self.write(worker, &format!("{:>1$}", '\n', SLOT))
     }

@@ -1,13 +1,13 @@
-//! Jobs from acceptance to oblivion: a fair bounded queue, a bounded pool of workers, a store of what they made.
+//! Jobs from admission to expiry: a fair bounded queue, a bounded pool of workers, and a store of jobs and results.
 //!
-//! 1. [`Jobs::submit`] puts a job in the store and in the queue, or says which bound is reached.
-//!    One that nobody has to wait for is solved at a glance instead.
-//! 2. Where a [worker](crate::worker) is free, it solves the first job of the client whose turn it is, under a deadline. One
-//!    that takes longer than a first slice may have to make room for others, and begins again.
-//! 3. The ended job is counted in the store, which forgets what is too old, and its waiters are woken.
+//! 1. [`Jobs::submit`] puts a job in the store and in the queue, or returns the bound that is reached.
+//!    A small problem that has no other job to wait for is solved inline instead (see `solve_inline`).
+//! 2. A free [worker](crate::worker) solves the next job, chosen fairly among clients, under a deadline. A job that
+//!    exceeds its first time slice may have to release its worker, and starts again from the beginning later.
+//! 3. The ended job is entered in the store, which expires the oldest results, and waiting requests are woken.
 //!
-//! [`Jobs::cancel`] and [`Jobs::forget`] pass the queue by: they work when it is full. In a durable service a job that
-//! was accepted to be waited for elsewhere outlives the process: see [`store`](self).
+//! [`Jobs::cancel`] and [`Jobs::forget`] bypass the queue: they work when it is full. In a durable service a job that
+//! was accepted asynchronously outlives the process (see the module `store`).
 
 mod apart;
 mod bounds;
@@ -92,32 +92,32 @@ pub struct Jobs {
     metrics: Arc<Metrics>,
     bounds: Bounds,
     intake: Mutex<Intake>,
-    /// Wakes a worker that waits, since a job has come in.
+    /// Wakes an idle worker, since a job has arrived.
     arrival: Notify,
-    /// Wakes a relief worker that may have something to do.
+    /// Wakes a relief worker, since a job may need relief.
     relief: Notify,
     store: Store,
-    /// A job that was running when a process ended may have ended it: nothing runs beside it.
+    /// Jobs that were running when an earlier process died are suspects: a suspect takes the write lock and runs alone.
     suspects: RwLock<()>,
     idle: Notify,
-    /// Wakes supervisors that wait for a worker when they are to go.
+    /// Wakes supervisors that wait for a worker, since they are to end.
     dismissed: Notify,
     is_dismissed: AtomicBool,
-    /// The shortest time in which a worker has started, in nanoseconds.
+    /// The shortest start-up time of a worker, in nanoseconds.
     fastest_start: AtomicU64,
     panics: AtomicU64,
     shortage: Shortage,
-    /// Workers that live, and whether the last attempt to start one failed.
+    /// The number of live workers, and whether the last attempt to start one failed.
     living: AtomicUsize,
     unstartable: AtomicBool,
 }
 
 impl Jobs {
-    /// The jobs of `folder`, those that have not ended in the queue; without a folder none, and none will outlive the
-    /// process. Where there is a `program`, a process of it looks at the folder first.
+    /// Loads the jobs stored in `folder` and queues the unfinished ones. Without a folder no job is loaded, and none
+    /// outlives the process. With a `program`, a child process of it checks the folder first.
     ///
     /// # Errors
-    /// The folder is in use, or those of the disk.
+    /// The folder is in use, or the disk reports an I/O error.
     pub fn open(
         bounds: Bounds,
         solver: Solver,
@@ -148,7 +148,7 @@ impl Jobs {
         })
     }
 
-    /// Whether a job of `client` with a document of so many bytes would be taken on at this moment.
+    /// Whether a job of `client` with a document of `document_bytes` would be admitted now.
     ///
     /// # Errors
     /// The bound that is reached.
@@ -160,51 +160,51 @@ impl Jobs {
         if intake.draining {
             return Err(AdmissionError::Draining);
         }
-        intake.queue.admits(client, document_bytes).map_err(|full| self.bounds.refusal(intake, full))
+        intake.queue.admits(client, document_bytes).map_err(|full| self.bounds.admission_error(intake, full))
     }
 
-    /// The job that the client has already posted under that key.
+    /// The job that the client has already posted under this idempotency key.
     ///
     /// # Errors
-    /// The key stands for something else, or its job is not yet on the disk.
+    /// The key belongs to a different document, or its job is not yet on the disk.
     pub fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, AdmissionError> {
         self.store.index().recall(client, key)?.map(known).transpose()
     }
 
-    /// What a task may take of a worker.
+    /// The limits of one task on a worker.
     pub fn limits(&self) -> Limits {
         let Bounds { steps, memory, wall, result_bytes, .. } = self.bounds;
         Limits { steps, memory, wall_seconds: Some(wall.as_secs_f64()), result_bytes }
     }
 
-    /// Checks a document as one that is to be solved here.
+    /// Checks a document against the limits of this service.
     ///
     /// # Errors
-    /// All that is wrong with it.
+    /// All errors of the document.
     pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         self.limits().check(draft, control)
     }
 
-    /// Takes on a job, or gives the one that was posted before under its key. One that is to be `lasting` is on the disk,
-    /// if there is one, when this returns.
+    /// Admits a job, or returns the earlier job with the same idempotency key. A durable job is on the disk, if the
+    /// service has a folder, when this returns.
     ///
     /// # Errors
     /// The bound that is reached.
-    pub async fn submit(&self, order: Order, lasting: bool) -> Result<Arc<Job>, AdmissionError> {
+    pub async fn submit(&self, order: Order, durable: bool) -> Result<Arc<Job>, AdmissionError> {
         let memory = order.facts.memory;
         if memory > self.bounds.memory {
             return Err(AdmissionError::Memory(memory));
         }
-        if !lasting && let Some(job) = self.solve_at_a_glance(&order).await {
+        if !durable && let Some(job) = self.try_inline(&order).await {
             return Ok(job);
         }
-        let place = if lasting { self.store.place().await? } else { None };
+        let place = if durable { self.store.place().await? } else { None };
         let (client, document) = (order.client, Arc::clone(&order.document));
         let job = Arc::new(Job::new(order, place.is_some()));
         let answer = {
             let mut intake = self.lock();
             self.admit(&intake, client, document.len())?;
-            // Before the lock is given back: a worker that takes the job must find it in the store.
+            // Under the lock of the intake: a worker that takes the job must find it in the store.
             if let Some(first) = self.store.index().insert(&job)? {
                 return known(first);
             }
@@ -221,36 +221,36 @@ impl Jobs {
         Ok(job)
     }
 
-    /// Gives a job to the disk, if there is one, that was to be waited for and takes longer.
+    /// Makes a job durable, if the service has a folder, once its client no longer waits for it.
     ///
     /// # Errors
-    /// The disk did not take it.
+    /// The disk did not accept the job.
     pub async fn outlive(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.store.outlive(job).await
     }
 
-    /// The job of that name, if it is not forgotten.
+    /// The job with this id, unless it is forgotten.
     pub fn find(&self, id: JobId) -> Option<Arc<Job>> {
         self.store.index().find(id)
     }
 
-    /// Every job that is not forgotten, in no order.
+    /// All jobs that are not forgotten, in no particular order.
     pub fn all(&self) -> Vec<Arc<Job>> {
         self.store.index().all()
     }
 
-    /// What was posted for a job.
+    /// The posted document of a job.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn document(&self, job: &Job) -> io::Result<Arc<[u8]>> {
         self.store.document(job)
     }
 
-    /// What a job left.
+    /// The results of a job.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub async fn results(&self, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
         let results = self.store.results(job.id, held).await;
         if let Err(error) = &results {
@@ -259,7 +259,8 @@ impl Jobs {
         results
     }
 
-    /// Takes note that the results of a job could not be read for this reason: those that are damaged are not shown again.
+    /// Records that reading the results of a job failed with `error`; damaged results are set aside and not served
+    /// again.
     pub async fn found(&self, job: &Job, error: &io::Error) {
         if is_damage(error) {
             self.metrics.found_damaged();
@@ -267,37 +268,37 @@ impl Jobs {
         }
     }
 
-    /// Whether that name is of a job whose row on the disk is damaged.
+    /// Whether the row of this job on the disk is damaged.
     pub fn is_damaged(&self, id: JobId) -> bool {
         self.store.is_damaged(id)
     }
 
-    /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
+    /// Dismisses a waiting job, asks a running job to stop at its next step, and leaves an ended job unchanged.
     ///
     /// # Errors
-    /// The disk did not take the news, so that a later process may start the job again.
+    /// The disk did not accept the change, so a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.take_out(job);
         self.store.cancel(job).await
     }
 
-    /// Cancels a job and forgets it.
+    /// Cancels a job and deletes it.
     ///
     /// # Errors
-    /// The disk did not take the news, so that a later process knows the job again.
+    /// The disk did not accept the change, so a later process will list the job again.
     pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.take_out(job);
         let cancelled = self.store.cancel(job).await;
         self.store.forget(job).await.and(cancelled)
     }
 
-    /// Forgets the jobs that ended too long before `now`.
+    /// Deletes the jobs whose retention time has passed at `now`.
     pub async fn expire(&self, now: Timestamp) {
         self.lock().forget();
         self.store.expire(now).await;
     }
 
-    /// Tries to write again what a full disk did not take, and has solved again what there was no memory to keep.
+    /// Retries writes that a full disk refused, and queues again the jobs whose results could not be kept in memory.
     pub async fn heal(&self) {
         if let Some(taken) = self.shortage.look() {
             self.store.account(&taken);
@@ -311,29 +312,29 @@ impl Jobs {
         }
     }
 
-    /// How often the database was built anew.
+    /// The number of times the database was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.store.rebuilds()
     }
 
-    /// How many ends of jobs wait for room on the disk.
+    /// The number of ended jobs whose ends wait for room on the disk.
     pub fn unsaved(&self) -> usize {
         self.store.unsaved()
     }
 
-    /// How many jobs will be taken before this waiting one; nothing if it does not wait.
+    /// The number of jobs that will be taken before this waiting job; `None` if it does not wait.
     pub fn position(&self, job: &Job) -> Option<usize> {
         self.lock().queue.position(job.client, |waiting| waiting.id == job.id)
     }
 
-    /// When it is worth while to ask for the job again.
+    /// The estimated time until the job ends, for `Retry-After`.
     pub fn time_to_end(&self, job: &Job) -> Duration {
         match job.state() {
             State::Accepted(_) => self.position(job).map_or(Duration::ZERO, |ahead| self.lock().time_for(ahead + 1)),
             State::Running { started, control, .. } => {
                 let (done, spent) = (control.fraction(), started.clock.elapsed());
                 let rest = spent.as_secs_f64() * (1.0 - done) / done;
-                // Longer than it may take it does not.
+                // The wall-time limit bounds the remaining time.
                 let most = self.bounds.wall.saturating_sub(spent);
                 Duration::try_from_secs_f64(rest).unwrap_or(spent).min(most)
             }
@@ -341,43 +342,43 @@ impl Jobs {
         }
     }
 
-    /// How many jobs wait, and how many run.
+    /// The numbers of waiting and of running jobs.
     pub fn load(&self) -> (usize, usize) {
         let intake = self.lock();
         (intake.queue.len(), intake.running)
     }
 
-    /// How many of the jobs that run have not to make room for others.
+    /// The number of running jobs that may run to their end without making room for others.
     pub fn long(&self) -> usize {
         self.lock().long()
     }
 
-    /// How many ended jobs are kept, and the bytes of their specifications and results.
+    /// The number of ended jobs that are kept, and the bytes of their specifications and results.
     pub fn kept(&self) -> (usize, usize) {
         self.store.index().kept()
     }
 
-    /// The bytes of the specifications that wait.
+    /// The bytes of the waiting specifications.
     pub fn waiting_bytes(&self) -> usize {
         self.lock().queue.bytes()
     }
 
-    /// How often the solver has panicked.
+    /// The number of panics of the solver.
     pub fn panics(&self) -> u64 {
         self.panics.load(Relaxed)
     }
 
-    /// Whether the intake has been stopped.
+    /// Whether the intake has stopped admitting jobs.
     pub fn is_draining(&self) -> bool {
         self.lock().draining
     }
 
-    /// Whether the disk, if there is one, takes what it is given.
+    /// Whether the disk, if the service has a folder, accepts writes.
     pub fn is_writable(&self) -> bool {
         self.store.is_writable()
     }
 
-    /// Wakes a relief worker, if there is something for it.
+    /// Wakes a relief worker if a job needs relief.
     fn call_relief(&self, intake: &Intake) {
         if intake.wants_relief() {
             self.relief.notify_one();
@@ -401,12 +402,12 @@ impl Jobs {
     }
 }
 
-/// Whether what is stored is not what was written.
+/// Whether `error` says that stored data differ from what was written.
 pub fn is_damage(error: &io::Error) -> bool {
     error.kind() == io::ErrorKind::InvalidData
 }
 
-/// The job that was posted before, once it is where it is to be.
+/// The job posted earlier under the key, once it is on the disk if it is to be durable.
 fn known(job: Arc<Job>) -> Result<Arc<Job>, AdmissionError> {
-    if job.lock().keeping == Persistence::Storing { Err(AdmissionError::KeyInUse) } else { Ok(job) }
+    if job.lock().persistence == Persistence::Storing { Err(AdmissionError::KeyInUse) } else { Ok(job) }
 }

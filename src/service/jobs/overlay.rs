@@ -1,5 +1,5 @@
-//! A file that is looked at and not changed: what the database writes to it, as it does when it was not closed in order, stays
-//! in memory.
+//! A read-only view of a file: writes of the database, which repairs a file that was not closed properly as it opens
+//! it, stay in memory.
 
 use redb::backends::FileBackend;
 use redb::{BackendError, StorageBackend};
@@ -11,10 +11,10 @@ use std::ops::Bound;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-/// The bytes that are kept together.
+/// The size of a page of the overlay, in bytes.
 const PAGE: u64 = 4096;
 
-/// The file and what has been written over it. A clone is of the same.
+/// A file and the pages written over it; clones share both.
 #[derive(Clone, Debug)]
 pub struct Overlay {
     file: Arc<FileBackend>,
@@ -28,10 +28,10 @@ struct Over {
 }
 
 impl Overlay {
-    /// Nothing written yet over the file at `path`.
+    /// The file at `path`, with nothing written over it yet.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// The file cannot be read.
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = File::open(path)?;
         let length = file.metadata()?.len();
@@ -43,7 +43,7 @@ impl Overlay {
         self.over.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The page of that number as it is in the file, with zeros behind its end.
+    /// The page with this number as it is in the file, padded with zeros behind the end of the file.
     fn below(&self, number: u64) -> io::Result<Box<[u8]>> {
         let mut page = vec![0; PAGE as usize].into_boxed_slice();
         let here = self.file.len()?.saturating_sub(number * PAGE).min(PAGE);
@@ -54,7 +54,8 @@ impl Overlay {
     }
 }
 
-/// The pages that bytes from `offset` on lie in: the number of each, where in it they begin, and how many there are.
+/// The pages that `length` bytes from `offset` on touch: for each, its number, the first byte in it, and the byte
+/// count.
 fn pages(offset: u64, length: usize) -> impl Iterator<Item = (u64, usize, usize)> {
     let end = offset + length as u64;
     (offset / PAGE..end.div_ceil(PAGE)).map(move |number| {
@@ -111,7 +112,7 @@ impl StorageBackend for Overlay {
         Ok(())
     }
 
-    // Who only reads locks others who write out, and none who reads.
+    // A shared lock: the reader excludes writers, but not other readers.
     fn try_lock_range(&self, start: Bound<u64>, end: Bound<u64>) -> Result<bool, BackendError> {
         self.file.try_lock_shared_range(start, end)
     }

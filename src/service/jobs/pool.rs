@@ -1,9 +1,10 @@
-//! The pool: threads that each supervise a worker, give it a job, wait for the end and take the next. A long solve delays no
-//! answer, and the number of workers bounds the work in hand. Some more are there for the first slices of jobs. Where one
-//! client's long jobs hold all others, relief workers take long jobs of clients for whom none runs, one at a time for each.
+//! The pool: threads that each supervise a worker process, give it a job, wait for the end and take the next job. A
+//! long solve delays no request, and the number of workers bounds the concurrent work. Some additional workers serve
+//! the first time slices of jobs. While other clients' long jobs occupy all workers, relief workers run long jobs of
+//! clients that have none running, one at a time per client.
 //!
-//! Each thread is a runtime of its own. Threads that share one wake each other in search of work whenever one of
-//! them is woken, which takes more time than a small solve.
+//! Each thread has an async runtime of its own. Threads of a shared runtime wake each other in search of work whenever
+//! one of them is woken, which takes more time than a small solve.
 
 use super::Jobs;
 use crate::worker::{Confinement, Event, Launcher, Supervisor};
@@ -14,19 +15,19 @@ use std::sync::mpsc::channel;
 use std::thread;
 use tokio::runtime::Builder;
 
-/// The workers; they stop when it is dropped, each at the end of the job in hand.
+/// The pool of workers; dropping it stops each worker at the end of its current job.
 pub struct Pool {
     jobs: Arc<Jobs>,
-    /// The limits that hold for the workers.
+    /// The resource limits that the workers have been able to set.
     confinement: Confinement,
 }
 
 impl Pool {
-    /// Starts `workers` on the queue of `jobs`, those for first slices among them; the `relief` workers have their threads, and
-    /// a process when they are needed.
+    /// Starts `workers` workers on the queue of `jobs`, the express workers included. The `relief` workers get their
+    /// threads now, and a process when one is needed.
     ///
     /// # Errors
-    /// The system gives no thread, or a worker cannot be started.
+    /// The system provides no thread, or a worker cannot be started.
     pub fn start(jobs: &Arc<Jobs>, workers: NonZeroUsize, relief: usize, launcher: &Launcher) -> io::Result<Self> {
         let mut pool = Self { jobs: Arc::clone(jobs), confinement: Confinement::default() };
         let (starting, started) = channel();
@@ -44,7 +45,7 @@ impl Pool {
                         while jobs.relieve_next(place, &mut supervisor).await {}
                         return;
                     }
-                    // Nobody listens where another worker could not be started.
+                    // The receiver is gone if another worker could not be started.
                     let _ = starting.send(supervisor.start().await);
                     drop(starting);
                     while jobs.solve_next(place, &mut supervisor).await {}
@@ -59,7 +60,7 @@ impl Pool {
         Ok(pool)
     }
 
-    /// The limits that hold for the workers.
+    /// The resource limits that the workers have been able to set.
     pub fn confinement(&self) -> &Confinement {
         &self.confinement
     }

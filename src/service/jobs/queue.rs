@@ -1,44 +1,44 @@
-//! A bounded queue in which no client can starve another: one line a client, first in first out, and the clients
-//! take turns (round robin: Nagle 1987, "On packet switches with infinite storage"). Since jobs take different times, a client
-//! with less of a load goes first: what is shared evenly is workers and their time (max-min fairness: Bertsekas & Gallager
-//! 1992, "Data networks", section 6.5.2).
+//! A bounded queue in which no client can starve another: one first-in-first-out line per client, and the clients
+//! take turns (round robin: Nagle 1987, "On packet switches with infinite storage"). Since jobs take different times,
+//! the client with the least load goes first: the workers and their time are shared evenly (max-min fairness: Bertsekas
+//! & Gallager 1992, "Data networks", section 6.5.2).
 
 use super::Client;
 use std::collections::{HashMap, VecDeque};
 
-/// Why nothing more goes in.
+/// The bound of the queue that is reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Full {
-    /// Every place is taken.
+    /// The number of waiting items.
     Queue,
-    /// With the item, what waits would be too large.
+    /// The total size of the waiting items, with the new one.
     Bytes,
-    /// The client holds as many places as one client may.
+    /// The number of waiting items of one client.
     Share,
 }
 
-/// How much may wait.
+/// The bounds of the queue.
 #[derive(Clone, Copy, Debug)]
 pub struct Room {
-    /// Items.
+    /// The number of items.
     pub places: usize,
-    /// Of those, one client's.
+    /// The number of items of one client.
     pub share: usize,
-    /// Bytes of all; a single item may have more.
+    /// The total bytes of all items; an item that waits alone may be larger.
     pub bytes: usize,
 }
 
-/// What waits takes memory.
+/// An item that takes memory while it waits.
 pub trait Heavy {
-    /// The bytes that count.
+    /// The size of the item, in bytes.
     fn bytes(&self) -> usize;
 }
 
-/// Waiting items, by client.
+/// The waiting items, by client.
 #[derive(Debug)]
 pub struct FairQueue<T> {
     lines: HashMap<Client, VecDeque<T>>,
-    /// The clients with something waiting, next one first.
+    /// The clients with waiting items, in order of their turns.
     turns: VecDeque<Client>,
     waiting: usize,
     bytes: usize,
@@ -51,35 +51,35 @@ impl<T: Heavy> FairQueue<T> {
         Self { lines: HashMap::new(), turns: VecDeque::new(), waiting: 0, bytes: 0, room }
     }
 
-    /// The bytes of what waits.
+    /// The total bytes of the waiting items.
     pub fn bytes(&self) -> usize {
         self.bytes
     }
 
-    /// How many wait.
+    /// The number of waiting items.
     pub fn len(&self) -> usize {
         self.waiting
     }
 
-    /// Whether none waits.
+    /// Whether no item waits.
     pub fn is_empty(&self) -> bool {
         self.waiting == 0
     }
 
-    /// Whether such an item waits.
+    /// Whether an item that satisfies `is_sought` waits.
     pub fn any(&self, is_sought: impl Fn(Client, &T) -> bool) -> bool {
         self.lines.iter().any(|(client, line)| line.iter().any(|item| is_sought(*client, item)))
     }
 
-    /// How many clients have something waiting.
+    /// The number of clients with waiting items.
     pub fn clients(&self) -> usize {
         self.turns.len()
     }
 
-    /// Whether `client` may put in another item, of so many bytes.
+    /// Whether `client` may add another item of size `bytes`.
     ///
     /// # Errors
-    /// Which bound is reached.
+    /// The bound that is reached.
     pub fn admits(&self, client: Client, bytes: usize) -> Result<(), Full> {
         if self.waiting >= self.room.places {
             return Err(Full::Queue);
@@ -93,7 +93,7 @@ impl<T: Heavy> FairQueue<T> {
         Ok(())
     }
 
-    /// Puts `item` at the end of the client's line, whatever the bounds: those are for [`FairQueue::admits`].
+    /// Appends `item` to the client's line, without regard to the bounds, which [`FairQueue::admits`] checks.
     pub fn push(&mut self, client: Client, item: T) {
         let line = self.lines.entry(client).or_default();
         if line.is_empty() {
@@ -104,8 +104,8 @@ impl<T: Heavy> FairQueue<T> {
         line.push_back(item);
     }
 
-    /// Takes the first item that `may` be taken of the client whose turn it is: of those with the least `load`, the first in
-    /// turn. A client without a load is passed over.
+    /// Removes and returns the next item that `may` be taken. Among clients with such an item, the least `load` goes
+    /// first, then the order of turns; a client whose load is `None` is skipped.
     pub fn pop<L: Ord>(&mut self, load: impl Fn(Client) -> Option<L>, may: impl Fn(&T) -> bool) -> Option<T> {
         let of_client = |(turn, client): (usize, &Client)| {
             let index = self.lines.get(client)?.iter().position(&may)?;
@@ -126,7 +126,7 @@ impl<T: Heavy> FairQueue<T> {
         Some(item)
     }
 
-    /// Takes out the client's first item that `is_sought`, wherever in its line it stands.
+    /// Removes the client's first item that satisfies `is_sought`, wherever it stands in the line.
     pub fn remove(&mut self, client: Client, is_sought: impl FnMut(&T) -> bool) -> Option<T> {
         let line = self.lines.get_mut(&client)?;
         let index = line.iter().position(is_sought)?;
@@ -140,7 +140,7 @@ impl<T: Heavy> FairQueue<T> {
         Some(item)
     }
 
-    /// Leaves in what `stays`, in its order.
+    /// Keeps the items that satisfy `stays`, in their order.
     pub fn retain(&mut self, mut stays: impl FnMut(&T) -> bool) {
         self.lines.retain(|_, line| {
             line.retain(&mut stays);
@@ -151,7 +151,8 @@ impl<T: Heavy> FairQueue<T> {
         self.bytes = self.lines.values().flatten().map(Heavy::bytes).sum();
     }
 
-    /// How many items will be taken before the client's first that `is_sought`, if nothing more comes in.
+    /// The number of items that will be taken before the client's first item that satisfies `is_sought`, if no item is
+    /// added.
     pub fn position(&self, client: Client, is_sought: impl FnMut(&T) -> bool) -> Option<usize> {
         let own = self.lines.get(&client)?.iter().position(is_sought)?;
         let turn = self.turns.iter().position(|turn| *turn == client)?;
@@ -184,7 +185,7 @@ mod tests {
         true
     }
 
-    /// The next item where all clients have the same load.
+    /// The next item if all clients have equal loads.
     fn take(queue: &mut FairQueue<&'static str>) -> Option<&'static str> {
         queue.pop(|_| Some(0), any)
     }

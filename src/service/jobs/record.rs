@@ -1,4 +1,4 @@
-//! What the disk knows of a job, beside its specification and its results: JSON, a row a job.
+//! The row of a job on the disk, beside its specification and its results: a JSON object.
 
 use super::Client;
 use super::ended::{Ended, Held};
@@ -9,46 +9,46 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use specification::Time;
 
-/// A row.
+/// The row of a job.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Record {
-    /// Whose it is.
+    /// The client that posted the job.
     pub client: Client,
-    /// The client's own words for it.
+    /// A label chosen by the client.
     pub label: Option<String>,
-    /// The time horizon of its problem.
+    /// The time horizon of the problem.
     pub horizon: Time,
-    /// What was known of its solve when it was accepted.
+    /// The problem type and the estimated memory of the solve.
     #[serde(default)]
     pub estimate: Option<Estimate>,
-    /// When it was accepted.
+    /// When the job was admitted.
     pub created: Timestamp,
-    /// The bytes of what was posted.
+    /// The size of the posted document, in bytes.
     pub document_bytes: usize,
-    /// The digest of those.
+    /// The digest of the posted document.
     #[serde(default)]
     pub document: Option<Digest>,
-    /// Under which the client may ask for it again.
+    /// The idempotency key under which the client may ask for the job again.
     pub key: Option<Key>,
-    /// How often the process ended while it ran.
+    /// The number of times the process died while the job ran.
     pub crashes: u32,
-    /// How often it was the only one that ran.
+    /// The number of those crashes in which no other job ran.
     #[serde(default)]
     pub crashes_alone: u32,
-    /// How often memory had run out then.
+    /// The number of those lone crashes in which the system had run out of memory.
     #[serde(default)]
     pub shortages_alone: u32,
-    /// It was running when it was first stored, so that no mark says so.
+    /// The job was already running when it was first stored, so that no mark shows that it ran.
     pub underway: bool,
-    /// Its client does not want it any more.
+    /// The client has cancelled the job.
     pub dismissed: bool,
-    /// How it ended, if it has.
+    /// How the job ended, if it has.
     pub ended: Option<Ended>,
 }
 
 #[cfg(test)]
 impl Record {
-    /// The row of a job that left something.
+    /// The row of a job that has results.
     pub fn example(held: super::Held) -> Self {
         let ended = Ended { held: Some(held), ..Ended::unsolved(super::Ending::Successful) };
         Self {
@@ -71,15 +71,15 @@ impl Record {
 }
 
 impl Job {
-    /// Its row, if the disk has one.
+    /// The row of the job, if the disk has one.
     pub(super) fn row(&self) -> Option<Record> {
-        let life = self.lock();
-        let record = Record::of(self, &life);
-        match (life.keeping, life.ended()) {
+        let lifecycle = self.lock();
+        let record = Record::of(self, &lifecycle);
+        match (lifecycle.persistence, lifecycle.ended()) {
             (Persistence::Disk, Some(ended)) if !matches!(ended.held, Some(Held::Memory(_))) => {
                 Some(record.ended(ended))
             }
-            // One that waits to be written.
+            // A job whose end waits to be written has the row of an unfinished job.
             (Persistence::Disk, _) => Some(record),
             (Persistence::Memory | Persistence::Storing | Persistence::Forgotten, _) => None,
         }
@@ -87,9 +87,9 @@ impl Job {
 }
 
 impl Record {
-    /// The row of `job` at this point of its `life`.
-    pub fn of(job: &Job, life: &Lifecycle) -> Self {
-        let (underway, dismissed) = match &life.state {
+    /// The row of `job` in its present lifecycle.
+    pub fn of(job: &Job, lifecycle: &Lifecycle) -> Self {
+        let (underway, dismissed) = match &lifecycle.state {
             State::Running { halt, .. } => (true, *halt == Some(Halt::Dismiss)),
             State::Accepted(_) | State::Ended(_) => (false, false),
         };
@@ -111,7 +111,7 @@ impl Record {
         }
     }
 
-    /// The same, ended.
+    /// This row with an end.
     pub fn ended(self, ended: &Ended) -> Self {
         Self { underway: false, ended: Some(ended.clone()), ..self }
     }

@@ -1,5 +1,5 @@
-//! Room on the disk that is held back: where the rest is full, jobs can still be deleted and ended, which takes some pages
-//! before it gives any back.
+//! Reserved room on the disk: when the rest is full, jobs can still be deleted and ended, which takes some pages before
+//! it frees any.
 
 use super::files::OWN;
 use std::fs::{self, OpenOptions};
@@ -7,10 +7,10 @@ use std::io::{self, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::PathBuf;
 
-/// A group of changes rewrites at most some thousand pages of 4 KiB.
+/// The size of the reserve, in bytes: a group of changes rewrites at most some thousand pages of 4 KiB.
 const BYTES: usize = 4 << 20;
 
-/// A file of that room.
+/// A file that occupies the reserved room.
 #[derive(Debug)]
 pub struct Reserve {
     path: PathBuf,
@@ -22,17 +22,17 @@ impl Reserve {
         Self { path }
     }
 
-    /// Holds the room, which may be held already.
+    /// Writes the file, unless it has its full size already.
     ///
     /// # Errors
-    /// Those of the disk, as where it is full; nothing is held then.
+    /// I/O errors of the disk, for instance if it is full; nothing is reserved then.
     pub fn hold(&self) -> io::Result<()> {
         if fs::metadata(&self.path).is_ok_and(|data| data.len() == BYTES as u64) {
             return Ok(());
         }
         let held = OpenOptions::new().write(true).create(true).truncate(true).mode(OWN).open(&self.path).and_then(
             |mut file| {
-                // Written, since a length alone holds no room.
+                // Written out, since a length alone reserves no room.
                 (0..BYTES / PIECE.len()).try_for_each(|_| file.write_all(&PIECE))?;
                 file.sync_all()
             },
@@ -43,7 +43,7 @@ impl Reserve {
         held
     }
 
-    /// Whether there is so much room beside.
+    /// Whether there are `bytes` of room besides the reserve.
     pub fn is_beside(&self, bytes: usize) -> bool {
         let path = self.path.with_extension("part");
         let tried =
@@ -51,12 +51,12 @@ impl Reserve {
                 (0..bytes.div_ceil(PIECE.len())).try_for_each(|_| file.write_all(&PIECE))?;
                 file.sync_all()
             });
-        // One that stays is written over by the next.
+        // If it cannot be removed, the next call overwrites it.
         let _ = fs::remove_file(&path);
         tried.is_ok()
     }
 
-    /// Gives the room back.
+    /// Frees the reserved room.
     pub fn release(&self) {
         if let Err(error) = fs::remove_file(&self.path)
             && error.kind() != io::ErrorKind::NotFound

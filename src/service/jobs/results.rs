@@ -1,5 +1,6 @@
-//! What a solve leaves behind: short results as JSON, long ones as [columns](solution::columnar), so that an answer reads what
-//! it needs. Their JSON is written once, on the worker's side, for its length and its digest.
+//! The results of a solve: short ones as JSON, long ones as [columns](solution::columnar), so that a response reads
+//! only the part that it needs. The JSON of long results is generated once, in the worker, for its length and its
+//! digest.
 
 use super::spool::Backing;
 use crate::digest::{Digest, Fingerprint, Measure};
@@ -8,10 +9,10 @@ use solution::{Selection, Solution, encodings};
 use std::io::{self, Write};
 use std::sync::OnceLock;
 
-/// The most bytes of the JSON of short results.
+/// The largest size of short results as JSON, in bytes.
 pub const SHORT: usize = 64 << 10;
 
-/// A solution as it is kept.
+/// The stored form of a solution.
 #[derive(Debug)]
 pub enum Results {
     /// As JSON.
@@ -20,52 +21,52 @@ pub enum Results {
     Columns(Long),
 }
 
-/// JSON, and its digest once somebody has asked for it.
+/// JSON, and its digest once it has been computed.
 #[derive(Debug)]
 pub struct Text {
     json: Vec<u8>,
     digest: OnceLock<Digest>,
 }
 
-/// Columns, and what they are known by.
+/// Columns, and the fingerprints that identify them.
 #[derive(Debug)]
 pub struct Long {
-    /// Where they are.
+    /// The place of the columns.
     pub backing: Backing,
-    /// Of the JSON that they stand for.
+    /// The fingerprint of the JSON that they encode.
     pub json: Fingerprint,
-    /// Of their index, which is at the end.
+    /// The fingerprint of their index, at the end of the file.
     pub index: Fingerprint,
 }
 
-/// Columns that are read, and the rest of their solution.
+/// Columns opened for reading, and the other parts of their solution.
 pub struct Opened {
     /// The columns.
     pub columns: Box<dyn Columns>,
-    /// The rest.
+    /// The other parts of the solution.
     pub skeleton: Skeleton,
 }
 
-/// The JSON would be longer than it may be.
+/// The results as JSON exceed the size limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TooLarge;
 
-/// A solution in the form in which it is kept.
+/// A solution to be stored.
 pub enum Encoded {
-    /// JSON.
+    /// Short results as JSON.
     Text(Vec<u8>),
-    /// To be written as columns.
+    /// Long results, to be written as columns: the fingerprint of their JSON, and the parts other than columns.
     Columns(Fingerprint, Skeleton),
 }
 
 impl Encoded {
-    /// The JSON of `solution` if it is short, and else its fingerprint.
+    /// Encodes `solution` as JSON if that is short, and otherwise computes the fingerprint of its JSON.
     ///
     /// # Errors
     /// The JSON is longer than `limit` bytes.
     pub fn of(solution: &Solution, limit: usize) -> Result<Self, TooLarge> {
         let mut json = Bounded { bytes: Vec::new(), limit: limit.min(SHORT) };
-        // The only way in which writing to memory fails is the bound.
+        // Writing to memory fails only at the bound.
         if encodings::write_json(solution, &mut json).is_ok() {
             json.bytes.shrink_to_fit();
             return Ok(Self::Text(json.bytes));
@@ -81,7 +82,7 @@ impl Results {
     /// Encodes `solution`, in memory.
     ///
     /// # Errors
-    /// Its JSON is longer than `limit` bytes.
+    /// The JSON of `solution` is longer than `limit` bytes.
     pub fn of(solution: &Solution, limit: usize) -> Result<Self, TooLarge> {
         match Encoded::of(solution, limit)? {
             Encoded::Text(json) => Ok(Self::read(json)),
@@ -94,15 +95,15 @@ impl Results {
         }
     }
 
-    /// JSON that was encoded before.
+    /// Results encoded before, as JSON.
     pub fn read(json: Vec<u8>) -> Self {
         Self::Text(Text { json, digest: OnceLock::new() })
     }
 
-    /// JSON that was written to a disk, if it is what its digest was made of.
+    /// JSON read from the disk, verified against its digest.
     ///
     /// # Errors
-    /// It is not.
+    /// The digest differs.
     pub fn vouched(json: Vec<u8>, digest: Digest) -> io::Result<Self> {
         Ok(Self::Text(Text { json: digest.vouch(json)?, digest: digest.into() }))
     }
@@ -122,7 +123,7 @@ impl Results {
         self.fingerprint().digest
     }
 
-    /// The JSON, where it is in hand.
+    /// The JSON, if it is in memory.
     pub fn text(&self) -> Option<&[u8]> {
         match self {
             Self::Text(text) => Some(&text.json),
@@ -130,10 +131,10 @@ impl Results {
         }
     }
 
-    /// The columns and the rest. Text is read as a whole.
+    /// Opens the columns and the other parts of the solution. JSON is parsed as a whole.
     ///
     /// # Errors
-    /// Those of the disk; [`io::ErrorKind::InvalidData`] where what was stored is damaged.
+    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the stored data are damaged.
     pub fn open(&self) -> io::Result<Opened> {
         match self {
             Self::Text(text) => {
@@ -148,7 +149,7 @@ impl Results {
         }
     }
 
-    /// The bytes of its JSON.
+    /// The size of the results as JSON, in bytes.
     pub fn bytes(&self) -> usize {
         match self {
             Self::Text(text) => text.json.len(),
@@ -158,10 +159,10 @@ impl Results {
 }
 
 impl Long {
-    /// The columns, once the index is known to be what was written.
+    /// Opens the columns, with their index verified.
     ///
     /// # Errors
-    /// Those of the disk; [`io::ErrorKind::InvalidData`] where it is not.
+    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the index is damaged.
     pub fn open(&self) -> io::Result<Stored> {
         let (source, length) = self.backing.open()?;
         let damaged = |why: &str| io::Error::new(io::ErrorKind::InvalidData, why);
@@ -174,17 +175,17 @@ impl Long {
 }
 
 impl Long {
-    /// That all of it is as it was written.
+    /// Verifies every block of the columns.
     ///
     /// # Errors
-    /// As of [`Long::open`].
+    /// See [`Long::open`].
     pub fn verify(&self) -> io::Result<()> {
         let columns = self.open()?;
         Selection::whole(&columns).verify(&columns)
     }
 }
 
-/// Memory that refuses to grow past a limit.
+/// A buffer that refuses to grow past a limit, in bytes.
 struct Bounded {
     bytes: Vec<u8>,
     limit: usize,

@@ -1,6 +1,7 @@
-//! What can be read of a damaged database, written to a new one: every row that is as it was written, and what its digests
-//! vouch for of specifications and results. A row that a process still knows by heart is written as it knows it. The names of
-//! jobs whose rows are lost are kept, so that they are told as damaged and not as unknown.
+//! Recovery of a damaged database: all that can be read is copied to a new one, which is every intact row, and the
+//! specifications and results that match the digests in their rows. A lost row that the process still holds in memory
+//! is written from memory. The ids of other lost rows are kept, so that their jobs are reported as damaged and not as
+//! unknown.
 
 use super::database::{CACHE_BYTES, Database};
 use super::ended::Held;
@@ -20,27 +21,27 @@ use std::mem::take;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-/// The bytes of rows that are written in one transaction, which are in memory until then.
+/// The size of the rows written in one transaction, in bytes; they are in memory until then.
 const AT_ONCE: usize = 8 << 20;
 
-/// What came of it.
+/// The outcome of a rebuild.
 #[derive(Debug, Default)]
 pub struct Salvaged {
-    /// Jobs whose rows are there.
+    /// The number of jobs that have a row.
     pub jobs: usize,
-    /// Of those, rows that were known beside the database alone.
+    /// The number of those whose rows came from memory.
     pub remembered: usize,
-    /// What could not be read, by the name of its job.
+    /// The parts that could not be read, by job.
     pub lost: BTreeMap<JobId, Vec<&'static str>>,
-    /// Where the damaged file is now.
+    /// The path of the damaged file.
     pub aside: PathBuf,
 }
 
-/// Builds the database of the store in `folder` anew, as a service does that meets a damaged page; nothing if all of it is as
-/// it was written.
+/// Rebuilds the database of the store in `folder`, as a service does that meets a damaged page; returns `None` if the
+/// store is intact.
 ///
 /// # Errors
-/// The store is absent, in use or of another version, or those of the disk; nothing has changed.
+/// The store is absent, in use or of another version, or the disk reports an I/O error; the store is unchanged.
 pub fn repair(folder: &Path) -> io::Result<Option<Salvaged>> {
     let path = folder.join("jobs.redb");
     let known = Inspection::of(folder)?;
@@ -55,11 +56,11 @@ pub fn repair(folder: &Path) -> io::Result<Option<Salvaged>> {
     database.rebuild(&io::Error::new(io::ErrorKind::InvalidData, "it is to be repaired")).map(Some)
 }
 
-/// Where rows are read.
+/// The source of the rows.
 pub enum Source<'a> {
     /// A database that can be opened.
     Tables(&'a Database),
-    /// The pages of one that cannot, and the latest row of each job on them.
+    /// The pages of a database that cannot be opened, and the latest row of each job on them.
     Leaves(Leaves, BTreeMap<JobId, Vec<u8>>),
 }
 
@@ -67,7 +68,7 @@ impl Source<'_> {
     /// The pages of the file at `path`.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// The file cannot be read.
     pub fn leaves(path: &Path) -> io::Result<Self> {
         let leaves = Leaves::of(path)?;
         let rows = leaves.rows()?;
@@ -88,12 +89,12 @@ impl Source<'_> {
         }
     }
 
-    /// Whether all that is found under a name is of the job's present state.
+    /// Whether each value found belongs to the present state of its job.
     fn is_present(&self) -> bool {
         matches!(self, Self::Tables(_))
     }
 
-    /// Shows the rows of a table, up to what cannot be read.
+    /// Visits the rows of a table, as far as they can be read.
     fn scan<V>(&self, table: TableDefinition<'static, u128, V>, visit: &dyn Fn(JobId, &[u8]) -> ControlFlow<()>)
     where
         V: for<'a> Value<SelfType<'a> = &'a [u8]> + 'static,
@@ -121,20 +122,21 @@ impl Source<'_> {
     }
 }
 
-/// What the row of a job says of its parts.
+/// The digests of a job's parts, according to its row.
 struct Parts {
-    /// The digest of its specification, where that is known.
+    /// The digest of the specification, if the row has one.
     document: Option<Digest>,
-    /// That of its results, where they are in the table.
+    /// The digest of the results, if they are in the table.
     results: Option<Digest>,
-    /// Another version wrote it, so that nothing is known of its parts.
+    /// The row is in the format of another version, so that the digests are unknown.
     is_foreign: bool,
 }
 
-/// Writes what can be read of a database, of the latest start, to a new one in `file`, whose blocks have those sums.
+/// Copies what can be read of a database to a new one in `file`, with block checksums `sums` and the number `start` of
+/// the latest start.
 ///
 /// # Errors
-/// Those of the disk that is written to.
+/// I/O errors of the disk on which `file` is.
 pub fn salvage(
     from: &Source<'_>,
     file: File,
@@ -216,7 +218,7 @@ impl Parts {
     }
 }
 
-/// Copies the rows of a table for which `holds` says so, and gives those of `wanted` that are not among them.
+/// Copies the rows of a table that `holds` accepts, and returns the ids of `wanted` that were not copied.
 fn copy<V>(
     from: &Source<'_>,
     into: &Redb,
@@ -227,7 +229,7 @@ fn copy<V>(
 where
     V: for<'a> Value<SelfType<'a> = &'a [u8]> + 'static,
 {
-    // What fails here is told apart from what cannot be read there.
+    // Errors of writing are returned; errors of reading end the scan.
     let (rows, failed) = (RefCell::new((Rows::new(into, table), &mut wanted)), RefCell::new(None));
     let visit = |id, bytes: &[u8]| {
         if !holds(id, bytes) {
@@ -254,7 +256,7 @@ where
     failed.into_inner().map_or(Ok(wanted), Err)
 }
 
-/// Rows on their way into a table.
+/// Rows waiting to be written to a table.
 struct Rows<'a, V: Value + 'static> {
     into: &'a Redb,
     table: TableDefinition<'static, u128, V>,

@@ -1,22 +1,23 @@
-//! Whether the system has run out of memory: how many processes it has ended for that since it started (`oom_kill` in
-//! `/proc/vmstat`). What is ended from outside where it has not, was ended by somebody, and not for what it did.
+//! Detection of a memory shortage: the number of processes that the kernel has killed for want of memory since it
+//! booted (`oom_kill` in `/proc/vmstat`). A process killed without such an event was killed by someone, and not for its
+//! own conduct.
 
 use std::fs;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// The length of the name of a start of the system.
+/// The length of a boot id.
 const NAME: usize = 36;
 
-/// How many processes a system has ended for want of memory.
+/// The number of processes that a system has killed for want of memory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Taken {
-    /// The name of the start of that system.
+    /// The boot id, in which the count began at zero.
     boot: String,
     count: u64,
 }
 
 impl Taken {
-    /// Up to now; nothing where the system does not say.
+    /// The present count; `None` where the system does not report it.
     pub fn now() -> Option<Self> {
         let boot = fs::read_to_string("/proc/sys/kernel/random/boot_id").ok()?.trim_end().to_owned();
         let figures = fs::read_to_string("/proc/vmstat").ok()?;
@@ -24,32 +25,32 @@ impl Taken {
         (boot.len() == NAME).then_some(Self { boot, count })
     }
 
-    /// How many more it has ended since `earlier`, as far as that is known.
+    /// The number of kills since `earlier`; zero if the system has rebooted in between.
     pub fn since(&self, earlier: &Self) -> u64 {
         if self.boot == earlier.boot { self.count.saturating_sub(earlier.count) } else { 0 }
     }
 
-    /// A line of at most 68 bytes.
+    /// The count as a line of at most 68 bytes.
     pub fn line(&self) -> String {
         format!("boot {} ended {}", self.boot, self.count)
     }
 
-    /// What such a line says.
+    /// Parses a line written by [`Taken::line`].
     pub fn read(line: &str) -> Option<Self> {
         let (boot, count) = line.strip_prefix("boot ")?.split_once(" ended ")?;
         Some(Self { boot: boot.to_owned(), count: count.trim().parse().ok()? })
     }
 }
 
-/// What this process knows of it.
+/// The kills for want of memory that this process has accounted for.
 #[derive(Debug)]
 pub struct Shortage(Mutex<Known>);
 
 #[derive(Debug)]
 struct Known {
-    /// Of these it is said what they were, or they are none of ours.
+    /// The count up to which kills are attributed: to workers of this service, or to processes that are not its own.
     accounted: Option<Taken>,
-    /// At the latest look.
+    /// The count at the latest call of [`Shortage::look`].
     seen: Option<Taken>,
 }
 
@@ -61,8 +62,8 @@ impl Default for Shortage {
 }
 
 impl Shortage {
-    /// Whether the system has ended a process for want of memory of which this has not been said yet, once for each; and
-    /// up to where it has been said.
+    /// Whether the system has killed a process for want of memory that is not yet attributed, and attributes one; with
+    /// the attributed count.
     pub fn account(&self) -> (bool, Option<Taken>) {
         let mut known = self.lock();
         let Some((taken, now)) = known.accounted.as_mut().zip(Taken::now()) else { return (false, None) };
@@ -71,8 +72,8 @@ impl Shortage {
         (is_short, known.accounted.clone())
     }
 
-    /// Looks how many there are, and takes those that there were at the look before for accounted: what was ours among them
-    /// has been met since. Says up to where that is, if it has changed.
+    /// Reads the count, and takes the kills up to the last reading for attributed: a worker among them has been noticed
+    /// since. Returns the attributed count if it has changed.
     pub fn look(&self) -> Option<Taken> {
         let mut known = self.lock();
         let seen = std::mem::replace(&mut known.seen, Taken::now());

@@ -1,12 +1,13 @@
-//! Small solves are tried on the thread that serves their connection: to wake a worker, and to be woken by it, takes longer
-//! than they do.
+//! Inline solves: a small problem is first tried on the thread that serves its connection, since to wake a worker and
+//! to be woken by it takes longer than to solve a small problem.
 //!
-//! What is not over after a fraction of a millisecond goes to the queue as if nothing had been tried, so that a connection
-//! waits for the solve of another no longer than for the reading of its specification. Nothing is tried while jobs of others
-//! wait, which came first; nor what may take long over one step. What is to be on the disk or to be found under a key before it
-//! is solved is tried when it has its turn, on the thread that supervises the worker which would have it.
+//! A solve that has not ended after a fraction of a millisecond goes to the queue as if it had not been tried, so that
+//! it delays other connections no longer than the parsing of a specification does. No solve is tried while jobs of
+//! other clients wait, which came first, nor one whose single steps may take long. A job that must be on the disk, or
+//! that must be found under a key, before it is solved, is tried when its turn comes, on the thread that supervises the
+//! worker which would solve it.
 //!
-//! What was solved so before, to the letter, is answered as it was then.
+//! If the identical specification was solved inline before, the known solution is returned.
 
 use super::ended::{Ended, Ending, Held};
 use super::job::{Halt, Job};
@@ -21,12 +22,13 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Some times what waking a worker takes, of a thread that runs: where others have the processor in between, waking takes longer too.
-const GLANCE: Duration = Duration::from_micros(200);
+/// The CPU time of an inline solve: several times the wake-up time of a worker. CPU time and not elapsed time, since on
+/// a busy machine a wake-up takes longer, too.
+const INLINE_TIME: Duration = Duration::from_micros(200);
 
 impl Jobs {
-    /// A job that has been solved, if that is done at once.
-    pub(super) async fn solve_at_a_glance(&self, order: &Order) -> Option<Arc<Job>> {
+    /// Solves a job inline, and returns it if it has been solved.
+    pub(super) async fn try_inline(&self, order: &Order) -> Option<Arc<Job>> {
         let known = order.known.as_deref().filter(|_| order.key.is_none())?;
         let is_known = known.answer(order.client).is_some() && !order.anew;
         let may_be_tried = if is_known { !self.is_draining() } else { known.is_small() && self.is_free(order.client) };
@@ -35,15 +37,15 @@ impl Jobs {
         }
         let job = Arc::new(Job::new(Order { known: None, ..order.clone() }, false));
         let ended = self.solve_inline(&job, known, order.anew)?;
-        // Without a key there is none that came before.
+        // A job without a key cannot collide with an earlier one.
         let _ = self.store.index().insert(&job);
         job.log_end(&ended);
         self.store.conclude(&job, ended).await;
         Some(job)
     }
 
-    /// The end of a job that has its turn, if it comes at once; a job that takes longer is as it was.
-    pub(super) fn glance_in_turn(&self, job: &Job, document: &Arc<[u8]>) -> Option<Outcome> {
+    /// Tries to solve a job inline when its turn has come, and returns its outcome; `None` leaves the job as it was.
+    pub(super) fn try_inline_in_turn(&self, job: &Job, document: &Arc<[u8]>) -> Option<Outcome> {
         let (known, anew) = job.solve_inline()?;
         if !known.is_small() {
             return None;
@@ -56,9 +58,9 @@ impl Jobs {
         })
     }
 
-    /// The end of a job, which runs from here on.
+    /// Starts a job, and solves it inline or finds its known solution; returns its end.
     fn solve_inline(&self, job: &Job, known: &Known, anew: bool) -> Option<Ended> {
-        let control = job.start_within(time_to_run(GLANCE), true)?;
+        let control = job.start_within(time_to_run(INLINE_TIME), true)?;
         if let Some(answer) = known.answer(job.client).filter(|_| !anew) {
             self.metrics.repeated();
             let Repeated { steps, verdict, results, .. } = answer.clone();
@@ -73,7 +75,7 @@ impl Jobs {
             });
         }
         let begun = Instant::now();
-        // A worker meets the panic again, and reports it.
+        // The job then goes to a worker, where the panic happens again and is reported.
         let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(&known.specification, &control))).ok()?;
         if solution.status != Status::Completed {
             return None;
@@ -86,21 +88,21 @@ impl Jobs {
         Some(ended)
     }
 
-    /// Whether a solve would keep no job of another client from its turn: the requests that one client has open at a time are in
-    /// no order.
+    /// Whether an inline solve would delay no job of another client. Jobs of the same client may be overtaken:
+    /// concurrent requests of one client have no order.
     fn is_free(&self, client: Client) -> bool {
         let intake = self.lock();
         !intake.draining && !intake.queue.any(|waiting, _| waiting != client)
     }
 }
 
-/// A control that stops this thread when it has run for so long, whatever others had of the processor meanwhile.
+/// A control that stops the solve when this thread has used `time` of CPU time.
 fn time_to_run(time: Duration) -> Control {
     let end = running() + time;
     Control::with_deadline(Instant::now() + time).with_reprieve(move || running() < end)
 }
 
-/// The time that this thread has run.
+/// The CPU time of this thread.
 fn running() -> Duration {
     let Timespec { tv_sec, tv_nsec } = clock_gettime(ClockId::ThreadCPUTime);
     Duration::new(tv_sec.unsigned_abs(), u32::try_from(tv_nsec).unwrap_or_default())

@@ -1,14 +1,14 @@
-//! The time of workers that each client has had lately: half of it is forgotten in the longest time that a job may run, so that
-//! nobody pays for ever for a job that he was allowed.
+//! The recent worker time of each client. It decays exponentially, with the wall-time limit of a job as its half-life,
+//! so that a client does not pay forever for a job that it was allowed to run.
 
 use super::Client;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
-/// What is left after so many halvings is nothing: a job of minutes has become less than a glance.
+/// The number of half-lives after which a client's time is negligible: minutes have decayed to less than a microsecond.
 const FORGOTTEN: u32 = 30;
 
-/// What each client has had.
+/// The decaying worker time of each client.
 #[derive(Debug)]
 pub struct Spent {
     half_life: Duration,
@@ -16,18 +16,18 @@ pub struct Spent {
 }
 
 impl Spent {
-    /// Nothing yet.
+    /// No time used yet.
     pub fn new(half_life: Duration) -> Self {
         Self { half_life, of: HashMap::new() }
     }
 
-    /// Counts a worker's `time` for `client`, up to `now`.
+    /// Adds a worker's `time`, used up to `now`, for `client`.
     pub fn add(&mut self, client: Client, time: Duration, now: Instant) {
         let before = self.by(client, now);
         self.of.insert(client, (before + time, now));
     }
 
-    /// What `client` has had.
+    /// The decayed worker time of `client` at `now`.
     pub fn by(&self, client: Client, now: Instant) -> Duration {
         self.of.get(&client).map_or(Duration::ZERO, |(time, then)| {
             let halvings = now.saturating_duration_since(*then).div_duration_f64(self.half_life);
@@ -35,7 +35,7 @@ impl Spent {
         })
     }
 
-    /// Lets go of clients that have not come back for long.
+    /// Removes clients whose time has decayed to nothing.
     pub fn forget(&mut self, now: Instant) {
         let most = self.half_life.saturating_mul(FORGOTTEN);
         self.of.retain(|_, (_, then)| now.saturating_duration_since(*then) < most);

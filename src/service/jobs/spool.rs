@@ -1,5 +1,6 @@
-//! Long results on their way from a worker, and where they are afterwards. What a durable service receives goes to a file as it
-//! comes, so that memory holds little of it whoever waits for it; where the disk is full or there is none, memory keeps it.
+//! Long results in transit from a worker, and their place afterwards. A durable service writes them to a file as they
+//! arrive, so that they take little memory however long they wait; without a folder, or on a full disk, they are kept
+//! in memory.
 
 use super::files::OWN;
 use solution::columnar::Source;
@@ -9,17 +10,17 @@ use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// So many bytes are kept in memory, whatever there is.
+/// The number of bytes kept in memory before a file is begun.
 const IN_MEMORY: usize = 1 << 20;
 
-/// Where long results are.
+/// The place of long results.
 #[derive(Clone, Debug)]
 pub enum Backing {
     /// In memory.
     Memory(Arc<Vec<u8>>),
-    /// In a file that goes when nobody needs it any more.
+    /// In a file that is removed when the last reference to it is dropped.
     Scratch(Arc<Scratch>),
-    /// In a file that stays.
+    /// In a permanent file.
     File(PathBuf),
 }
 
@@ -29,10 +30,10 @@ impl Backing {
         Self::Memory(Arc::new(bytes))
     }
 
-    /// To be read at any place; and how many bytes there are.
+    /// Opens the results for reading at any offset; also returns their length in bytes.
     ///
     /// # Errors
-    /// Those of the disk; [`io::ErrorKind::InvalidData`] where the file is gone.
+    /// I/O errors of the disk; [`io::ErrorKind::InvalidData`] if the file is missing.
     pub fn open(&self) -> io::Result<(Arc<dyn Source>, u64)> {
         let path = match self {
             Self::Memory(bytes) => return Ok((Arc::<Vec<u8>>::clone(bytes), bytes.len() as u64)),
@@ -48,7 +49,7 @@ impl Backing {
     }
 }
 
-/// An open file: it can be read to its end even when its name is gone.
+/// An open file: it stays readable even after it has been removed.
 struct OnDisk(File);
 
 impl Source for OnDisk {
@@ -57,12 +58,12 @@ impl Source for OnDisk {
     }
 }
 
-/// A file that is removed when this is dropped; a start removes what a crash has left.
+/// A file that is removed when this is dropped; a start removes the files that a crash has left.
 #[derive(Debug)]
 pub struct Scratch(PathBuf);
 
 impl Scratch {
-    /// Where it is.
+    /// The path of the file.
     pub fn path(&self) -> &Path {
         &self.0
     }
@@ -70,27 +71,27 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // It may be in a folder that was removed.
+        // Fails if the folder has been removed; the file is gone then, too.
         let _ = fs::remove_file(&self.0);
     }
 }
 
-/// Takes bytes as they come.
+/// A writer that keeps few bytes in memory and many in a scratch file.
 #[derive(Debug)]
 pub struct Spool {
-    /// Where a file would be, if there is a folder for it.
+    /// The path for a scratch file that has not been begun; `None` without a folder.
     path: Option<PathBuf>,
     memory: Vec<u8>,
     file: Option<(File, Scratch)>,
 }
 
 impl Spool {
-    /// Nothing yet; with a file at `path` when it becomes much.
+    /// An empty spool, which begins a file at `path` once it holds more than `IN_MEMORY` bytes.
     pub fn new(path: Option<PathBuf>) -> Self {
         Self { path, memory: Vec::new(), file: None }
     }
 
-    /// Where it all is.
+    /// Ends the writing and returns the place of the bytes.
     pub fn end(mut self) -> Backing {
         match self.file.take() {
             Some((_, scratch)) => Backing::Scratch(Arc::new(scratch)),
@@ -101,7 +102,7 @@ impl Spool {
         }
     }
 
-    /// Goes over to a file, if there may be one.
+    /// Moves the bytes from memory to a new file, if there is a path for one.
     fn begin_file(&mut self) {
         let Some(path) = self.path.take() else { return };
         let opened = OpenOptions::new().read(true).write(true).create(true).truncate(true).mode(OWN).open(&path);
@@ -115,7 +116,7 @@ impl Spool {
         }
     }
 
-    /// Takes the first `length` bytes of the file back into memory.
+    /// Reads the first `length` bytes of the file back into memory.
     fn take_back(&mut self, file: &File, length: u64) -> io::Result<()> {
         self.memory.resize(usize::try_from(length).map_err(io::Error::other)?, 0);
         file.read_exact_at(&mut self.memory, 0)

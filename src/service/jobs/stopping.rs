@@ -1,24 +1,25 @@
-//! How jobs come to rest when the service stops.
+//! The stop of the service: draining and parking of jobs.
 
 use super::Jobs;
 use super::job::Halt;
 
 impl Jobs {
-    /// Stops the intake. Jobs that run or are waited for go on; those that the disk keeps are left to the next process.
+    /// Stops admitting jobs. Running jobs and jobs that clients wait for go on; waiting durable jobs are left to the
+    /// next process.
     pub fn drain(&self) {
         let mut intake = self.lock();
         intake.draining = true;
-        intake.queue.retain(|job| !job.is_lasting());
+        intake.queue.retain(|job| !job.is_durable());
         self.announce_if_idle(&intake);
     }
 
-    /// Leaves every job that has not ended to the next process, asking those that run to stop. Without a disk, dismisses
-    /// them.
+    /// Parks every unfinished job for the next process, asking running jobs to stop. A job that cannot be on a disk is
+    /// dismissed.
     pub async fn park_all(&self) {
         for job in self.store.index().all() {
-            // What the disk does not take is dismissed like what has no disk.
+            // A job that the disk refuses is dismissed below, like one of a service without a disk.
             let _ = self.store.outlive(&job).await;
-            if !job.is_lasting() {
+            if !job.is_durable() {
                 let _ = self.cancel(&job).await;
             } else if !job.halt(Halt::Park) {
                 self.take_out(&job);
@@ -27,12 +28,12 @@ impl Jobs {
         }
     }
 
-    /// Returns when all that has happened is on the disk.
+    /// Waits until all pending writes are on the disk.
     pub async fn flush(&self) {
         self.store.flush().await;
     }
 
-    /// Returns when no job waits or runs.
+    /// Waits until no job waits or runs.
     pub async fn idle(&self) {
         loop {
             let idle = self.idle.notified();

@@ -1,8 +1,9 @@
-//! What is known of jobs: the index in memory, and in a durable service the disk behind it.
+//! The store of jobs: the index in memory, and in a durable service the disk behind it.
 //!
-//! A job that its client waits for is kept by memory alone. It comes to the disk when it is accepted as an asynchronous one,
-//! or when it outlives the wait. From then on each of its states is on the disk before anyone is told of it. All changes of
-//! one job are handed to the disk under the lock of its life, so that they are made in the order in which they came about.
+//! A job that its client waits for is kept in memory alone. It is written to the disk if it is admitted asynchronously,
+//! or when its solve outlives the wait. From then on each of its states is on the disk before it is reported. All
+//! changes of one job are handed to the disk under the lock of its [`Lifecycle`], so that they are made in the order in
+//! which they happened.
 
 mod healing;
 
@@ -27,23 +28,24 @@ use std::path::Path;
 use std::sync::Arc;
 use tokio::task::spawn_blocking;
 
-/// Jobs by name.
+/// The store of all jobs.
 #[derive(Debug)]
 pub struct Store {
     index: Arc<Index>,
     disk: Option<Arc<Disk>>,
-    /// Jobs on the disk of which nothing is known, since their rows are not as they were written.
+    /// Jobs on the disk whose rows are damaged.
     damaged: HashSet<JobId>,
-    /// What the disk has not taken yet.
+    /// The ends that the disk has not accepted yet.
     unsaved: Arc<Unsaved>,
 }
 
 impl Store {
-    /// A store over `folder`, which keeps so many bytes of results in memory that the disk does not take; with the jobs of earlier processes that wait for a worker, oldest first; without a folder, an
-    /// empty one in memory.
+    /// Opens a store over `folder`, and returns it with the waiting jobs of earlier processes, oldest first. Without a
+    /// folder, it is empty and in memory. Ends that the disk refuses are kept in memory, up to `unsaved` bytes of
+    /// results.
     ///
     /// # Errors
-    /// The folder is in use, or those of the disk.
+    /// The folder is in use, or the disk reports an I/O error.
     pub fn open(
         folder: Option<&Path>,
         program: Option<&OsStr>,
@@ -63,12 +65,12 @@ impl Store {
             if let Some(ended) = &mut record.ended
                 && ended.damaged
             {
-                // They may have been put back.
+                // The results may have been restored.
                 ended.damaged = ended.held.as_ref().is_some_and(|held| disk.verify(id, held).is_err());
             }
             let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));
             let job = Arc::new(Job::recovered(id, record));
-            // Keys were told apart when the jobs were accepted.
+            // Keys are distinct: that was checked when the jobs were admitted.
             let _ = index.insert(&job);
             match finished {
                 Some((finished, bytes)) => past.push((finished, bytes, job)),
@@ -94,10 +96,10 @@ impl Store {
         &self.index
     }
 
-    /// A place for a job that is to be kept by the disk; nothing without a disk.
+    /// A slot for the insertion of a job on the disk; `None` without a disk.
     ///
     /// # Errors
-    /// The disk takes no change.
+    /// The disk refuses changes.
     pub async fn place(&self) -> Result<Option<WriteSlot>, Unwritable> {
         match &self.disk {
             Some(_) if !self.is_writable() => Err(Unwritable),
@@ -106,62 +108,64 @@ impl Store {
         }
     }
 
-    /// A place for news of a job that the disk keeps, on a full disk too.
+    /// A slot for an update of a stored job, also on a full disk; `None` without a disk.
     async fn passage(&self) -> Result<Option<WriteSlot>, Unwritable> {
         let Some(disk) = &self.disk else { return Ok(None) };
         disk.place().await.map(Some)
     }
 
-    /// Hands `job` to the disk.
-    pub fn store(&self, job: &Arc<Job>, life: &mut Lifecycle, document: Arc<[u8]>, place: WriteSlot) -> Written {
-        life.keeping = Persistence::Storing;
+    /// Sends `job` to the disk, through the slot `place`.
+    pub fn store(&self, job: &Arc<Job>, lifecycle: &mut Lifecycle, document: Arc<[u8]>, place: WriteSlot) -> Written {
+        lifecycle.persistence = Persistence::Storing;
         job.digest.get_or_init(|| Digest::of(&document));
-        let change = Change { document: Some(document), ..Change::record(job.id, &Record::of(job, life)) };
+        let change = Change { document: Some(document), ..Change::record(job.id, &Record::of(job, lifecycle)) };
         let stored = Arc::clone(job);
         place.send(change, move |written| {
-            let mut life = stored.lock();
-            if life.keeping == Persistence::Storing {
-                life.keeping = if written.is_ok() { Persistence::Disk } else { Persistence::Memory };
+            let mut lifecycle = stored.lock();
+            if lifecycle.persistence == Persistence::Storing {
+                lifecycle.persistence = if written.is_ok() { Persistence::Disk } else { Persistence::Memory };
             }
         })
     }
 
-    /// Hands a job that memory alone keeps to the disk, unless it has ended; returns when the disk has it.
+    /// Writes a job that is kept in memory to the disk, unless it has ended, and waits until it is written.
     ///
     /// # Errors
-    /// The disk did not take it.
+    /// The disk did not accept the job.
     pub async fn outlive(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
-        if job.lock().keeping == Persistence::Disk {
+        if job.lock().persistence == Persistence::Disk {
             return Ok(());
         }
         let Some(place) = self.place().await? else { return Ok(()) };
         let answer = {
-            let mut life = job.lock();
-            match (&job.document, &life.state, life.keeping) {
+            let mut lifecycle = job.lock();
+            match (&job.document, &lifecycle.state, lifecycle.persistence) {
                 (_, State::Ended(_), _) | (_, _, Persistence::Disk | Persistence::Forgotten) => return Ok(()),
-                (Some(document), _, Persistence::Memory) => self.store(job, &mut life, Arc::clone(document), place),
-                // Behind the change that stores it.
+                (Some(document), _, Persistence::Memory) => {
+                    self.store(job, &mut lifecycle, Arc::clone(document), place)
+                }
+                // An empty change is made after the pending change that stores the job.
                 (_, _, Persistence::Storing | Persistence::Memory) => place.send(Change::default(), drop),
             }
         };
         answer.written().await
     }
 
-    /// Marks `job`, if the disk keeps it, as the one that a worker is at.
+    /// Marks `job`, if it is durable, as the running job of a worker.
     pub fn mark(&self, worker: usize, job: &Job) {
-        if job.is_lasting() {
+        if job.is_durable() {
             self.note("the start of a job", |marks| marks.set(worker, job.id));
         }
     }
 
-    /// Takes the mark of a worker away.
+    /// Clears the mark of a worker, if `job` is durable.
     pub fn unmark(&self, worker: usize, job: &Job) {
-        if job.is_lasting() {
+        if job.is_durable() {
             self.note("the end of a job", |marks| marks.clear(worker));
         }
     }
 
-    /// Notes what the system has ended for want of memory, up to now.
+    /// Records the count of kills for want of memory that this process has accounted for.
     pub fn account(&self, taken: &Taken) {
         self.note("what the system has ended", |marks| marks.account(taken));
     }
@@ -174,7 +178,7 @@ impl Store {
         }
     }
 
-    /// Ends a job: keeps its results, forgets others for them, and wakes whoever waits.
+    /// Ends a job: keeps its results, forgets the oldest jobs to make room, and wakes all who wait for the end.
     pub async fn conclude(&self, job: &Arc<Job>, ended: Ended) {
         let outcome = match (self.conclude_in_memory(job, ended), &self.disk) {
             (Err(ended), Some(disk)) => {
@@ -188,44 +192,45 @@ impl Store {
         self.tidy(outcome).await;
     }
 
-    /// Gives the end back if the disk keeps the job.
+    /// Ends a job that is kept in memory; returns the end as an error if the job is durable.
     fn conclude_in_memory(&self, job: &Arc<Job>, ended: Ended) -> Result<Vec<Arc<Job>>, Box<Ended>> {
-        let mut life = job.lock();
-        if life.is_lasting() {
+        let mut lifecycle = job.lock();
+        if lifecycle.is_durable() {
             return Err(Box::new(ended));
         }
-        // Kept before anyone is woken: whoever sees the end of a job finds the store within its bounds.
+        // Before anyone is woken, so that the store is within its bounds when the end is seen.
         let forgotten = self.keep(job, &ended);
-        life.finish(ended);
-        drop(life);
+        lifecycle.finish(ended);
+        drop(lifecycle);
         job.wake();
         Ok(forgotten)
     }
 
-    /// Writes the end of a job, and tells it then; what the disk does not take is told all the same, and kept for later.
+    /// Writes the end of a job, and reports it afterwards; an end that the disk refuses is reported, too, and kept to
+    /// be written later.
     async fn conclude_on_disk(&self, disk: &Disk, job: &Arc<Job>, ended: Ended) {
         let kept = ended.clone();
         let is_long = matches!(&ended.held, Some(Held::Memory(results)) if results.text().is_none());
-        // No file without a row: a kill in between would leave one that nobody knows.
-        if is_long && job.lock().keeping == Persistence::Storing {
+        // Store the row before the file: a kill in between would leave a file without a row.
+        if is_long && job.lock().persistence == Persistence::Storing {
             self.flush().await;
         }
-        let is_forgotten = job.lock().keeping == Persistence::Forgotten;
+        let is_forgotten = job.lock().persistence == Persistence::Forgotten;
         let put_away = if is_forgotten { Ok((ended, None)) } else { disk.put_away(job.id, ended) };
         let place = disk.place().await;
-        let life = job.lock();
-        if life.keeping == Persistence::Forgotten {
-            drop(life);
+        let lifecycle = job.lock();
+        if lifecycle.persistence == Persistence::Forgotten {
+            drop(lifecycle);
             disk.discard(job.id);
             self.unsaved.forget(job, kept.bytes());
             return job.finish(Ended { held: None, ..kept });
         }
         let (Ok((ended, results)), Ok(place)) = (put_away, place) else {
-            drop(life);
+            drop(lifecycle);
             tracing::warn!(job.id = %job.id, "the end of job {} cannot be written yet", job.id);
             return self.unsaved.keep(job, kept);
         };
-        let record = Record::of(job, &life).ended(&ended);
+        let record = Record::of(job, &lifecycle).ended(&ended);
         let (concluded, unsaved) = (Arc::clone(job), Arc::clone(&self.unsaved));
         place.take(Change { results, ..Change::record(job.id, &record) }, move |written| match written {
             Ok(()) => {
@@ -236,22 +241,22 @@ impl Store {
         });
     }
 
-    /// Dismisses a waiting job, asks a running one to stop at its next step, leaves an ended one as it is.
+    /// Dismisses a waiting job, asks a running job to stop at its next step, and leaves an ended job unchanged.
     ///
     /// # Errors
-    /// The disk did not take the news, so that a later process may start the job again.
+    /// The disk did not accept the change, so a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
-        let place = if job.is_lasting() { self.passage().await } else { Ok(None) };
+        let place = if job.is_durable() { self.passage().await } else { Ok(None) };
         let (answer, forgotten) = {
-            let mut life = job.lock();
-            let mut record = Record::of(job, &life);
+            let mut lifecycle = job.lock();
+            let mut record = Record::of(job, &lifecycle);
             let mut forgotten = Vec::new();
-            match &mut life.state {
+            match &mut lifecycle.state {
                 State::Accepted(_) => {
                     let ended = Ended::unsolved(Ending::Dismissed);
                     forgotten = self.keep(job, &ended);
                     record = record.ended(&ended);
-                    life.finish(ended);
+                    lifecycle.finish(ended);
                 }
                 State::Running { halt, .. } => {
                     *halt = Some(Halt::Dismiss);
@@ -261,54 +266,54 @@ impl Store {
                 State::Ended(_) => return Ok(()),
             }
             let tell = |place: WriteSlot| place.send(Change::record(job.id, &record), drop);
-            (place.map(|place| place.filter(|_| life.is_lasting()).map(tell)), forgotten)
+            (place.map(|place| place.filter(|_| lifecycle.is_durable()).map(tell)), forgotten)
         };
         job.wake();
         self.tidy(forgotten).await;
         written(answer?).await
     }
 
-    /// Forgets a job.
+    /// Deletes a job.
     ///
     /// # Errors
-    /// The disk did not take the news, so that a later process knows the job again.
+    /// The disk did not accept the change, so a later process will list the job again.
     pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.index.forget(job.id);
         written(self.erase(vec![Arc::clone(job)]).await?).await
     }
 
-    /// Forgets the jobs that are too old at this time.
+    /// Deletes the jobs whose retention time has passed at `now`.
     pub async fn expire(&self, now: Timestamp) {
         self.tidy(self.index.expire(now)).await;
     }
 
-    /// Leaves a job to the next process, if the disk keeps it.
+    /// Parks a durable job for the next process.
     pub async fn park(&self, job: &Arc<Job>) {
         let Ok(Some(place)) = self.passage().await else { return };
         {
-            let mut life = job.lock();
-            if !life.is_lasting() || matches!(life.state, State::Ended(_)) {
+            let mut lifecycle = job.lock();
+            if !lifecycle.is_durable() || matches!(lifecycle.state, State::Ended(_)) {
                 return;
             }
-            life.parked = true;
-            life.state = State::Accepted(None);
-            place.take(Change::record(job.id, &Record::of(job, &life)), drop);
+            lifecycle.parked = true;
+            lifecycle.state = State::Accepted(None);
+            place.take(Change::record(job.id, &Record::of(job, &lifecycle)), drop);
         }
         job.wake();
     }
 
-    /// Returns when every change that has come in has been made.
+    /// Waits until all changes sent so far have been made.
     pub async fn flush(&self) {
         if let Ok(Some(place)) = self.passage().await {
-            // What could not be written has been told to those who waited for it.
+            // Failures have been reported to the senders of the failed changes.
             let _ = place.send(Change::default(), drop).written().await;
         }
     }
 
-    /// What was posted for a job.
+    /// The posted document of a job.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub fn document(&self, job: &Job) -> io::Result<Arc<[u8]>> {
         match (&job.document, &self.disk) {
             (Some(document), _) => Ok(Arc::clone(document)),
@@ -317,10 +322,10 @@ impl Store {
         }
     }
 
-    /// The results of a job. Those in a file are read on a thread that may wait.
+    /// The results of a job. Files are read on a thread for blocking calls.
     ///
     /// # Errors
-    /// Those of the disk.
+    /// I/O errors of the disk.
     pub async fn results(&self, id: JobId, held: &Held) -> io::Result<Arc<Results>> {
         match (held, &self.disk) {
             (Held::Memory(results), _) => Ok(Arc::clone(results)),
@@ -333,27 +338,27 @@ impl Store {
         }
     }
 
-    /// Takes the long results of a job as they come.
+    /// A spool for the long results of a job.
     pub fn spool(&self, id: JobId) -> Spool {
         Spool::new(self.disk.as_ref().map(|disk| disk.scratch(id)))
     }
 
-    /// Whether that name is of a job whose row is damaged.
+    /// Whether the row of this job is damaged.
     pub fn is_damaged(&self, id: JobId) -> bool {
         self.damaged.contains(&id)
     }
 
-    /// Tells the end of a job from now on as one whose results are damaged. They stay where they are.
+    /// Records that the results of an ended job are damaged, so that they are not served again. The data stay in place.
     pub async fn set_aside(&self, job: &Job) {
         let Some(disk) = &self.disk else { return };
         let place = disk.place().await;
-        let mut life = job.lock();
-        let State::Ended(ended) = &life.state else { return };
+        let mut lifecycle = job.lock();
+        let State::Ended(ended) = &lifecycle.state else { return };
         let damaged = Ended { damaged: true, ..Ended::clone(ended) };
-        if let Some(place) = place.ok().filter(|_| life.is_lasting()) {
-            place.take(Change::record(job.id, &Record::of(job, &life).ended(&damaged)), drop);
+        if let Some(place) = place.ok().filter(|_| lifecycle.is_durable()) {
+            place.take(Change::record(job.id, &Record::of(job, &lifecycle).ended(&damaged)), drop);
         }
-        life.state = State::Ended(Arc::new(damaged));
+        lifecycle.state = State::Ended(Arc::new(damaged));
     }
 
     fn keep(&self, job: &Job, ended: &Ended) -> Vec<Arc<Job>> {
@@ -364,12 +369,12 @@ impl Store {
     async fn erase(&self, jobs: Vec<Arc<Job>>) -> Result<Option<Written>, Unwritable> {
         let mut stored = Vec::new();
         for job in jobs {
-            let mut life = job.lock();
-            // From here on nothing about this job goes to the disk but its removal.
-            if life.is_lasting() {
+            let mut lifecycle = job.lock();
+            // From here on, the removal is the only change of the job that goes to the disk.
+            if lifecycle.is_durable() {
                 stored.push(job.id);
             }
-            life.keeping = Persistence::Forgotten;
+            lifecycle.persistence = Persistence::Forgotten;
         }
         if stored.is_empty() {
             return Ok(None);
@@ -377,7 +382,7 @@ impl Store {
         Ok(self.passage().await?.map(|place| place.send(Change::forgotten(stored), drop)))
     }
 
-    /// Removes jobs from the disk, which nobody waits for.
+    /// Removes jobs from the disk without waiting for the write.
     async fn tidy(&self, jobs: Vec<Arc<Job>>) {
         if let Err(error) = self.erase(jobs).await {
             tracing::error!(%error, "forgotten jobs stay on the disk until the next start");

@@ -1,13 +1,14 @@
 //! The tables of the database, and the version of their format.
 //!
-//! | format | since | what is there |
+//! | format | since | contents |
 //! |---|---|---|
 //! | 1 | 0.1 | rows as JSON; no table `format` |
 //! | 2 | | rows behind a digest, with the digests of specifications and results in them; long results as JSON |
 //! | 3 | | long results as columns |
 //!
-//! A store of an earlier format is brought up to date in one transaction when it is opened. One of a later format is refused,
-//! and so is a later store by the versions before formats were told: the type of its rows has another name.
+//! A store of an earlier format is converted in one transaction when it is opened. A store of a later format is
+//! refused. Versions that do not know the table `format` refuse a later store as well, since the type of its rows has
+//! another name.
 
 use super::JobId;
 use super::seal::{seal, unseal};
@@ -15,27 +16,27 @@ use crate::digest::{Digest, Fingerprint};
 use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition, TableHandle, TypeName, Value};
 use serde_json::json;
 
-/// The format that is written.
+/// The present format.
 pub const FORMAT: u64 = 3;
 
-/// Rows of jobs, sealed.
+/// The rows of jobs, sealed with digests.
 pub const JOBS: TableDefinition<'_, u128, Sealed> = TableDefinition::new("jobs");
-/// What was posted.
+/// The posted documents.
 pub const SPECIFICATIONS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("specifications");
-/// Small results.
+/// Short results.
 pub const RESULTS: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("results");
 /// The number of the latest start.
 pub const STARTS: TableDefinition<'_, (), u64> = TableDefinition::new("starts");
-/// The jobs whose rows could not be read when the database was built anew; absent where that never was.
+/// The jobs whose rows were lost in a rebuild of the database; absent if it was never rebuilt.
 pub const LOST: TableDefinition<'_, u128, ()> = TableDefinition::new("lost");
-/// Forgotten jobs that may have left a file, until that is removed; absent where none was forgotten.
+/// Deleted jobs that may have a file, until it is removed; absent if no job was deleted.
 pub const FORGOTTEN: TableDefinition<'_, u128, ()> = TableDefinition::new("forgotten");
 
 const FORMATS: TableDefinition<'_, (), u64> = TableDefinition::new("format");
 const JOBS_OF_FORMAT_1: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("jobs");
 const JOBS_ON_THE_WAY: TableDefinition<'_, u128, &[u8]> = TableDefinition::new("jobs of format 1");
 
-/// The bytes of a row behind their digest.
+/// The type of a row behind its digest.
 #[derive(Debug)]
 pub struct Sealed;
 
@@ -66,7 +67,7 @@ impl Value for Sealed {
     }
 }
 
-/// The format of what is there; nothing if nothing is.
+/// The format of the database; `None` if it is empty.
 pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
     let transaction = redb.begin_read()?;
     let names: Vec<String> = transaction.list_tables()?.map(|table| table.name().to_owned()).collect();
@@ -77,7 +78,7 @@ pub fn format(redb: &Database) -> Result<Option<u64>, redb::Error> {
     Ok(has(JOBS.name()).then_some(1))
 }
 
-/// Whether there are rows of jobs of the first format.
+/// Whether there are rows of jobs in the first format.
 pub fn has_first_rows(redb: &Database) -> Result<bool, redb::Error> {
     Ok(redb.begin_read()?.open_table(JOBS_OF_FORMAT_1).is_ok())
 }
@@ -85,14 +86,14 @@ pub fn has_first_rows(redb: &Database) -> Result<bool, redb::Error> {
 /// A file of results as JSON.
 #[derive(Clone, Copy, Debug)]
 pub struct InFile {
-    /// Of the JSON.
+    /// The fingerprint of the JSON.
     pub json: Fingerprint,
-    /// Of the index of the columns that stand beside it now, if they do.
+    /// The fingerprint of the index of the columns beside it, if there are any.
     pub index: Option<Fingerprint>,
 }
 
-/// Makes the tables, from those of an earlier format where there are any, all or nothing. `file` looks at the file of results
-/// of a job, and puts columns beside it if it may.
+/// Creates the tables, converting those of an earlier format if there are any, in one transaction. `file` examines the
+/// results file of a job, and may write columns beside it.
 pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option<InFile>) -> Result<(), redb::Error> {
     let mut transaction = redb.begin_write()?;
     transaction.set_quick_repair(true);
@@ -122,7 +123,7 @@ pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option
         for row in jobs.iter()? {
             let (number, sealed) = row?;
             let id = JobId::of_number(number.value());
-            // One that is damaged stays as it is.
+            // A damaged row stays as it is.
             if let Some(row) = unseal(id, sealed.value()).and_then(|row| with_columns(row, || file(id))) {
                 changed.push((number.value(), seal(id, &row)));
             }
@@ -141,8 +142,8 @@ pub fn make(redb: &Database, format: Option<u64>, file: &dyn Fn(JobId) -> Option
     Ok(())
 }
 
-/// A row of format 1 as one of format 2. One that cannot be read stays as it is. Results that are missing, or not as long as
-/// they were, get the digest of nothing, for which they will be found damaged.
+/// Converts a row of format 1 to format 2; a row that cannot be read stays as it is. Results that are missing, or of
+/// another length, get the digest of the empty string, by which they will be found damaged.
 fn with_digests(row: &[u8], document: Option<Digest>, find: impl Fn(&str) -> Option<Fingerprint>) -> Vec<u8> {
     let Ok(mut value) = serde_json::from_slice::<serde_json::Value>(row) else { return row.to_vec() };
     if !value.is_object() {
@@ -161,11 +162,12 @@ fn with_digests(row: &[u8], document: Option<Digest>, find: impl Fn(&str) -> Opt
             *held = json!({"bytes": bytes, "digest": digest});
         }
     }
-    // What was read from JSON has a JSON form.
+    // A value parsed from JSON can always be encoded.
     serde_json::to_vec(&value).unwrap_or_else(|_| row.to_vec())
 }
 
-/// A row with its results as columns, where they were a file of JSON that is what it was; nothing if the row does not change.
+/// Converts a row of format 2 to format 3, with its results as columns, if its results were an intact JSON file; `None`
+/// if the row does not change.
 fn with_columns(row: &[u8], file: impl Fn() -> Option<InFile>) -> Option<Vec<u8>> {
     let mut value = serde_json::from_slice::<serde_json::Value>(row).ok()?;
     let held = value.pointer_mut("/ended/held")?;
@@ -174,7 +176,7 @@ fn with_columns(row: &[u8], file: impl Fn() -> Option<InFile>) -> Option<Vec<u8>
     serde_json::to_vec(&value).ok()
 }
 
-/// Says of a store that it has another format.
+/// Marks a store as one of another format.
 #[cfg(test)]
 pub fn set_format(path: &std::path::Path, format: u64) -> Result<(), redb::Error> {
     let transaction = Database::open(path)?.begin_write()?;
@@ -192,7 +194,7 @@ mod tests {
     use std::sync::Arc;
     use std::{fs, io};
 
-    /// A database of its own, removed at the end.
+    /// A temporary database file, removed when it is dropped.
     struct File(PathBuf);
 
     impl File {
@@ -214,7 +216,7 @@ mod tests {
         }
     }
 
-    /// A row as versions before formats were told wrote it.
+    /// A row in format 1.
     const ROW: &str = r#"{"client":{"address":"127.0.0.1"},"label":null,"horizon":{"start":0.0,"end":1.0},
         "estimate":{"problem":"dvi","memory":1000},"created":"2026-01-01T00:00:00Z","document_bytes":8,"key":null,
         "crashes":0,"underway":false,"dismissed":false,"ended":{"started":"2026-01-01T00:00:00Z",
@@ -235,7 +237,7 @@ mod tests {
             transaction.open_table(RESULTS)?.insert(1, &b"results"[..])?;
             Ok(())
         });
-        // The third is missing.
+        // The results file of the third job is missing.
         let json = Fingerprint::of(b"results");
         let in_file = |id: JobId| (id.number() == 2).then_some(InFile { json, index: Some(Fingerprint::of(b"index")) });
         for _ in 0..2 {

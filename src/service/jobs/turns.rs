@@ -1,12 +1,12 @@
-//! Places for work that is no job and not over at once either, such as the check of a large specification: few at a time, in
-//! which no client can starve another.
+//! Places for work that is not a job and yet takes time, such as the check of a large specification: a few at a time,
+//! shared so that no client can starve another.
 
 use super::Client;
 use super::queue::{FairQueue, Full, Heavy, Room};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::sync::oneshot;
 
-/// The places, and who waits for one.
+/// The places, and the queue of those that wait for one.
 #[derive(Debug)]
 pub struct Turns {
     state: Mutex<State>,
@@ -30,24 +30,24 @@ impl Heavy for Waiting {
     }
 }
 
-/// A place, given back when it is dropped.
+/// A place; dropping it gives it back.
 #[derive(Debug)]
 pub struct Turn {
     turns: Option<Arc<Turns>>,
 }
 
 impl Turns {
-    /// So many places, and this room to wait for one.
+    /// `places` places, with `room` to wait for one.
     pub fn new(places: usize, room: Room) -> Arc<Self> {
         Arc::new(Self { state: Mutex::new(State { free: places, waiting: FairQueue::new(room) }) })
     }
 
-    /// How many of so many places are taken.
+    /// The number of places taken, out of `places`.
     pub fn taken(&self, places: usize) -> usize {
         places.saturating_sub(self.lock().free)
     }
 
-    /// Waits for a place, to work on so many bytes. A client that goes away waits no longer.
+    /// Waits for a place to work on `bytes` bytes. A client that goes away (a dropped future) gives up its turn.
     ///
     /// # Errors
     /// The bound that is reached.
@@ -59,11 +59,11 @@ impl Turns {
             state.waiting.push(client, Waiting { bytes, place });
         }
         self.hand_out();
-        // The queue lives as long as whoever waits in it, and drops nobody.
+        // The queue outlives those that wait in it, and drops none of them.
         given.await.map_err(|_| Full::Queue)
     }
 
-    /// Gives the free places to those whose turn it is.
+    /// Gives the free places to the next in turn.
     fn hand_out(self: &Arc<Self>) {
         loop {
             let next = {

@@ -1,8 +1,9 @@
-//! The file of a database while it is open: what is read is what was there when it was opened, or was written since.
+//! The database file while it is open: every block that is read must be as it was at opening or as last written.
 //!
-//! The library follows the numbers of pages without a look at their checksums. A page that a disk has changed could lead it in a
-//! circle, which takes its stack, and that ends a process whatever it does. So the file is summed up, block by block, as it is
-//! opened, once its pages have been checked against each other; from then on a block that is not what it was is an error.
+//! The database library follows page numbers without checking their checksums. A page corrupted on the disk could lead
+//! it into a cycle, whose recursion exhausts the stack and ends the process. So the file is checksummed block by block
+//! when it is opened, once its pages have been checked against each other; from then on a block that differs from its
+//! checksum is an I/O error.
 
 use redb::backends::FileBackend;
 use redb::{BackendError, StorageBackend};
@@ -12,14 +13,15 @@ use std::io;
 use std::ops::{Bound, Range};
 use std::sync::{Arc, PoisonError, RwLock};
 
-/// The bytes that are summed up together: those of a page.
+/// The size of a checksummed block, in bytes: one page of the database.
 const BLOCK: u64 = 4096;
 
-/// The sums of the blocks of a file; none of those that nobody has written. They outlive the file when it is opened anew.
+/// The checksums of the blocks of a file; `None` for blocks that were never written. They outlive a reopening of the
+/// file.
 #[derive(Clone, Debug, Default)]
 pub struct Sums(Arc<RwLock<Option<Vec<Option<u64>>>>>);
 
-/// A file and the sums of its blocks.
+/// A file and the checksums of its blocks.
 #[derive(Debug)]
 pub struct Watched {
     file: FileBackend,
@@ -27,16 +29,16 @@ pub struct Watched {
 }
 
 impl Watched {
-    /// Watches over `file`, by the sums of its blocks where they are known from before.
+    /// A backend over `file`, with the checksums of an earlier opening, if there was one.
     ///
     /// # Errors
-    /// It cannot be read.
+    /// The file cannot be read.
     pub fn over(file: File, sums: Sums) -> io::Result<Self> {
         let file = FileBackend::new(file).map_err(io::Error::other)?;
         Ok(Self { file, sums })
     }
 
-    /// Sums up the file, if that has not been done.
+    /// Computes the checksums of the whole file, unless that has been done.
     fn sum_up(&self) -> io::Result<()> {
         let mut sums = self.sums.0.write().unwrap_or_else(PoisonError::into_inner);
         if sums.is_none() {
@@ -47,7 +49,7 @@ impl Watched {
         Ok(())
     }
 
-    /// A block of a file of that length, as it is there.
+    /// Reads a block of a file of this length, without checking it.
     fn block(&self, number: u64, length: u64) -> io::Result<Vec<u8>> {
         let start = number * BLOCK;
         let mut block = vec![0; length.saturating_sub(start).min(BLOCK) as usize];
@@ -56,18 +58,18 @@ impl Watched {
     }
 }
 
-/// The numbers of the blocks that so many bytes from `offset` on are in.
+/// The numbers of the blocks that `bytes` bytes from `offset` on touch.
 fn blocks(offset: u64, bytes: usize) -> Range<u64> {
     offset / BLOCK..(offset + bytes as u64).div_ceil(BLOCK)
 }
 
-/// The part of what begins at `offset` that is all of a block.
+/// The part of `bytes`, which begin at `offset` in the file, that is the whole block `number`, if they contain it.
 fn whole(bytes: &[u8], offset: u64, number: u64) -> Option<&[u8]> {
     let start = usize::try_from((number * BLOCK).checked_sub(offset)?).ok()?;
     bytes.get(start..start + BLOCK as usize)
 }
 
-/// What a block is told from others by: not against malice, which would write the sum as well.
+/// The checksum of a block: it guards against faults, not against malice, which could write the checksum as well.
 fn sum(block: &[u8]) -> u64 {
     let mut hasher = DefaultHasher::new();
     hasher.write(block);
@@ -104,7 +106,7 @@ impl StorageBackend for Watched {
         self.file.set_len(length)?;
         if let Some(sums) = &mut *sums {
             sums.resize(length.div_ceil(BLOCK) as usize, None);
-            // A block that was not whole, or is not any more, is another now.
+            // The last block before or after the change of length is now complete or cut: its checksum is unknown.
             if let Some(last) = sums.get_mut((before.min(length) / BLOCK) as usize) {
                 *last = None;
             }
@@ -124,7 +126,7 @@ impl StorageBackend for Watched {
             for number in blocks(offset, data.len()) {
                 let found = match (whole(data, offset, number), &written) {
                     (Some(block), Ok(())) => Some(sum(block)),
-                    // What is in a block that was not written as a whole, or not to its end, is known from now on.
+                    // A block that was written in part, or whose write failed, is read back for its checksum.
                     _ => self.block(number, length).ok().map(|block| sum(&block)),
                 };
                 let number = number as usize;
@@ -142,7 +144,7 @@ impl StorageBackend for Watched {
     fn try_lock_range(&self, start: Bound<u64>, end: Bound<u64>) -> Result<bool, BackendError> {
         let locked = self.file.try_lock_range(start, end)?;
         if locked {
-            // Nobody else writes from here on, and nothing has been read yet.
+            // The file is locked against other writers now, and nothing has been read yet.
             self.sum_up()?;
         }
         Ok(locked)
@@ -180,11 +182,11 @@ mod tests {
         watched.read(0, &mut bytes).unwrap();
         assert_eq!(watched.read(BLOCK, &mut bytes).unwrap_err().kind(), io::ErrorKind::InvalidData);
         assert!(watched.read(2 * BLOCK + 4000, &mut [0]).is_err());
-        // Opened anew, it is known by what it was.
+        // Reopened with the checksums of the first opening.
         let anew = Watched::over(file(), sums).unwrap();
         anew.sum_up().unwrap();
         assert!(anew.read(2 * BLOCK, &mut [0]).is_err());
-        // What is written is what it is from then on, whole blocks or not, and behind the end too.
+        // Writes update the checksums, for whole blocks, for parts of a block, and beyond the end of the file.
         anew.write(2 * BLOCK, &vec![9; BLOCK as usize]).unwrap();
         anew.write(3 * BLOCK + 50, &[1; 100]).unwrap();
         anew.set_len(6 * BLOCK).unwrap();

@@ -1,4 +1,4 @@
-//! What becomes of a job that has its turn: it is marked, a worker solves it, and its end comes to the store.
+//! The course of a job whose turn has come: a mark on the disk, a solve on a worker, and the end in the store.
 
 use super::crashes::MOST_KILLS;
 use super::ended::{Ended, Ending, Fault, Held};
@@ -18,22 +18,22 @@ use std::time::{Duration, Instant};
 use tokio::select;
 use tracing::Instrument;
 
-/// What has become of a job that had its turn.
+/// The outcome of an attempt at a job.
 pub(super) enum Outcome {
     Ended(Box<Ended>),
-    /// It is to be left to the next process.
+    /// The job was parked, for the next process.
     Stopped,
-    /// It has had its first slice, and goes back to the queue.
+    /// The job has used up its first time slice, and returns to the queue.
     Waits,
-    /// It was cancelled or parked before it started.
+    /// The job was cancelled or parked before it started.
     Gone,
 }
 
 impl Jobs {
-    /// Waits for a job and has it solved under supervision, at that place in the pool. False if workers have been
-    /// dismissed.
+    /// Waits for a job and has it solved by the supervised worker at `place` in the pool. Returns false if workers have
+    /// been dismissed.
     pub(super) async fn solve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
-        // A job is taken where there is a worker for it.
+        // Take a job only once a worker is ready for it.
         select! {
             () = supervisor.ready() => {}
             () = self.dismissed() => return false,
@@ -44,10 +44,10 @@ impl Jobs {
         !self.is_dismissed.load(Relaxed)
     }
 
-    /// The next job for a worker; nothing after a while in which there was none, or if workers have been dismissed.
+    /// The next job for a worker; `None` if none arrived within the idle time, or if workers have been dismissed.
     async fn next(&self, supervisor: &mut Supervisor) -> Option<(Arc<Job>, Lane)> {
         let mut arrival = pin!(self.arrival.notified());
-        // Before the look at the queue: a job that comes in between is not overlooked.
+        // Registered before the queue is read, so that an arrival in between is not missed.
         arrival.as_mut().enable();
         if self.is_dismissed.load(Relaxed) {
             return None;
@@ -63,8 +63,9 @@ impl Jobs {
         next
     }
 
-    /// Waits until a job that has had its first slice, of a client of whom none runs to its end, finds all workers taken, and has
-    /// it solved in relief. False if workers have been dismissed.
+    /// Waits for a job in need of relief (it has used up its first time slice, its client has no other job that runs to
+    /// its end, and all workers are taken), and has it solved by the relief worker at `place`. Returns false if workers
+    /// have been dismissed.
     pub(super) async fn relieve_next(&self, place: usize, supervisor: &mut Supervisor) -> bool {
         select! {
             () = self.relief.notified() => {}
@@ -75,7 +76,7 @@ impl Jobs {
             let next = {
                 let mut intake = self.lock();
                 let next = intake.relieve();
-                // There may be one for another relief worker as well.
+                // Another relief worker may find a job as well.
                 self.call_relief(&intake);
                 next
             };
@@ -110,19 +111,20 @@ impl Jobs {
         if waits {
             self.metrics.yielded();
             let is_wanted = matches!(job.lock().state, State::Accepted(_));
-            // What the disk keeps is left to the next process by one that is about to stop.
-            if is_wanted && !(intake.draining && job.is_lasting()) {
+            // While the service drains, a durable job is left to the next process.
+            if is_wanted && !(intake.draining && job.is_durable()) {
                 intake.queue.push(job.client, Arc::clone(job));
             }
         } else {
             intake.drain_rate.departed(Instant::now());
         }
         self.announce_if_idle(&intake);
-        // Nothing may run for its client now, or what runs may have taken its place.
+        // The client may have no running job now, or a running job may have used up a worker: another job may need
+        // relief.
         self.call_relief(&intake);
     }
 
-    /// Notes what becomes of workers.
+    /// Counts the start-ups and ends of workers.
     pub(super) fn notice(&self, event: Event<'_>) {
         self.metrics.notice(event);
         match event {
@@ -139,18 +141,18 @@ impl Jobs {
         }
     }
 
-    /// Whether there is somebody to solve: false where no worker lives and none can be started.
+    /// Whether jobs can be solved: false if no worker lives and none can be started.
     pub fn has_workers(&self) -> bool {
         self.living.load(Relaxed) > 0 || !self.unstartable.load(Relaxed)
     }
 
-    /// Sends workers home, each at the end of the job in hand.
+    /// Dismisses the workers, each at the end of its current job.
     pub(super) fn dismiss_workers(&self) {
         self.is_dismissed.store(true, Relaxed);
         self.dismissed.notify_waiters();
     }
 
-    /// Returns when workers are sent home.
+    /// Waits until workers are dismissed.
     async fn dismissed(&self) {
         loop {
             let dismissed = self.dismissed.notified();
@@ -182,7 +184,7 @@ impl Jobs {
                 return Outcome::Ended(Ended::unsolved(Ending::Broken(fault)).into());
             }
         };
-        if let Some(outcome) = self.glance_in_turn(job, &document) {
+        if let Some(outcome) = self.try_inline_in_turn(job, &document) {
             return outcome;
         }
         self.store.mark(place, job);
@@ -220,7 +222,7 @@ impl Jobs {
             let finished = supervisor.perform(&mut task).await;
             let Err(Death::Killed(signal)) = finished else { break (finished, spool) };
             kills += 1;
-            // Who ends a worker while there is memory says nothing of the job.
+            // A worker killed from outside while there was enough memory is no evidence against the job.
             if self.was_memory_short() || kills > MOST_KILLS || job.halted().is_some() || self.is_draining() {
                 break (finished, spool);
             }
@@ -229,7 +231,7 @@ impl Jobs {
         let halted = job.halted();
         let is_over = matches!(&finished, Ok(Finished::Solved(solved, _)) if solved.status != Status::Stopped);
         if halted == Some(Halt::Yield) && !is_over {
-            // Unless it has been asked for something else meanwhile.
+            // The client may have cancelled the job, or the service parked it, meanwhile.
             match job.go_back(document) {
                 None => return Outcome::Waits,
                 Some(Halt::Park) => return Outcome::Stopped,
@@ -263,14 +265,14 @@ impl Jobs {
                 broken(fault, "too_much_memory")
             }
             Ok(Finished::TooLarge) => broken(Fault::TooLarge { limit: self.bounds.result_bytes }, "result_too_large"),
-            // Stopped before the solve began, or on the way without heeding it.
+            // Stopped before the solve began, or killed since it did not heed the request to stop.
             Ok(Finished::Refused(_, true)) | Err(Death::Overran) => match halted {
                 Some(Halt::Park) => Outcome::Stopped,
                 Some(Halt::Dismiss) => Outcome::Ended(job.ended(Ending::Dismissed).into()),
                 Some(Halt::Yield) | None => broken(Fault::Overran, "overran"),
             },
-            // A signal to the whole unit, which is about to stop.
-            Err(Death::Killed(_)) if job.is_lasting() && self.is_draining() => Outcome::Stopped,
+            // A signal to the whole service unit, which is about to stop.
+            Err(Death::Killed(_)) if job.is_durable() && self.is_draining() => Outcome::Stopped,
             Ok(Finished::Refused(errors, false)) => {
                 let errors = String::from_utf8_lossy(&errors);
                 tracing::error!(%errors, "the specification of job {} cannot be read", job.id);
@@ -288,7 +290,7 @@ impl Jobs {
         }
     }
 
-    /// At the end of its first slice a job goes on if it may, and is asked to make room if not.
+    /// At the end of its first time slice, lets the job go on if it may, and otherwise asks it to yield.
     fn end_slice(&self, job: &Job, lane: &LaneCell) {
         job.use_up_slice();
         if self.lock().goes_on(job) {
@@ -299,13 +301,14 @@ impl Jobs {
         }
     }
 
-    /// The time of a first slice. A job that does not heed the wish to stop at its end costs a worker: of the time of the
-    /// workers that are kept for first slices, at most a part of `1/(1 + FAIR)` goes into starting others.
+    /// The length of a first time slice: `FAIR` start-up times of a worker. A job that does not heed the request to
+    /// yield costs a worker, so that at most the fraction `1/(1 + FAIR)` of the time of the express workers goes into
+    /// start-ups.
     fn slice(&self) -> Duration {
         Duration::from_nanos(self.fastest_start.load(Relaxed)).saturating_mul(FAIR)
     }
 
-    /// Whether the system has ended a process for want of memory, which may have been the worker that is lost.
+    /// Whether the system has killed a process for want of memory, possibly the lost worker, since the last call.
     fn was_memory_short(&self) -> bool {
         let (was_short, taken) = self.shortage.account();
         if let Some(taken) = taken {
@@ -327,7 +330,7 @@ impl Jobs {
         }
     }
 
-    /// What was posted for a job that waits.
+    /// The posted document of a waiting job.
     fn posted(&self, job: &Job) -> io::Result<Arc<[u8]>> {
         match job.state() {
             State::Accepted(Some(document)) => Ok(document),
@@ -337,7 +340,7 @@ impl Jobs {
 }
 
 impl Job {
-    /// A line of the log: whose it was, how it ended, how long it took and what it left.
+    /// Logs the end of a job: client, ending, durations and size of the results.
     pub(super) fn log_end(&self, ended: &Ended) {
         let milliseconds = |time: Duration| time.as_secs_f64() * 1e3;
         tracing::info!(
@@ -361,7 +364,7 @@ impl Job {
         );
     }
 
-    /// The type of its problem, as figures name it.
+    /// The problem type, as a label of metrics.
     fn problem(&self) -> Cow<'static, str> {
         self.estimate.as_ref().map_or("unknown".into(), |estimate| estimate.problem.clone())
     }

@@ -1,10 +1,10 @@
-//! Group commit: one thread takes all changes that have come in, makes them in one transaction, and then tells everyone
-//! who waits (Gray & Reuter 1993, "Transaction processing", section 9.4). While it syncs, the next group gathers.
+//! Group commit: one thread takes all pending changes, makes them in one transaction, and then reports the outcome to
+//! all who wait (Gray & Reuter 1993, "Transaction processing", section 9.4). While it syncs, the next group gathers.
 //!
-//! Where a group cannot be written, as on a full disk, the room held back is given up for those of its changes that delete
-//! jobs or end them, and the others are refused. From then on each group tries again, and all is well when one has been
-//! written and the room is held back anew. While the file of the database is not where it was, nothing is written: it would
-//! be lost.
+//! If a group cannot be written, for instance on a full disk, the reserve is freed for those of its changes that delete
+//! or end jobs, and the others are refused. Each later group is tried again, and the failure is over when the reserve
+//! has been restored and a group has been written. While the database file is missing from its path, nothing is
+//! written, since it would be lost.
 
 use super::change::Change;
 use super::database::Database;
@@ -19,53 +19,53 @@ use thiserror::Error;
 use tokio::sync::mpsc::{OwnedPermit, Receiver, Sender, channel};
 use tokio::sync::oneshot;
 
-/// Changes that may wait, and the most that one transaction makes. A small result is at most 64 KiB, so that what
-/// waits is bounded too.
+/// The number of changes that may wait, and the largest number in one transaction. Short results are at most 64 KiB
+/// each, which bounds the waiting bytes as well.
 const WAITING: usize = 1024;
 
-/// The store took no change.
+/// The store refused a change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("the store cannot be written")]
 pub struct Unwritable;
 
-/// What is to be done when a change has been made, or not.
+/// A callback with the outcome of a change.
 pub type Then = Box<dyn FnOnce(Result<(), Unwritable>) + Send>;
 
-/// The place of one change among those that wait.
+/// A slot in the queue of changes.
 pub struct WriteSlot(OwnedPermit<(Change, Then)>);
 
 impl WriteSlot {
-    /// Hands over the change that the place is for. Changes are made in the order in which they are handed over.
+    /// Sends the change, without waiting for it. Changes are made in the order in which they are sent.
     pub fn take(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) {
         self.0.send((change, Box::new(then)));
     }
 
-    /// Hands over the change that the place is for; what became of it comes out, after `then`.
+    /// Sends the change, and returns a handle on its outcome, available after `then` has run.
     pub fn send(self, change: Change, then: impl FnOnce(Result<(), Unwritable>) + Send + 'static) -> Written {
         let (answer, answered) = oneshot::channel();
         self.take(change, move |written| {
             then(written);
-            // Whoever asked may be gone.
+            // The receiver may have been dropped.
             let _ = answer.send(written);
         });
         Written(answered)
     }
 }
 
-/// What becomes of a change.
+/// The pending outcome of a change.
 pub struct Written(oneshot::Receiver<Result<(), Unwritable>>);
 
 impl Written {
-    /// Returns when the change has been made.
+    /// Waits until the change has been made.
     ///
     /// # Errors
-    /// It has not.
+    /// The change could not be made.
     pub async fn written(self) -> Result<(), Unwritable> {
         self.0.await.unwrap_or(Err(Unwritable))
     }
 }
 
-/// The way to the thread that writes. The thread leaves when it is dropped, having made every change.
+/// The handle of the writer thread. When it is dropped, the thread makes all pending changes and ends.
 #[derive(Debug)]
 pub struct Writer {
     changes: Sender<(Change, Then)>,
@@ -77,7 +77,7 @@ impl Writer {
     /// Starts the thread.
     ///
     /// # Errors
-    /// The system gives no thread.
+    /// The system provides no thread.
     pub fn start(database: Arc<Database>, files: Arc<Files>, reserve: Reserve) -> io::Result<Self> {
         let (sender, changes) = channel(WAITING);
         let failed = Arc::new(AtomicBool::new(reserve.hold().is_err()));
@@ -87,29 +87,29 @@ impl Writer {
         Ok(Self { changes: sender, failed, database })
     }
 
-    /// A place for a change, as soon as there is one.
+    /// Waits for a slot in the queue of changes.
     ///
     /// # Errors
-    /// The thread is gone.
+    /// The writer thread has ended.
     pub async fn place(&self) -> Result<WriteSlot, Unwritable> {
         self.changes.clone().reserve_owned().await.map(WriteSlot).map_err(|_| Unwritable)
     }
 
-    /// Whether the latest change could not be made, or the next one cannot be.
+    /// Whether the latest change failed, or the next one is bound to fail.
     pub fn has_failed(&self) -> bool {
         self.failed.load(Relaxed) || self.changes.is_closed() || !self.database.is_in_place()
     }
 }
 
-/// Who writes.
+/// The state of the writer thread.
 struct Scribe {
     database: Arc<Database>,
     files: Arc<Files>,
     reserve: Reserve,
     failed: Arc<AtomicBool>,
-    /// Jobs have been deleted since the room held back was given up.
+    /// Jobs have been deleted since the reserve was freed.
     freed: bool,
-    /// The bytes that the latest group was to add which could not be written.
+    /// The bytes that the latest refused group was to add.
     wanted: usize,
 }
 
@@ -134,7 +134,7 @@ impl Scribe {
         }
     }
 
-    /// Makes all of the changes, or those that need hardly any room; says which.
+    /// Makes all of the changes, or if that fails those that need hardly any room; returns the outcome of each.
     fn make(&mut self, changes: &[Change]) -> Vec<Result<(), Unwritable>> {
         if !self.database.is_in_place() {
             if !self.failed.swap(true, Relaxed) {
@@ -172,8 +172,8 @@ impl Scribe {
         changes.iter().map(made).collect()
     }
 
-    /// Holds room back again, for which the database may have to give some up; says whether there is enough, also for what
-    /// could not be written.
+    /// Restores the reserve, for which the database may have to be compacted; returns whether there is room for it and
+    /// for the changes refused last.
     fn hold(&mut self) -> bool {
         if self.is_room() {
             return true;

@@ -1,5 +1,5 @@
-//! Workers that check documents which the front does not read itself: few, kept apart from those that solve, so that a check
-//! does not wait for a solve to end.
+//! Workers that check documents which the front process does not parse itself: few, and separate from those that solve,
+//! so that a check does not wait for a solve to end.
 
 use super::Death;
 use super::launcher::Launcher;
@@ -14,20 +14,20 @@ use std::sync::{Arc, Mutex, PoisonError};
 use tokio::sync::Notify;
 use tracing::Instrument;
 
-/// What has become of a check.
+/// The outcome of a check.
 #[derive(Debug)]
 pub enum Checked {
     /// The document is correct; its summary as JSON.
     Correct(Facts, Vec<u8>),
-    /// All that is wrong with it.
+    /// The errors of the document.
     Wrong(Vec<Finding>),
-    /// The check took longer than it may.
+    /// The check exceeded its time limit, or was stopped.
     Interrupted,
-    /// The worker died over it.
+    /// The worker died during the check.
     Died(Death),
 }
 
-/// The workers that are at rest; they are started when there is a first check for them.
+/// The idle workers; each is started when a check first needs it.
 pub struct Checkers {
     resting: Mutex<Vec<Supervisor>>,
     launcher: Launcher,
@@ -36,13 +36,13 @@ pub struct Checkers {
 }
 
 impl Checkers {
-    /// No workers yet. One that holds more than `keep` bytes between checks is replaced.
+    /// No workers yet. A worker that holds more than `keep` bytes between checks is replaced.
     pub fn new(launcher: Launcher, keep: u64, notice: Notice) -> Arc<Self> {
         Arc::new(Self { resting: Mutex::default(), launcher, keep, notice })
     }
 
-    /// Has a document checked, beside others: whoever calls this bounds how many. Where the future is dropped, the check
-    /// is stopped. `turn` is dropped when a worker is free again.
+    /// Checks a document, concurrently with other checks, whose number the caller bounds. Dropping the future stops the
+    /// check. `turn` is dropped when the worker is free again.
     pub async fn check(self: &Arc<Self>, document: Arc<[u8]>, limits: Limits, turn: impl Send + 'static) -> Checked {
         let waits = Waits(Arc::default());
         let (checkers, asked) = (Arc::clone(self), Arc::clone(&waits.0));
@@ -87,14 +87,14 @@ impl Checkers {
     }
 }
 
-/// Whether whoever asked for a check still waits for it.
+/// A request for a check, shared with the check itself.
 #[derive(Debug, Default)]
 struct CheckRequest {
     halted: Notify,
     is_unwanted: AtomicBool,
 }
 
-/// Dropped with a request, it stops the check that the request waits for.
+/// A guard of the request: dropping it stops the check.
 struct Waits(Arc<CheckRequest>);
 
 impl Drop for Waits {

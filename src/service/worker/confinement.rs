@@ -1,4 +1,5 @@
-//! The limits that a worker sets itself before it takes anything, so that what a specification makes it do ends with it.
+//! The limits that a worker imposes on itself before it takes orders, so that the effects of a specification end with
+//! it.
 
 use super::solving::STACK_BYTES;
 #[cfg(target_os = "linux")]
@@ -11,39 +12,39 @@ use std::os::unix::fs::FileExt;
 use std::sync::LazyLock;
 use std::{fmt, str};
 
-/// What a worker takes beside a solve: a document and its text, the message in hand, what the allocator holds in reserve.
-/// Several times the largest document that is taken by default.
+/// The memory of a worker beside a solve, in bytes: a document and its text, the current message, and the reserve of
+/// the allocator. Several times the largest document that is accepted by default.
 const OWN_BYTES: usize = 64 << 20;
 
-/// Files that a worker may have open: its three streams, and that in which it looks up how large it is.
+/// The largest number of open files of a worker: its three streams, and the file in which it reads its own size.
 const OPEN_FILES: u64 = 16;
 
-/// What the kernel, when memory runs out, adds to the size of a worker in parts of a thousand of all memory: it takes
-/// workers before anything else.
+/// The kernel's `oom_score_adj`, in thousandths of all memory, added to the size of a worker when memory runs out:
+/// workers are killed before any other process.
 const OOM_SCORE: &str = "1000";
 
-/// The first version of Landlock that refuses every way to change a file, shortening it by its path among them (Linux 6.2).
+/// The first version of Landlock that denies every way to change a file, truncation by path included (Linux 6.2).
 #[cfg(target_os = "linux")]
 const WHOLE: ABI = ABI::V3;
 
-/// How large this process is, in pages. Open from the start: a worker opens no file later.
+/// The sizes of this process, in pages. Opened at the start, since a worker opens no file later.
 static SIZES: LazyLock<Option<File>> = LazyLock::new(|| File::open("/proc/self/statm").ok());
 
-/// More than seven numbers of pages take as text.
+/// The size of a buffer for the text of seven page counts, in bytes.
 const SIZES_BYTES: usize = 256;
 
-/// The limits that hold for a worker; one that could not be set is absent.
+/// The limits in force on a worker; a limit that could not be set is absent.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Confinement {
-    /// Bytes of memory that it may write to, its stacks among them (`RLIMIT_DATA`).
+    /// Writable memory in bytes, stacks included (`RLIMIT_DATA`).
     pub data: Option<u64>,
-    /// Files that it may have open (`RLIMIT_NOFILE`).
+    /// The number of open files (`RLIMIT_NOFILE`).
     pub open_files: Option<u64>,
-    /// It leaves no picture of its memory behind (`RLIMIT_CORE`).
+    /// No core file is written (`RLIMIT_CORE`).
     pub no_core: bool,
-    /// The kernel takes it first when memory runs out (`oom_score_adj`).
+    /// The kernel kills the worker first when memory runs out (`oom_score_adj`).
     pub first_to_go: bool,
-    /// It may open, make, change and remove no file (Landlock); it has the pipes that it was given.
+    /// No file may be opened, created, changed or removed (Landlock); the inherited pipes stay usable.
     pub no_files: bool,
 }
 
@@ -63,7 +64,7 @@ impl fmt::Display for Confinement {
 }
 
 impl Confinement {
-    /// Confines this process to so many bytes for a solve, beside what the program itself takes.
+    /// Confines this process to `memory` bytes for a solve, beside the memory of the program itself.
     pub fn impose(memory: usize) -> Self {
         let data = memory.saturating_add(OWN_BYTES).saturating_add(STACK_BYTES) as u64 + written();
         Self {
@@ -71,45 +72,46 @@ impl Confinement {
             open_files: limit(Resource::Nofile, OPEN_FILES),
             no_core: limit(Resource::Core, 0).is_some(),
             first_to_go: fs::write("/proc/self/oom_score_adj", OOM_SCORE).is_ok(),
-            // Last: what stands above opens files.
+            // Last, since the limits above open files.
             no_files: deny_files(),
         }
     }
 }
 
-/// Sets a limit for good, or nothing.
+/// Sets a soft and hard limit; returns it, or `None` if the system refuses.
 fn limit(resource: Resource, value: u64) -> Option<u64> {
     setrlimit(resource, Rlimit { current: Some(value), maximum: Some(value) }).ok().map(|()| value)
 }
 
-/// Takes all access to files from this thread and those that it starts, and says whether all of it is taken.
+/// Denies this thread and the threads that it starts all access to files; returns whether every kind of access is
+/// denied.
 #[cfg(target_os = "linux")]
 fn deny_files() -> bool {
     let deny = || -> Result<_, RulesetError> {
-        // Later versions have further rights; a kernel that does not know them leaves them out.
+        // Request the rights of later versions too; a kernel that does not know them ignores them.
         Ruleset::default().handle_access(AccessFs::from_all(ABI::V7))?.create()?.restrict_self()
     };
     let status = deny().map(|status| status.landlock);
     matches!(status, Ok(LandlockStatus::Available { effective_abi, .. }) if effective_abi >= WHOLE)
 }
 
-/// There is no Landlock.
+/// Landlock exists on Linux only.
 #[cfg(not(target_os = "linux"))]
 fn deny_files() -> bool {
     false
 }
 
-/// The bytes of memory that this process has for writing, as `RLIMIT_DATA` counts them.
+/// The writable memory of this process in bytes, as `RLIMIT_DATA` counts it.
 fn written() -> u64 {
     pages(5)
 }
 
-/// The bytes of memory that this process holds.
+/// The resident memory of this process, in bytes.
 pub(super) fn resident() -> u64 {
     pages(1)
 }
 
-/// A field of `/proc/self/statm`, which counts in pages; zero where there is no such file.
+/// A field of `/proc/self/statm`, converted from pages to bytes; zero if there is no such file.
 fn pages(field: usize) -> u64 {
     let mut text = [0; SIZES_BYTES];
     let length = SIZES.as_ref().and_then(|sizes| sizes.read_at(&mut text, 0).ok()).unwrap_or(0);

@@ -1,27 +1,27 @@
-//! Why a worker died: from how its process ended, and from its last words on standard error.
+//! The cause of a worker's death, from the exit status of its process and its last words on standard error.
 
 use std::os::unix::process::ExitStatusExt;
 use std::process::ExitStatus;
 
-/// Why a worker died.
+/// The cause of a worker's death.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Death {
-    /// It was refused memory: so many bytes at once, where it said.
+    /// A memory allocation failed; its size in bytes, if it was reported.
     TooMuchMemory(Option<u64>),
-    /// Its stack was used up.
+    /// The stack of the worker overflowed.
     StackOverflow,
-    /// Another process, or the kernel for want of memory, ended it by this signal.
+    /// Another process, or the kernel for want of memory, killed it by this signal.
     Killed(i32),
-    /// It did not heed its deadline, or the wish of its client.
+    /// The worker did not heed its deadline or a cancellation, and was killed.
     Overran,
-    /// It panicked, or did what cannot happen.
+    /// The worker panicked, or broke the protocol.
     Defect(String),
 }
 
 impl Death {
-    /// The cause behind the end of a process that said so.
+    /// The cause behind an exit status and the last words.
     pub fn of(status: ExitStatus, last_words: &str) -> Self {
-        // As the standard library says it before it aborts.
+        // The message of the standard library before it aborts.
         if let Some((_, after)) = last_words.rsplit_once("memory allocation of ") {
             return Self::TooMuchMemory(after.split(' ').next().and_then(|bytes| bytes.parse().ok()));
         }
@@ -34,7 +34,7 @@ impl Death {
         }
     }
 
-    /// A stable word for programs.
+    /// The code of the cause, for programs.
     pub fn code(&self) -> &'static str {
         match self {
             Self::TooMuchMemory(_) => "too_much_memory",
@@ -46,7 +46,7 @@ impl Death {
     }
 }
 
-/// Signals that others send. Those that a process earns by itself are defects.
+/// The signals that other processes send. Signals that a process causes itself are defects.
 const HUP: i32 = 1;
 const INT: i32 = 2;
 const KILL: i32 = 9;

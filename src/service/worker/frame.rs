@@ -1,21 +1,21 @@
-//! Messages on a stream of bytes: four bytes with the length of the message, four with the length of what comes with
-//! it, both little-endian, the message as JSON, and the bytes that come with it as they are.
+//! The framing of messages on a byte stream: the length of the message (four bytes, little-endian), the length of its
+//! payload (likewise), the message as JSON, and the payload.
 
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::io::{self, Read, Write};
 
-/// The bytes of the two lengths.
+/// The size of the two lengths, in bytes.
 const HEAD: usize = 8;
 
-/// The longest message: some hundred events, or the reasons of a verdict. And the most bytes that come with a report: a piece of
-/// a result, a summary, or the errors of a document. More is no message of ours.
+/// The largest size of a message (some hundred events, or the reasons of a verdict) and of the payload of a report (a
+/// piece of a result, a summary, or the errors of a document), in bytes. Longer input is refused.
 const LONGEST: usize = 64 << 20;
 
-/// A frame up to the bytes that come with it, of which there are so many.
+/// A frame without its payload, which has `bytes` bytes.
 ///
 /// # Errors
-/// They are too many.
+/// The message or the payload is too long for its length field.
 pub fn head<M: Serialize>(message: &M, bytes: usize) -> io::Result<Vec<u8>> {
     let mut head = vec![0; HEAD];
     serde_json::to_writer(&mut head, message)?;
@@ -26,13 +26,13 @@ pub fn head<M: Serialize>(message: &M, bytes: usize) -> io::Result<Vec<u8>> {
     Ok(head)
 }
 
-/// Writes a message and the bytes that come with it.
+/// Writes a message and its payload.
 ///
 /// # Errors
-/// Those of `out`.
+/// I/O errors of `out`.
 pub fn write<M: Serialize>(out: &mut impl Write, message: &M, bytes: &[u8]) -> io::Result<()> {
     let mut frame = head(message, bytes.len())?;
-    // Together, if that costs less than to write twice.
+    // A short payload is copied, to need one write only.
     if bytes.len() <= 64 << 10 {
         frame.extend_from_slice(bytes);
         return out.write_all(&frame);
@@ -41,10 +41,10 @@ pub fn write<M: Serialize>(out: &mut impl Write, message: &M, bytes: &[u8]) -> i
     out.write_all(bytes)
 }
 
-/// Reads a message and the bytes that come with it; nothing at the end of the stream.
+/// Reads a message and its payload; `None` at the end of the stream.
 ///
 /// # Errors
-/// Those of `input`, or it is no message.
+/// I/O errors of `input`, or the input is no message.
 pub fn read<M: DeserializeOwned>(input: &mut impl Read) -> io::Result<Option<(M, Vec<u8>)>> {
     let mut lengths = [0; HEAD];
     match input.read_exact(&mut lengths) {
@@ -68,18 +68,18 @@ fn parts(lengths: [u8; HEAD]) -> io::Result<(usize, usize)> {
     Ok((message, bytes))
 }
 
-/// What has come in of a stream of reports, from which frames are taken as they are complete.
+/// A decoder of a stream of reports: input is appended to its buffer, and complete frames are taken from it.
 #[derive(Debug, Default)]
 pub struct Decoder {
-    /// To be filled at its end.
+    /// The input; new bytes are appended.
     pub buffer: Vec<u8>,
 }
 
 impl Decoder {
-    /// The next message with the bytes that come with it, if it is complete.
+    /// The next message and its payload, if they are complete.
     ///
     /// # Errors
-    /// It is no message.
+    /// The input is no message.
     pub fn take<M: DeserializeOwned>(&mut self) -> io::Result<Option<(M, Vec<u8>)>> {
         let Some((lengths, rest)) = self.buffer.split_first_chunk::<HEAD>() else { return Ok(None) };
         let (message, bytes) = parts(*lengths)?;
@@ -129,7 +129,7 @@ mod tests {
         assert!(read::<String>(&mut &b"GET /solve HTTP/1.1\r\n"[..]).is_err());
         let mut decoder = Decoder { buffer: b"\x02\0\0\0\0\0\0\0{]".to_vec() };
         assert!(decoder.take::<String>().is_err());
-        // What would never end is not waited for.
+        // Refuse an excessive length at once, since the frame would never be complete.
         let mut decoder = Decoder { buffer: b"\x02\0\0\0\xff\xff\xff\xff".to_vec() };
         assert!(decoder.take::<String>().is_err());
     }

@@ -1,4 +1,4 @@
-//! How a worker comes about: two pipes and something at their other ends.
+//! The start of a worker: two pipes, and a process (in tests, threads) at their other ends.
 
 use std::ffi::OsString;
 use std::io;
@@ -11,36 +11,37 @@ use std::sync::Arc;
 /// A worker that has been started.
 #[derive(Debug)]
 pub struct Start {
-    /// Where its orders go.
+    /// The pipe for orders to the worker.
     pub orders: OwnedFd,
-    /// Where its reports come from.
+    /// The pipe for reports of the worker.
     pub reports: OwnedFd,
-    /// Its process, with standard error in a pipe, where it is one of its own.
+    /// The process of the worker, with standard error in a pipe; `None` if the worker is a thread of this process.
     pub process: Option<Child>,
 }
 
-/// Starts a worker.
+/// A function that starts a worker.
 pub type Launcher = Arc<dyn Fn() -> io::Result<Start> + Send + Sync>;
 
-/// This program, whatever has become of its file meanwhile: a front and its workers are of one version.
+/// The executable of this process, even if its file has been replaced: the front and its workers are of one version.
 pub const SELF: &str = "/proc/self/exe";
 
-/// Workers that are processes of `program`, or else of this one, each with so many MiB for a solve.
+/// A launcher of worker processes of `program`, or of this executable, each with `memory_mib` MiB for a solve.
 pub fn program(program: Option<PathBuf>, memory_mib: usize) -> Launcher {
     let program = program.map_or_else(|| OsString::from(SELF), PathBuf::into_os_string);
     Arc::new(move || {
         let mut process = Command::new(&program)
             .arg0("dvi")
             .args(["worker", "--memory-mib", &memory_mib.to_string()])
-            // What the front was told in its environment, tokens among it, is no business of a specification.
+            // Workers get no environment of the front, which may contain tokens.
             .env_clear()
             .current_dir("/")
-            // The allocator is to take address space as it needs it: what it takes ahead counts as taken.
+            // The allocator must reserve address space on demand: `RLIMIT_DATA` counts what it reserves ahead.
             .env("MIMALLOC_ARENA_EAGER_COMMIT", "0")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
-            // A signal to the group of the front, such as Ctrl-C, is for the front to pass on.
+            // A process group of its own: a signal to the group of the front, such as Ctrl-C, is for the front to pass
+            // on.
             .process_group(0)
             .spawn()?;
         match (process.stdin.take(), process.stdout.take()) {

@@ -1,4 +1,4 @@
-//! The side of the front: the pipes to one worker, and its process.
+//! The link of the front to one worker: the pipes, and the process.
 
 use super::Death;
 use super::frame::{self, Decoder};
@@ -20,125 +20,126 @@ use tokio::sync::Notify;
 use tokio::task::spawn_blocking;
 use tokio::time::{Instant, MissedTickBehavior, interval_at, sleep_until, timeout, timeout_at};
 
-/// The bytes that a result may take as columns for each that it may take as JSON: a number takes eight there and two here at least,
-/// and the index is no longer than they are.
+/// The bound on a result as columns, as a multiple of its bound as JSON: a number takes eight bytes in columns and at
+/// least two in JSON, and the index is no longer than the columns.
 const COLUMNS: usize = 8;
 
-/// The time between two looks at a task.
+/// The interval between two polls of a task's progress.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Between the deadline of a task, or the wish to stop it, and the end of its worker: a step of a large problem takes
-/// seconds.
+/// The time from the deadline of a task, or a request to stop it, to the kill of its worker: a step of a large problem
+/// may take seconds.
 const OVERRUN: Duration = Duration::from_secs(10);
 
-/// The time in which a worker starts, and in which one that has closed its pipe ends, on a busy machine.
+/// The time limits for the start of a worker, and for its end after it has closed its pipe, on a busy machine.
 const START: Duration = Duration::from_secs(30);
 const END: Duration = Duration::from_secs(5);
 
-/// The last words of a worker that are kept, in bytes.
+/// The number of bytes kept of a worker's standard error.
 const LAST_WORDS: usize = 4 << 10;
 
-/// The time of a task, in times that its worker took to start, from which on others go before it: who is replaced afterwards
-/// has been at work for several times as long as that takes. Then come, in all, not much more than nine tenths of the processors
-/// to those that have just begun (each step of niceness makes a share smaller by a fifth).
+/// The duration of a task, in start-up times of its worker, after which the worker is lowered in priority. A lowered
+/// worker is replaced after its task, so that a replacement costs a fraction of the work done. New tasks then get, in
+/// all, up to nine tenths of the processors: each step of niceness reduces a share by about a fifth.
 pub const FAIR: u32 = 4;
 const LOWERED: i32 = 10;
 
-/// Processes that want to run, for each processor, on a crowded machine: a slice lasts no longer than that makes it.
+/// The bound on the elapsed time of a slice, in multiples of its CPU time: on a machine with more runnable processes
+/// per processor, a slice gets less CPU time.
 const CROWDED: u32 = 4;
 
-/// Farther away than any deadline.
+/// A duration longer than any deadline.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
-/// What a worker is to do.
+/// A task for a worker.
 pub struct Task<'a> {
-    /// To solve the document, or only to check it.
+    /// Solve the document; otherwise only check it.
     pub solve: bool,
-    /// What was posted.
+    /// The posted document.
     pub document: &'a [u8],
-    /// What it may take.
+    /// The limits of the task.
     pub limits: Limits,
-    /// Who watches over it.
+    /// The control and the observers of the task.
     pub watch: &'a Watch<'a>,
-    /// Where the columns of a long result are written.
+    /// The destination of long results, as columns.
     pub long: &'a mut (dyn Write + Send),
-    /// Others go before its worker when it takes long.
+    /// Whether the worker is lowered in priority during a long task.
     pub yields: bool,
-    /// The time that it has before it is looked after, if that is bounded.
+    /// The first time slice, if the task has one.
     pub slice: Option<Slice<'a>>,
 }
 
-/// The first moments of a task.
+/// The first time slice of a task.
 pub struct Slice<'a> {
-    /// The time that its worker runs meanwhile, whatever others have of the processors.
+    /// The CPU time of the slice.
     pub time: Duration,
-    /// Called at its end.
+    /// Called when the slice is over.
     pub over: &'a (dyn Fn() + Sync),
 }
 
-/// Whose a task is, and who watches over it.
+/// The control and the observers of a task.
 pub struct Watch<'a> {
-    /// For the log of the worker.
+    /// The ids for the log of the worker.
     pub origin: &'a Origin,
-    /// Brought to where the solve is.
+    /// Receives the progress of the solve.
     pub control: &'a Control,
-    /// Wakes when the task is to stop.
+    /// Notified when the task is to stop.
     pub halted: &'a Notify,
-    /// Whether nobody wants what it has come to.
+    /// Whether the results of the task so far are unwanted.
     pub is_unwanted: &'a (dyn Fn() -> bool + Sync),
 }
 
-/// What has become of a task.
+/// The outcome of a task.
 #[derive(Debug)]
 pub enum Finished {
     /// The solve returned.
     Solved(Box<Solved>, Left),
     /// The document is correct; its summary as JSON.
     Checked(Facts, Vec<u8>),
-    /// The document has errors, as JSON; or its check was interrupted.
+    /// The document has errors, given as JSON; true if its check was interrupted.
     Refused(Vec<u8>, bool),
-    /// The solve would take so many bytes, which are more than it may.
+    /// The solve is estimated to take this many bytes, more than it may take.
     TooMuchMemory(usize),
-    /// The result would be longer than it may be.
+    /// The results exceed their size limit.
     TooLarge,
 }
 
-/// The result of a solve.
+/// The results of a solve.
 #[derive(Debug)]
 pub enum Left {
-    /// A short one, as JSON.
+    /// Short results, as JSON.
     Text(Vec<u8>),
-    /// The columns of a long one have been written where they were to be, and are known by these.
+    /// Long results, written as columns to [`Task::long`], with their fingerprints.
     Columns(Prints),
 }
 
-/// A worker at the other end of two pipes.
+/// The link to a worker at the other end of two pipes.
 #[derive(Debug)]
 pub struct Link {
     orders: Sender,
     reports: Receiver,
     decoder: Decoder,
     process: Option<Process>,
-    /// The number of its process, or zero.
+    /// The process id of the worker, or zero if it has no process of its own.
     pub id: u32,
     /// The number of the latest task.
     task: u64,
-    /// The limits that hold for it.
+    /// The limits in force on the worker.
     pub confinement: Confinement,
-    /// The time in which it was ready. Where nobody wants what a task has come to so far, its worker has as much to stop: to wait
-    /// longer would take more than to start another.
+    /// The start-up time of the worker. It is also the time that a worker has to stop a task whose results are
+    /// unwanted: to wait longer would cost more than to start another worker.
     pub started_in: Duration,
-    /// It has had a long task, and goes after others since.
+    /// The worker has had a long task, and was lowered in priority.
     pub is_lowered: bool,
-    /// The memory that it held after its latest task.
+    /// The memory that the worker held after its latest task, in bytes.
     pub resident: u64,
 }
 
 impl Link {
-    /// Takes up a worker that has been started, at that time, as soon as it is ready.
+    /// Opens the link to a worker started at `begun`, and waits until it is ready.
     ///
     /// # Errors
-    /// It does not answer, or is of another version.
+    /// The worker does not answer, or is of another version.
     pub async fn open(start: Start, begun: Instant) -> io::Result<Self> {
         let process = start.process.map(Process::new).transpose()?;
         let (orders, reports) = (Sender::from_owned_fd(start.orders)?, Receiver::from_owned_fd(start.reports)?);
@@ -166,13 +167,13 @@ impl Link {
         }
     }
 
-    /// Returns when the worker, which has nothing to do, has died.
+    /// Waits until the idle worker has died.
     pub async fn closed(&mut self) {
-        // What comes is about a task that has ended.
+        // Late reports about earlier tasks are ignored.
         while self.receive().await.is_ok() {}
     }
 
-    /// Has a task done.
+    /// Performs a task.
     ///
     /// # Errors
     /// The worker is lost.
@@ -206,7 +207,7 @@ impl Link {
                     cancelled = true;
                     let grace = if (watch.is_unwanted)() { self.started_in } else { OVERRUN };
                     end = end.min(Instant::now() + grace);
-                    // A worker that is gone is met below.
+                    // If the worker is gone, reading its reports fails next.
                     let _ = self.send(&Order::Cancel { task }, &[]).await;
                 }
                 report = self.receive() => match report {
@@ -217,9 +218,9 @@ impl Link {
                         progress.relay(watch.control);
                     }
                     Ok((Report::Piece { .. }, bytes)) => {
-                        // It has heeded what it was to heed, and is on its way out.
+                        // The solve has stopped in time, and the worker sends its results.
                         end = end.max(Instant::now() + OVERRUN);
-                        // The worker keeps to it by itself, unless something is wrong with it.
+                        // A worker checks the limit itself, so that exceeding it here is a defect.
                         written += bytes.len();
                         if written > limits.result_bytes.saturating_mul(COLUMNS) {
                             return Err(Loss::Died(self.defect("a result beyond its bound").await));
@@ -278,11 +279,11 @@ impl Link {
         }
     }
 
-    /// Lets others go before its worker, for good: nobody but root may raise it again.
+    /// Lowers the priority of the worker for good: only root may raise it again.
     fn lower(&mut self) {
         self.is_lowered = true;
         let group = i32::try_from(self.id).ok().and_then(Pid::from_raw);
-        // Where it cannot be lowered, it goes on as it is. All threads of the worker, which is a group of its own.
+        // If this fails, the worker goes on unchanged. The process group contains all threads of the worker.
         let _ = group.map(|group| setpriority_pgrp(Some(group), LOWERED));
     }
 
@@ -291,7 +292,7 @@ impl Link {
         self.orders.write_all(document).await
     }
 
-    /// The next report. What has come in of one is kept where this is not waited for to the end.
+    /// The next report. Safe to cancel: partial input stays in the decoder.
     async fn receive(&mut self) -> io::Result<(Report, Vec<u8>)> {
         loop {
             if let Some(frame) = self.decoder.take()? {
@@ -304,7 +305,7 @@ impl Link {
         }
     }
 
-    /// A long result could be kept neither on the disk nor in memory.
+    /// The loss of a worker whose long results could be kept neither on the disk nor in memory.
     async fn not_kept(&mut self, error: &io::Error) -> Loss {
         Loss::Died(self.defect(&format!("a result could not be kept: {error}")).await)
     }
@@ -314,26 +315,26 @@ impl Link {
         Loss::Died(Death::Overran)
     }
 
-    /// Why the worker, which has closed its pipe, died.
+    /// The cause of death of the worker, which has closed its pipe.
     pub async fn death(&mut self) -> Death {
         let death = self.end(Process::death).await;
         death.unwrap_or_else(|| Death::Defect("its thread ended".to_owned()))
     }
 
     async fn defect(&mut self, message: &str) -> Death {
-        // Where it panicked stands on standard error.
+        // The place of a panic is on standard error.
         let words = self.end(Process::kill).await.unwrap_or_default();
         Death::Defect(if words.contains(message) { words } else { format!("{message} {words}") })
     }
 
-    /// Sees the process to its end, on a thread that may wait: to give back gigabytes takes a while.
+    /// Ends the process, on a thread for blocking calls: to free gigabytes takes a while.
     async fn end<T: Send + 'static>(&mut self, how: impl FnOnce(&mut Process) -> T + Send + 'static) -> Option<T> {
         let mut process = self.process.take()?;
         spawn_blocking(move || how(&mut process)).await.ok()
     }
 }
 
-/// The process of a worker, killed when it is dropped.
+/// The process of a worker; dropping it kills the process.
 #[derive(Debug)]
 struct Process {
     child: Child,
@@ -350,7 +351,7 @@ impl Process {
         Ok(Self { child, words, listener: Some(listener) })
     }
 
-    /// Why it died; it is killed if it has not.
+    /// Waits a while for the end of the process, then kills it; returns the cause of its death.
     fn death(&mut self) -> Death {
         let start = std::time::Instant::now();
         while start.elapsed() < END && matches!(self.child.try_wait(), Ok(None)) {
@@ -363,9 +364,9 @@ impl Process {
         }
     }
 
-    /// Ends it, if it has not ended, and gives its last words.
+    /// Kills the process, if it has not ended, and returns its last words.
     fn kill(&mut self) -> String {
-        // One that has ended is not there to be killed.
+        // Killing fails if the process has ended.
         let _ = self.child.kill();
         let _ = self.child.wait();
         if let Some(listener) = self.listener.take() {
@@ -381,7 +382,7 @@ impl Drop for Process {
     }
 }
 
-/// The time that the threads of a process have run, if the system tells.
+/// The CPU time of the threads of a process, if the system reports it.
 fn effort(id: u32) -> Option<Duration> {
     let threads = fs::read_dir(format!("/proc/{id}/task")).ok()?;
     let of_thread = |thread: fs::DirEntry| {
@@ -391,7 +392,7 @@ fn effort(id: u32) -> Option<Duration> {
     Some(threads.flatten().filter_map(of_thread).sum())
 }
 
-/// Keeps the last that comes.
+/// Reads standard error to its end, keeping the last bytes.
 fn listen(mut stderr: ChildStderr, words: &Mutex<Vec<u8>>) {
     let mut piece = [0; 1024];
     while let Ok(count @ 1..) = stderr.read(&mut piece) {

@@ -1,18 +1,18 @@
-//! What the front and a worker say to each other, apart from what carries it. A message may come with bytes: an order
-//! with a document, a report with a piece of a result.
+//! The messages between the front and a worker, independent of their transport. A message may have a payload: a
+//! document with an order, a piece of a result with a report.
 //!
 //! ```text
 //! worker: Ready                         once, before anything else
 //! front:  Solve + document | Check + document
-//! worker: Taken                         from here on its death is the document's doing
-//! front:  Look                          as often as somebody may want to know
+//! worker: Taken                         from here on, its death is attributed to the document
+//! front:  Look                          at intervals, to follow the progress
 //! worker: Progress
 //! front:  Cancel                        the end comes soon, with the trajectory so far
-//! worker: Piece + bytes ..              a long result, as columns
+//! worker: Piece + bytes ..              long results, as columns
 //! worker: Solved + bytes | Checked + bytes | Refused + bytes | TooMuchMemory | TooLarge | Defect
 //! ```
 //!
-//! Messages carry the number of their task: one that comes late is passed over.
+//! Messages carry the number of their task: late ones are ignored.
 
 use super::Confinement;
 use crate::context::Context;
@@ -27,32 +27,32 @@ use std::time::Duration;
 use tracing::Span;
 use utoipa::ToSchema;
 
-/// The version of these messages: a worker of another is not given anything.
+/// The version of these messages: a worker of another version gets no orders.
 pub const VERSION: u32 = 2;
 
-/// What a worker is asked.
+/// An order to a worker.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Order {
-    /// Solve the document that comes with it.
+    /// Solve the document in the payload.
     Solve {
         /// The number of the task.
         task: u64,
-        /// What it may take.
+        /// The limits of the task.
         limits: Limits,
-        /// Whose it is.
+        /// The ids of the job, request and trace of the task.
         origin: Origin,
     },
-    /// Check the document that comes with it.
+    /// Check the document in the payload.
     Check {
         /// The number of the task.
         task: u64,
-        /// What it may take.
+        /// The limits of the task.
         limits: Limits,
-        /// Whose it is.
+        /// The ids of the request and trace of the task.
         origin: Origin,
     },
-    /// Report how far the task is.
+    /// Report the progress of the task.
     Look {
         /// The number of the task.
         task: u64,
@@ -64,86 +64,86 @@ pub enum Order {
     },
 }
 
-/// What a worker reports.
+/// A report of a worker.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Report {
-    /// It takes orders.
+    /// The worker takes orders.
     Ready {
         /// [`VERSION`].
         version: u32,
-        /// The limits that hold for it.
+        /// The limits in force on the worker.
         confinement: Confinement,
     },
-    /// It has the document.
+    /// The worker has received the document.
     Taken {
         /// The number of the task.
         task: u64,
     },
-    /// How far the task is.
+    /// The progress of the task.
     Progress {
         /// The number of the task.
         task: u64,
-        /// How far.
+        /// The progress.
         progress: Progress,
     },
-    /// The next bytes of a long result, as columns, come with it.
+    /// The next bytes of long results, as columns, are the payload.
     Piece {
         /// The number of the task.
         task: u64,
     },
-    /// The solve has returned; a short result, as JSON, comes with it, and the last bytes of a long one.
+    /// The solve has returned; the payload is short results as JSON, or the last bytes of long ones.
     Solved {
         /// The number of the task.
         task: u64,
-        /// What the columns of a long result are known by.
+        /// The fingerprints of long results; `None` for short ones.
         columns: Option<Prints>,
-        /// How it ended.
+        /// The end of the solve.
         solved: Box<Solved>,
-        /// How far it came.
+        /// The final progress.
         progress: Progress,
-        /// The memory that the worker holds.
+        /// The resident memory of the worker, in bytes.
         resident: u64,
     },
-    /// The document is correct; its summary, as JSON, comes with it.
+    /// The document is correct; the payload is its summary, as JSON.
     Checked {
         /// The number of the task.
         task: u64,
-        /// What the front needs to know of it.
+        /// The facts of the document that the front needs.
         facts: Facts,
-        /// The memory that the worker holds.
+        /// The resident memory of the worker, in bytes.
         resident: u64,
     },
-    /// The document has errors, which come with it as JSON.
+    /// The document has errors; the payload lists them, as JSON.
     Refused {
         /// The number of the task.
         task: u64,
         /// The check was stopped before its end.
         interrupted: bool,
     },
-    /// The solve was not begun, because it would take more memory than it may.
+    /// The solve was not begun, since its estimated memory exceeds the limit.
     TooMuchMemory {
         /// The number of the task.
         task: u64,
-        /// The bytes that it would take.
+        /// The estimated memory, in bytes.
         estimate: usize,
     },
-    /// The result would be longer than it may be.
+    /// The results exceed their size limit.
     TooLarge {
         /// The number of the task.
         task: u64,
     },
-    /// The solver panicked, and the worker takes nothing more.
+    /// The solver panicked, and the worker takes no more orders.
     Defect {
         /// The number of the task.
         task: u64,
-        /// What the panic said.
+        /// The message of the panic.
         message: String,
     },
 }
 
 impl Report {
-    /// The number of the task that it is about.
+    /// The number of the task that the report is about.
     pub fn task(&self) -> Option<u64> {
         match self {
             Self::Ready { .. } => None,
@@ -160,28 +160,28 @@ impl Report {
     }
 }
 
-/// Whose a task is: the ids by which the lines of a worker's log are joined with those of the service.
+/// The ids that connect the worker's log lines with those of the service.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
-    /// The job that is solved.
+    /// The job, if the task is a solve for one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub job: Option<String>,
-    /// The request that posted it, where that is known.
+    /// The request that posted the document, if it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub request: Option<String>,
-    /// The trace that it is part of, with its parent there, as W3C Trace Context writes it.
+    /// The trace and the parent span, in the format of W3C Trace Context.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub traceparent: Option<String>,
 }
 
 impl Origin {
-    /// That of a task for a job, or of a check, on behalf of a request. Its trace is still that of the request.
+    /// The origin of a task for a job, or of a check, in the context of a request, with the trace of the request.
     pub fn of(job: Option<String>, context: &Context) -> Self {
         let request = Some(&*context.request).filter(|id| !id.is_empty()).map(str::to_owned);
         Self { job, request, traceparent: context.trace.map(|trace| trace.traceparent()) }
     }
 
-    /// Makes `span`, which is the task's, part of the trace.
+    /// Makes the task's `span` part of the trace.
     pub fn join(&mut self, span: &Span) {
         let trace = self.traceparent.as_deref().and_then(Trace::read);
         self.traceparent = trace::join(span, trace).map(|trace| trace.traceparent());
@@ -198,37 +198,37 @@ impl Origin {
     }
 }
 
-/// What a task may take.
+/// The limits of a task.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct Limits {
-    /// Accepted steps.
+    /// The number of accepted steps.
     pub steps: u64,
-    /// Bytes, as far as they are estimated or measured by the solve itself.
+    /// The memory in bytes, as estimated before a solve or measured by it.
     pub memory: usize,
-    /// Time, in seconds, if it is bounded.
+    /// The wall time in seconds, if it is bounded.
     pub wall_seconds: Option<f64>,
-    /// Bytes of the result as JSON.
+    /// The size of the results as JSON, in bytes.
     pub result_bytes: usize,
 }
 
 impl Limits {
-    /// The time, if it is bounded.
+    /// The wall time, if it is bounded.
     pub fn wall(&self) -> Option<Duration> {
         Duration::try_from_secs_f64(self.wall_seconds?).ok()
     }
 
-    /// Reads and checks a document, to be solved within these limits.
+    /// Parses and checks a document to be solved within these limits.
     ///
     /// # Errors
-    /// All that is wrong with it.
+    /// All errors of the document.
     pub fn read(&self, document: &[u8], control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         self.check(Draft::read(document)?, control)
     }
 
-    /// Checks a document that has been read, to be solved within these limits.
+    /// Checks a parsed document to be solved within these limits.
     ///
     /// # Errors
-    /// All that is wrong with it.
+    /// All errors of the document.
     pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         Ok(draft.check_within(self.memory, control)?.within_steps(self.steps))
     }
@@ -260,34 +260,34 @@ impl From<SpecificationError> for Finding {
     }
 }
 
-/// What the columns of a long result are known by.
+/// The fingerprints that identify long results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Prints {
-    /// Of the JSON that they stand for.
+    /// The fingerprint of the JSON that they encode.
     pub json: Fingerprint,
-    /// Of their index, which is at their end.
+    /// The fingerprint of the index, at the end of the columns.
     pub index: Fingerprint,
 }
 
-/// How far a task is.
+/// The progress of a task.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Progress {
-    /// The part of the time horizon that is done, in `[0, 1]`.
+    /// The fraction of the time horizon that has been integrated, in `[0, 1]`.
     pub fraction: f64,
-    /// Accepted steps.
+    /// The number of accepted steps.
     pub steps: u64,
-    /// Events since the last report, each with its number.
+    /// The events since the last report, each with its number.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub events: Vec<(u64, Event)>,
 }
 
 impl Progress {
-    /// How far the solve under `control` is, with the events after the first `told`.
+    /// The progress of the solve under `control`, with the events after the first `told`.
     pub fn of(control: &Control, told: u64) -> Self {
         Self { fraction: control.fraction(), steps: control.steps(), events: control.events_after(told) }
     }
 
-    /// Brings `control` to where the solve is.
+    /// Reports this progress to `control`.
     pub fn relay(self, control: &Control) {
         control.relay(self.events);
         control.report(self.fraction, self.steps);
@@ -297,33 +297,33 @@ impl Progress {
 /// Why a solve did not reach its end time.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Failed {
-    /// A stable word for programs.
+    /// The error code, for programs.
     pub code: String,
-    /// What happened, for people.
+    /// A description, for people.
     pub message: String,
-    /// The time reached.
+    /// The time that was reached.
     pub time: f64,
 }
 
-/// How a solve ended, beside its result.
+/// The end of a solve, without its results.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Solved {
-    /// The type of the problem.
+    /// The problem type.
     pub problem: Cow<'static, str>,
-    /// Whether the end was reached.
+    /// Whether the end time was reached.
     pub status: Status,
-    /// Why it was not.
+    /// Why the end time was not reached.
     pub failed: Option<Failed>,
-    /// Whether the answer may be relied upon.
+    /// Whether the solution can be trusted.
     pub verdict: Verdict,
-    /// Accepted steps of the method.
+    /// The number of accepted steps.
     pub steps: u64,
-    /// Variational inequalities solved at stages.
+    /// The number of variational inequalities solved at stages.
     pub vi_solves: Option<u64>,
 }
 
 impl Solved {
-    /// How the solve of such a problem ended.
+    /// The end of a solve of a problem of type `problem`.
     pub fn of(problem: &'static str, solution: &Solution) -> Self {
         let failed = solution.error.as_ref();
         Self {
@@ -341,21 +341,21 @@ impl Solved {
     }
 }
 
-/// What is known of a specification without having it in hand.
+/// Facts of a specification that is not in memory.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Facts {
-    /// The client's own words for it.
+    /// A label chosen by the client.
     pub label: Option<String>,
-    /// The time horizon of its problem.
+    /// The time horizon of the problem.
     pub horizon: Time,
-    /// The type of the problem.
+    /// The problem type.
     pub problem: Cow<'static, str>,
-    /// Bytes that a solve is known to take before it runs.
+    /// The estimated memory of a solve, in bytes.
     pub memory: usize,
 }
 
 impl Facts {
-    /// Those of `specification`.
+    /// The facts of `specification`.
     pub fn of(specification: &Specification) -> Self {
         Self {
             label: specification.label().map(str::to_owned),

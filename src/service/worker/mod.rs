@@ -1,15 +1,16 @@
-//! Workers: processes of this program that solve, `dvi worker`, each under the supervision of the front.
+//! Workers: solver processes of this program (`dvi worker`), each supervised by the front process.
 //!
-//! What a specification makes a solve do, in memory, on the stack or by a defect, it does to the worker that has it, and
-//! to no other job. A worker
+//! Whatever a specification makes a solve do (use up memory, overflow the stack, meet a defect) affects the worker that
+//! runs it, and no other job. A worker
 //!
-//! - limits itself before it takes anything ([`Confinement`]);
-//! - takes one document at a time and reports what becomes of it ([`Order`], [`Report`]), whatever carries the messages:
+//! - limits itself before it takes orders ([`Confinement`]);
+//! - takes one document at a time and reports on it ([`Order`], [`Report`]), whatever the transport of the messages:
 //!   between the front and its workers, pipes ([`frame`]);
-//! - ends at the end of its orders, even while it solves, so that none is left when the front is killed.
+//! - ends when its orders end, even during a solve, so that none is left when the front is killed.
 //!
-//! The front keeps a worker from one job to the next, and starts another when it has died, when it did not heed its
-//! deadline, or when it has grown ([`Supervisor`]). What is checked and not solved has workers apart ([`Checkers`]). A worker that dies has one job, which is told why ([`Death`]).
+//! The front keeps a worker from one job to the next, and replaces it when it has died, when it did not heed its
+//! deadline, or when its memory has grown ([`Supervisor`]). Checks without a solve have workers of their own
+//! ([`Checkers`]). The death of a worker affects one job, which reports the cause ([`Death`]).
 
 mod checkers;
 mod confinement;

@@ -1,5 +1,5 @@
-//! The side of the worker: one thread takes orders and answers at once how far the task is, another solves. The stack of
-//! that one has the same size whatever the shell of the front allows.
+//! The worker's side of the link: one thread takes orders and answers requests for progress at once, another one
+//! solves. The solver thread has a stack of fixed size, independent of the limits of the shell that started the front.
 
 use super::frame;
 use super::message::{Facts, Limits, Order, Origin, Prints, Progress, Report, Solved, VERSION};
@@ -18,19 +18,19 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// What workers call, and the front for what is solved at a glance.
+/// The function that solves a specification, called by workers, and by the front for inline solves.
 pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync>;
 
-/// Room for the deepest expression that a specification may hold.
+/// The stack size of the solver thread, in bytes: enough for the deepest expression that a specification may contain.
 pub(super) const STACK_BYTES: usize = 8 << 20;
 
-/// The bytes of one piece of a result.
+/// The size of one piece of a result, in bytes.
 const PIECE: usize = 256 << 10;
 
-/// Takes orders from `input` until it ends, and writes reports to `output`. What is in hand at the end is stopped.
+/// Takes orders from `input` until it ends, and writes reports to `output`. A task still running then is stopped.
 ///
 /// # Errors
-/// Those of `input` and `output`, what comes is no order, or the system gives no thread.
+/// I/O errors of `input` and `output`, invalid input, or the system provides no thread.
 pub fn serve(
     mut input: impl Read,
     output: impl Write + Send + 'static,
@@ -67,27 +67,27 @@ pub fn serve(
     Ok(())
 }
 
-/// What the two threads share.
+/// The state shared by the two threads.
 struct Desk<W> {
     output: Mutex<W>,
     task: Mutex<Option<Task>>,
 }
 
-/// The task in hand.
+/// The current task.
 struct Task {
     number: u64,
     control: Arc<Control>,
-    /// Events that have been reported.
+    /// The number of events that have been reported.
     told: u64,
 }
 
-/// A document on its way to the thread that solves.
+/// A document on its way to the solver thread.
 struct Assignment {
     task: u64,
     limits: Limits,
     origin: Origin,
     document: Vec<u8>,
-    /// To be solved, or only checked.
+    /// Solve the document; otherwise only check it.
     solve: bool,
     control: Arc<Control>,
     begun: Instant,
@@ -113,7 +113,7 @@ impl<W: Write> Desk<W> {
         Ok(Assignment { task, limits, origin, document, solve, control, begun })
     }
 
-    /// Goes on under another control, which is stopped if the one before was.
+    /// Replaces the control of the current task; the new one is stopped if the old one was.
     fn replace(&self, control: &Arc<Control>) {
         if let Some(task) = &mut *self.task() {
             if task.control.poll().is_some() {
@@ -155,7 +155,7 @@ fn within(begun: Instant, time: Option<Duration>) -> Control {
     }
 }
 
-/// Solves what is assigned until there is no more, or a panic, after which nothing in this process is relied upon.
+/// Performs assignments until there are no more, or until a panic, after which the state of the process is not trusted.
 fn solve_all<W: Write>(desk: &Desk<W>, solver: &Solver, assigned: &Receiver<Assignment>) {
     for assignment in assigned {
         let task = assignment.task;
@@ -206,7 +206,7 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
         Encoded::Columns(json, skeleton) => {
             let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task });
             let index = Fingerprint::of(&write_columns(&solution.trajectory, &skeleton, &mut pieces)?);
-            // What is still in the buffer goes with the last report.
+            // The rest of the buffer goes with the last report.
             (Some(Prints { json, index }), pieces.into_parts().1.map_err(io::Error::other)?)
         }
     };
@@ -216,7 +216,7 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
     desk.report(&Report::Solved { task, columns, solved, progress, resident: confinement::resident() }, &rest)
 }
 
-/// A long result on its way.
+/// A writer that sends long results in pieces.
 struct Pieces<'a, W> {
     desk: &'a Desk<W>,
     task: u64,
@@ -233,7 +233,7 @@ impl<W: Write> Write for Pieces<'_, W> {
     }
 }
 
-/// What a panic said.
+/// The message of a panic.
 fn message(panic: &(dyn Any + Send)) -> &str {
     match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
         (Some(text), _) => text,

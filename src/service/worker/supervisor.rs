@@ -1,4 +1,4 @@
-//! Keeps one worker: starts it, has it solve, and starts another when it is lost or has grown.
+//! The supervision of one worker: it is started, performs tasks, and is replaced when it is lost or has grown.
 
 use super::launcher::Launcher;
 use super::link::{Finished, Link, Task};
@@ -9,44 +9,44 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
-/// Called with what becomes of workers.
+/// A callback for the events of workers.
 pub type Notice = Arc<dyn Fn(Event<'_>) + Send + Sync>;
 
-/// What becomes of a worker.
+/// An event in the life of a worker.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
-    /// It takes orders, after this time.
+    /// The worker takes orders: its process id and start-up time.
     Started(u32, Duration),
-    /// It was replaced because it held so many bytes.
+    /// The worker was replaced because it held this many bytes.
     Grown(u64),
-    /// It was replaced because others go before it since it has had a long task.
+    /// The worker was replaced after a long task, because its priority had been lowered.
     Lowered(u32),
-    /// It was replaced because it did not stop what nobody wants any more.
+    /// The worker was killed because it did not stop a task whose results are unwanted.
     Unwanted(u32),
-    /// It died.
+    /// The worker died.
     Died(u32, &'a Death),
-    /// None could be started.
+    /// The worker could not be started.
     NotStarted(&'a io::Error),
 }
 
-/// Why there is no answer from a worker.
+/// Why a worker did not answer.
 #[derive(Debug)]
 pub enum Loss {
-    /// It died before it had the document.
+    /// The worker died before it had received the document.
     NotTaken(Death),
-    /// It died while it had the document.
+    /// The worker died after it had received the document.
     Died(Death),
 }
 
-/// Workers that die in a row before they take a document that was for them. It is none of the document's doing, but
-/// there may be no end to it.
+/// The largest number of workers in a row that may die before they have received a given document. The document is not
+/// the cause, but the attempts must end.
 const MOST_NOT_TAKEN: u32 = 5;
 
-/// The pauses between attempts to start a worker, from the first to the longest.
+/// The first and the longest pause between attempts to start a worker.
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 const LONGEST_PAUSE: Duration = Duration::from_secs(10);
 
-/// One place for a worker.
+/// The supervisor of one place for a worker.
 pub struct Supervisor {
     launcher: Launcher,
     link: Option<Link>,
@@ -56,15 +56,15 @@ pub struct Supervisor {
 }
 
 impl Supervisor {
-    /// No worker yet. One that holds more than `keep` bytes between tasks is replaced.
+    /// No worker yet. A worker that holds more than `keep` bytes between tasks is replaced.
     pub fn new(launcher: Launcher, keep: u64, notice: Notice) -> Self {
         Self { launcher, link: None, keep, notice }
     }
 
-    /// Starts a worker, and gives the limits that hold for it.
+    /// Starts a worker, and returns the limits in force on it.
     ///
     /// # Errors
-    /// It cannot be started.
+    /// The worker cannot be started.
     pub async fn start(&mut self) -> io::Result<Confinement> {
         let begun = Instant::now();
         let link = Link::open((self.launcher)()?, begun).await?;
@@ -74,7 +74,7 @@ impl Supervisor {
         Ok(confinement)
     }
 
-    /// Returns when there is a worker.
+    /// Waits until there is a worker.
     pub async fn ready(&mut self) {
         let mut pause = FIRST_PAUSE;
         while self.link.is_none() {
@@ -86,7 +86,7 @@ impl Supervisor {
         }
     }
 
-    /// Returns when the worker, which has nothing to do, is gone.
+    /// Waits until the idle worker is gone.
     pub async fn idle(&mut self) {
         let Some(link) = &mut self.link else { return pending().await };
         link.closed().await;
@@ -94,10 +94,10 @@ impl Supervisor {
         self.lost(&death);
     }
 
-    /// Has a task done.
+    /// Performs a task.
     ///
     /// # Errors
-    /// Why the worker that had it died.
+    /// The cause of death of the worker that had the task.
     pub async fn perform(&mut self, task: &mut Task<'_>) -> Result<Finished, Death> {
         let mut attempts = 0;
         loop {

@@ -1,6 +1,6 @@
-//! A guess of the active set from the same problem on coarser grids (Kornhuber 1994, *Monotone multigrid methods for
-//! elliptic variational inequalities*, uses them for the whole solution): each grid is solved from the active set of
-//! the next coarser one, which is off by a node or so along its boundary.
+//! Guesses the active set from the problem on coarser grids (Kornhuber 1994, *Monotone multigrid methods for elliptic
+//! variational inequalities*, uses them for the whole solution): each grid is solved from the active set of the next
+//! coarser one, which is wrong by about one node along its boundary.
 
 use super::cyclic_reduction::CyclicReduction;
 use super::grid::{Coarser, Interpolation};
@@ -9,13 +9,13 @@ use super::{COARSE_PASSES, Level, Unsuitable};
 use problem::{Control, ConvexSet};
 use std::sync::Arc;
 
-/// Tridiagonal matrices of so few rows are not coarsened further.
+/// Tridiagonal matrices with at most this number of rows are not coarsened further.
 const SMALL: usize = 32;
 
-/// Sweeps of Gauss-Seidel after interpolation: what is wrong then is wrong over a few nodes.
+/// Gauss-Seidel sweeps after interpolation, which remove errors over a few nodes.
 const SWEEPS: usize = 4;
 
-/// A coarser problem, and how it comes from the next finer one.
+/// A coarser problem, with its transfer from the next finer one.
 pub(super) struct Coarse {
     transfer: Transfer,
     level: Level,
@@ -53,7 +53,7 @@ impl Coarse {
         self.level.iterate(&self.q, &self.set, &mut self.z, COARSE_PASSES, &mut 0, control);
     }
 
-    /// Sets the active set of the next finer problem; where `z` is interpolated, `z` is overwritten.
+    /// Guesses the active set of the next finer problem; overwrites `z` if that is interpolated.
     fn guess(&self, fine: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64]) {
         match (&self.transfer, &fine.operator) {
             (Transfer::Elimination(transfer), Operator::Tridiagonal(matrix)) => {
@@ -73,7 +73,7 @@ impl Coarse {
     }
 }
 
-/// Every other node of a tridiagonal matrix eliminated, again and again.
+/// Coarsens a tridiagonal matrix by repeated elimination of every other node.
 pub(super) fn by_elimination(finest: &Operator) -> Vec<Coarse> {
     let mut coarser = Vec::new();
     let Operator::Tridiagonal(finest) = finest else { return coarser };
@@ -86,7 +86,7 @@ pub(super) fn by_elimination(finest: &Operator) -> Vec<Coarse> {
     coarser
 }
 
-/// Every grid of a hierarchy, each with those below it.
+/// Prepares every grid of a hierarchy, each with the grids below it.
 pub(super) fn by_interpolation(grids: &[Coarser], control: &Control) -> Result<Vec<Coarse>, Unsuitable> {
     let mut coarser = Vec::with_capacity(grids.len());
     for (k, Coarser { transfer, matrix, .. }) in grids.iter().enumerate() {

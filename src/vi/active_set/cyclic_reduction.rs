@@ -5,21 +5,21 @@
 //! z_i = -(q_i + A_{i,i-1} z_{i-1} + A_{i,i+1} z_{i+1}) / A_ii,    i odd
 //! ```
 //!
-//! which leaves a tridiagonal system in the even ones: their Schur complement, again an M-matrix, whatever the
-//! coefficients and the spacing of the grid.
+//! which leaves a tridiagonal system in the even unknowns: their Schur complement, again an M-matrix for any
+//! coefficients and spacing of the grid.
 
 use super::tridiagonal::Tridiagonal;
 use super::{Face, resting_place};
 use problem::ConvexSet;
 
-/// What rows `2k - 1` and `2k + 1` add to row `2k`.
+/// The multipliers of rows `2k - 1` and `2k + 1` in their elimination from row `2k`.
 pub(super) struct CyclicReduction {
     left: Vec<f64>,
     right: Vec<f64>,
 }
 
 impl CyclicReduction {
-    /// The reduction and the system that it leaves.
+    /// Returns the reduction and the reduced system.
     pub fn new(fine: &Tridiagonal) -> (Self, Tridiagonal) {
         let n = fine.diagonal.len();
         let coarse = n.div_ceil(2);
@@ -51,7 +51,7 @@ impl CyclicReduction {
         }
     }
 
-    /// Even nodes rest where the coarse ones do; an odd one where its own row, given its neighbours, says.
+    /// Sets even nodes to the activity of the coarse ones, and odd ones to that of their own row, given the neighbours.
     pub fn guess(
         &self,
         matrix: &Tridiagonal,

@@ -1,5 +1,5 @@
-//! The active set method for a matrix held dense: its zeros are left out, and what was analysed serves for as long as
-//! the matrix stays the same.
+//! The active set method for a matrix in dense storage: its zeros are dropped, and the sparse analysis is reused as
+//! long as the matrix stays the same.
 
 use super::super::{AffineVi, Report, ViSolver};
 use super::ActiveSet;
@@ -8,11 +8,11 @@ use faer::sparse::Triplet;
 use nalgebra::DMatrix;
 use problem::Control;
 
-/// [`ActiveSet`] behind the interface of the other solvers. It allocates when the matrix changes.
+/// [`ActiveSet`] behind the interface of the other solvers. Allocates when the matrix changes.
 #[derive(Default)]
 pub struct DenseActiveSet {
     matrix: DMatrix<f64>,
-    /// None where the method is not one for the matrix.
+    /// `None` if the method does not suit the matrix.
     solver: Option<ActiveSet>,
     w: Vec<f64>,
     terms: Vec<f64>,

@@ -9,12 +9,12 @@ use faer::sparse::linalg::matmul::sparse_sparse_matmul;
 use problem::Control;
 use std::sync::Arc;
 
-/// Grids of so few nodes are not coarsened further.
+/// Grids with at most this number of nodes are not coarsened further.
 const SMALL: usize = 32;
 
 /// Interpolation between two grids.
 pub(super) struct Interpolation {
-    /// `P^T`: a column a fine node, its rows the coarse nodes around it.
+    /// `P^T`: a column for each fine node, with the coarse nodes around it as rows.
     parents: SparseMatrix,
     /// The fine node at each coarse one.
     pub nodes: Vec<usize>,
@@ -22,14 +22,14 @@ pub(super) struct Interpolation {
 
 /// A grid of every other node of the next finer one, with its Galerkin matrix.
 pub(super) struct Coarser {
-    /// To the finer grid. What solves on the grids shares it.
+    /// The interpolation to the finer grid, shared by the solvers on both grids.
     pub transfer: Arc<Interpolation>,
     pub matrix: SparseMatrix,
-    /// Its nodes in each direction.
+    /// The number of nodes in each direction.
     pub shape: Vec<usize>,
 }
 
-/// The ever coarser grids below one of this shape.
+/// Builds the successively coarser grids below one of this shape.
 pub(super) fn hierarchy(matrix: &SparseMatrix, shape: &[usize], control: &Control) -> Result<Vec<Coarser>, Unsuitable> {
     let mut coarser: Vec<Coarser> = Vec::new();
     loop {
@@ -81,7 +81,7 @@ impl Interpolation {
         (Self { parents, nodes }, coarse_shape)
     }
 
-    /// `P^T A P`, unless memory does not suffice.
+    /// Computes `P^T A P`; an error if memory does not suffice.
     fn galerkin(&self, matrix: &SparseMatrix, control: &Control) -> Result<SparseMatrix, Unsuitable> {
         control.go_on()?;
         let interpolation = self.parents.transpose().to_col_major().map_err(|_| Unsuitable::Memory)?;

@@ -1,35 +1,36 @@
-//! What cannot cycle: the step of the active set where it lowers
+//! A globally convergent fallback that cannot cycle: the step of the active set if it lowers
 //!
 //! ```text
 //! Psi(z) = 1/2 |psi(z_i, w_i / A_ii)|^2,    w = A z + q
 //! ```
 //!
-//! enough, else a damped Newton step on the Fischer-Burmeister equation `psi = 0`, else one of steepest descent (De
+//! enough, else a damped Newton step on the Fischer-Burmeister equation `psi = 0`, else a step of steepest descent (De
 //! Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution of nonlinear complementarity
-//! problems*). With rows divided by the derivatives by `w`, Newton's matrix is `A` plus a nonnegative diagonal: it
-//! keeps the pattern of `A`, and its symmetry.
+//! problems*). With rows divided by the derivatives by `w`, the Newton matrix is `A` plus a nonnegative diagonal: it
+//! keeps the pattern and the symmetry of `A`.
 
 use super::super::fischer_burmeister::{Psi, psi};
 use super::{Face, Level};
 use problem::{Control, ConvexSet};
 
-/// The most steps; practical problems take five to thirty.
+/// Iteration limit; practical problems take five to thirty steps.
 const ITERATIONS: usize = 100;
 
 /// A step of the active set must lower `|psi|` to this fraction.
 const DECREASE: f64 = 0.9;
 
-/// Rows with a derivative by `w` below this fraction of that by `z` say that `z` is on its bound.
+/// A variable is on its bound if the derivative of `psi` by `w` is below this fraction of that by `z`.
 const NEGLIGIBLE: f64 = 1e-12;
 
-/// The slope of `Psi` along an exact Newton direction is `-2 Psi`; a direction with this fraction is one of descent.
+/// Condition on a direction of descent: the slope of `Psi` along it is at most `-DESCENT |psi|^2`; along an exact
+/// Newton direction it is `-|psi|^2 = -2 Psi`.
 const DESCENT: f64 = 0.01;
 
-/// Armijo's fraction of the slope, and the halvings of a step before it is given up.
+/// Armijo's fraction of the slope, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// Added to the diagonal, as a fraction of it and of `|psi|`, so that a singular `A` does no harm.
+/// Proximal term on the diagonal, as a fraction of it and of `|psi|`, which regularises a singular `A`.
 const PROXIMAL: f64 = 1e-3;
 
 /// Workspace for `n` variables.
@@ -53,7 +54,7 @@ impl LineSearch {
         }
     }
 
-    /// Improves `z` until it solves the problem or no step lowers `Psi`; the steps made.
+    /// Improves `z` until it solves the problem or no step lowers `Psi`; returns the number of steps.
     pub fn run(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &mut [f64], control: &Control) -> usize {
         for (i, z) in z.iter_mut().enumerate() {
             *z = set.project(i, if z.is_finite() { *z } else { 0.0 });
@@ -72,7 +73,7 @@ impl LineSearch {
         ITERATIONS
     }
 
-    /// `psi` and its derivatives by `z` and `w / A_ii` at `z`, where `level` holds `w`; returns `|psi|`.
+    /// Evaluates `psi` and its derivatives by `z` and `w / A_ii` at `z`, with `w` of `level`; returns `|psi|`.
     fn linearise(&mut self, level: &Level, set: &ConvexSet, z: &[f64]) -> f64 {
         let scale = level.operator.inverse_diagonal();
         let mut sum = 0.0;
@@ -83,7 +84,7 @@ impl LineSearch {
         sum.sqrt()
     }
 
-    /// The step of the active set to which `z` and `w` belong, to `trial`.
+    /// Computes into `trial` the step of the active set to which `z` and `w` belong.
     fn active_set_step(&mut self, level: &mut Level, q: &[f64], set: &ConvexSet, z: &[f64], control: &Control) -> bool {
         for (i, (trial, &z)) in self.trial.iter_mut().zip(z).enumerate() {
             *trial = z - level.operator.inverse_diagonal()[i] * level.w[i];
@@ -103,7 +104,7 @@ impl LineSearch {
         values.sum::<f64>().sqrt()
     }
 
-    /// A step of Armijo's line search along Newton's direction, else along the steepest descent. False if neither
+    /// Makes a step by Armijo's line search along Newton's direction, else along steepest descent. False if neither
     /// lowers `Psi`.
     fn descend(
         &mut self,

@@ -1,9 +1,9 @@
-//! Conjugate gradients on the rows inside, preconditioned by a cycle of multigrid, for a symmetric matrix on a grid whose
-//! factors would not be sparse: they grow as `n log n` in two dimensions, as `n^(4/3)` in three.
+//! Conjugate gradients on the rows of inactive variables, preconditioned by a multigrid cycle, for a symmetric matrix
+//! on a grid whose factors would not be sparse: they grow as `n log n` in two dimensions, as `n^(4/3)` in three.
 //!
-//! The coarse matrices are those of the whole grid; on each, nodes of which the fine one rests are left out (the truncated
-//! basis of Kornhuber 1994, by nodes). One sweep of Gauss-Seidel down, one backwards up: a symmetric cycle (Trottenberg,
-//! Oosterlee and Schueller 2001, section 7.8).
+//! The coarse matrices are those of the whole grid; on each, nodes whose fine node is active are left out (the
+//! truncated basis of Kornhuber 1994, by nodes). One forward Gauss-Seidel sweep on the way down and one backward on the
+//! way up give a symmetric cycle (Trottenberg, Oosterlee and Schueller 2001, section 7.8).
 
 use super::Unsuitable;
 use super::grid::{Coarser, Interpolation};
@@ -12,21 +12,22 @@ use factorisation::{Cholesky, SparseMatrix};
 use problem::Control;
 use std::sync::Arc;
 
-/// Grids of so few nodes are solved by factorisation.
+/// Grids with at most this number of nodes are solved by factorisation.
 const SMALL: usize = 500;
 
-/// The residual to reach, of the right-hand side inside, rows at rest being of another size: rounding, as of a factorisation.
+/// Tolerance on the residual, relative to the right-hand side of inactive rows (active rows have another size):
+/// rounding, as of a factorisation.
 const REACHED: f64 = 1e-14;
 
-/// Iterations before what has been reached must do; each gains about a digit.
+/// Iteration limit, at which the current iterate is accepted; each iteration gains about a digit.
 const MOST: usize = 60;
 
-/// Matrices from fine to coarse, and room for the iteration.
+/// Matrices from fine to coarse, and the workspace of the iteration.
 pub(super) struct Multigrid {
     /// The finest first.
     levels: Vec<Grid>,
     coarsest: Cholesky,
-    /// The last solution, from which the next begins.
+    /// The last solution, the start of the next.
     last: Vec<f64>,
     residual: Vec<f64>,
     direction: Vec<f64>,
@@ -34,11 +35,11 @@ pub(super) struct Multigrid {
 }
 
 struct Grid {
-    /// None on the finest grid, whose matrix stands elsewhere.
+    /// `None` on the finest grid, whose matrix the caller has.
     matrix: Option<SparseMatrix>,
     restricted: SparseMatrix,
     inside: Vec<bool>,
-    /// To the next coarser grid; none from the coarsest.
+    /// The transfer to the next coarser grid; `None` on the coarsest.
     transfer: Option<Arc<Interpolation>>,
     right: Vec<f64>,
     z: Vec<f64>,
@@ -64,7 +65,7 @@ impl Grid {
         rows.iter().copied().zip(self.restricted.val_of_col(j).iter().copied())
     }
 
-    /// One sweep of Gauss-Seidel, the columns of a symmetric matrix being its rows.
+    /// Makes one Gauss-Seidel sweep; the columns of a symmetric matrix are its rows.
     fn smooth(&mut self, forwards: bool) {
         let n = self.z.len();
         for k in 0..n {
@@ -90,7 +91,7 @@ fn apply(grid: &Grid, z: &[f64], image: &mut [f64]) {
 }
 
 impl Multigrid {
-    /// For a symmetric matrix whose rows are the nodes of a grid, with those `below` it.
+    /// Prepares a symmetric matrix whose rows are the nodes of a grid, with the grids `below` it.
     pub fn new(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
         let n = matrix.nrows();
         let mut levels = vec![Grid::new(matrix, true)];
@@ -111,7 +112,7 @@ impl Multigrid {
         Ok(Self { levels, coarsest, last: zeros(), residual: zeros(), direction: zeros(), image: zeros() })
     }
 
-    /// Takes over the rows of `restricted`, of which those `inside` belong to the system. False if it is singular.
+    /// Sets the rows of the system to those of `restricted` that are `inside`. False if the system is singular.
     pub fn restrict(&mut self, restricted: &SparseMatrix, inside: impl Iterator<Item = bool>) -> bool {
         let [finest, ..] = &mut self.levels[..] else { return false };
         let (_, values) = finest.restricted.parts_mut();
@@ -130,8 +131,8 @@ impl Multigrid {
         self.levels.last().is_some_and(|coarsest| self.coarsest.factorise(&coarsest.restricted))
     }
 
-    /// Solves in place, rows outside being those of the identity. False if the iteration breaks down, or the outside asks to
-    /// stop.
+    /// Solves in place; rows that are not inside are those of the identity. False if the iteration breaks down, or if
+    /// `control` asks to stop.
     pub fn solve(&mut self, z: &mut [f64], control: &Control) -> bool {
         let mut answer = std::mem::take(&mut self.last);
         for ((answer, &inside), &right) in answer.iter_mut().zip(&self.levels[0].inside).zip(z.iter()) {
@@ -175,7 +176,7 @@ impl Multigrid {
         control.poll().is_none() && z.iter().all(|z| z.is_finite())
     }
 
-    /// The correction of a residual, in `z` of the finest grid.
+    /// Computes the multigrid correction of a residual into `z` of the finest grid.
     fn cycle(&mut self, residual: &[f64]) {
         let coarsest = self.levels.len() - 1;
         self.levels[0].right.copy_from_slice(residual);

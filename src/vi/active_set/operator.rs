@@ -1,4 +1,4 @@
-//! A matrix that an active-set method can use: products, and solutions of the rows that are inside,
+//! The matrix of an active set method, with products and with solutions of the rows of inactive variables,
 //!
 //! ```text
 //! sum_j A_ij z_j + s_i z_i = r_i  for i inside,    z_i given elsewhere
@@ -18,7 +18,7 @@ pub(super) enum Operator {
 }
 
 impl Operator {
-    /// For a tridiagonal M-matrix; none for another that an active-set method can use.
+    /// The operator of a tridiagonal M-matrix; `None` for another suitable matrix.
     pub fn tridiagonal(matrix: &SparseMatrix) -> Result<Option<Self>, Unsuitable> {
         let (rows, columns) = (matrix.nrows(), matrix.ncols());
         if rows != columns {
@@ -33,7 +33,7 @@ impl Operator {
         Ok(Tridiagonal::of_m_matrix(matrix).map(Self::Tridiagonal))
     }
 
-    /// For any other; `below` are the coarser grids, if it is on one.
+    /// The operator of any other matrix; `below` are the coarser grids, if it is on a grid.
     pub fn sparse(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
         Ok(Self::Sparse(Sparse::new(matrix, below, control)?))
     }
@@ -58,7 +58,7 @@ impl Operator {
         }
     }
 
-    /// The same where a variable rests on an end; elsewhere anything.
+    /// `w = A z + q` and `|A| |z| + |q|` for active variables; unspecified for the others.
     pub fn inequality(&self, q: &[f64], z: &[f64], face: &[Face], w: &mut [f64], terms: &mut [f64]) {
         match self {
             Self::Tridiagonal(matrix) => matrix.apply_outside(q, z, face, w, terms),
@@ -74,8 +74,8 @@ impl Operator {
         }
     }
 
-    /// Solves in place: `z` holds the right-hand side `r` inside and the given values elsewhere; `shift` is `s`. False
-    /// if the system is singular, or the outside asks to stop.
+    /// Solves in place: `z` contains the right-hand side `r` for inactive variables and given values for the others;
+    /// `shift` is `s`. False if the system is singular, or if `control` asks to stop.
     pub fn solve(&mut self, face: &[Face], shift: Option<&[f64]>, z: &mut [f64], control: &Control) -> bool {
         match self {
             Self::Tridiagonal(matrix) => matrix.solve(face, shift, z),

@@ -1,6 +1,6 @@
-//! A sparse matrix of any pattern. Rows and columns of variables at rest are replaced by those of the identity, so that
-//! the pattern, and its analysis, stay: a symmetric matrix is left symmetric, and factorised by Cholesky, or solved by
-//! multigrid where the factors would not be sparse.
+//! A sparse matrix of any pattern. Rows and columns of active variables are replaced by those of the identity, so that
+//! the pattern and its analysis are kept. A symmetric matrix stays symmetric, and is factorised by Cholesky, or solved
+//! by multigrid where the factors would not be sparse.
 
 use super::grid::Coarser;
 use super::multigrid::Multigrid;
@@ -14,7 +14,7 @@ pub(super) struct Sparse {
     /// The matrix with rows and columns replaced.
     restricted: SparseMatrix,
     factors: Factors,
-    /// The active set that the factors belong to, if they are of the unshifted matrix.
+    /// The active set of the factors, if they are of the unshifted matrix.
     factored: Option<Vec<Face>>,
 }
 
@@ -24,11 +24,11 @@ enum Factors {
     Multigrid(Box<Multigrid>),
 }
 
-/// From this number of nodes on, grids of several dimensions are solved by multigrid.
+/// Smallest number of nodes of a grid in several dimensions for multigrid.
 const MANY: usize = 20_000;
 
 impl Sparse {
-    /// For a matrix; `below` are the coarser grids, if it is on one.
+    /// Prepares a matrix; `below` are the coarser grids, if it is on a grid.
     pub fn new(matrix: &SparseMatrix, below: &[Coarser], control: &Control) -> Result<Self, Unsuitable> {
         control.go_on()?;
         let n = matrix.nrows();
@@ -61,7 +61,7 @@ impl Sparse {
         }
     }
 
-    /// One sweep of projected Gauss-Seidel through the variables, forwards or backwards; `w = A z + q` is kept up.
+    /// Makes one projected Gauss-Seidel sweep through the variables, forwards or backwards; updates `w = A z + q`.
     pub fn relax(&self, set: &ConvexSet, z: &mut [f64], w: &mut [f64], forwards: bool) {
         let n = z.len();
         for k in 0..n {
@@ -129,7 +129,7 @@ impl Sparse {
     }
 }
 
-/// The matrix with `shift` added to the diagonal, rows and columns that are not `inside` replaced by those of the identity.
+/// Adds `shift` to the diagonal, and replaces rows and columns that are not `inside` by those of the identity.
 pub(super) fn restrict(
     matrix: &SparseMatrix,
     inside: impl Fn(usize) -> bool,
@@ -151,7 +151,7 @@ pub(super) fn restrict(
     }
 }
 
-/// Whether a matrix is symmetric but for rounding, as a product `P^T A P` is.
+/// Whether a matrix is symmetric up to rounding, as a product `P^T A P` is.
 fn is_symmetric(matrix: &SparseMatrix) -> bool {
     let Ok(transposed) = matrix.transpose().to_col_major() else { return false };
     matrix.symbolic().col_ptr() == transposed.symbolic().col_ptr()

@@ -1,6 +1,6 @@
 //! A tridiagonal M-matrix, solved by elimination without pivoting (Thomas 1949), which is stable for it and for every
 //! principal submatrix (Funderlic, Neumann and Plemmons 1982). One pass costs a third of a sparse factorisation and
-//! solution by the library, and is all that a step in one dimension does.
+//! solution by the library, and is the whole cost of a step in one dimension.
 
 use super::Face;
 use factorisation::SparseMatrix;
@@ -13,7 +13,7 @@ pub(super) struct Tridiagonal {
     /// `A_{i,i+1}`, zero at `n - 1`.
     pub above: Vec<f64>,
     pub inverse_diagonal: Vec<f64>,
-    /// What elimination leaves above the diagonal.
+    /// The entries above the diagonal after elimination.
     eliminated: Vec<f64>,
 }
 

@@ -5,10 +5,11 @@
 //! z <- P_K(x r + (1 - x) z + y),    y <- y + x r + (1 - x) z_old - z
 //! ```
 //!
-//! (Boyd, Parikh, Chu, Peleato and Eckstein 2011, *Distributed optimization and statistical learning via the alternating
-//! direction method of multipliers*, section 3; Acary, Bremond and Huber 2018; as Douglas-Rachford splitting it needs no
-//! symmetry of `W`). At a fixed point `-rho y = u + g` and `z = r`. One factorisation serves many iterations; `rho`
-//! balances the relative primal and dual residuals, ever more rarely, so that it settles.
+//! (Boyd, Parikh, Chu, Peleato and Eckstein 2011, *Distributed optimization and statistical learning via the
+//! alternating direction method of multipliers*, section 3; Acary, Bremond and Huber 2018; as Douglas-Rachford
+//! splitting it needs no symmetry of `W`). At a fixed point `-rho y = u + g` and `z = r`. One factorisation serves many
+//! iterations; `rho` balances the relative primal and dual residuals, at growing intervals, so that it becomes
+//! constant.
 
 use super::cone::{FrictionCone, tangent};
 use super::linear::BlockSystem;
@@ -19,14 +20,14 @@ use nalgebra::{Matrix3, Vector3};
 /// Over-relaxation `x`; 1.5 to 1.8 is the customary range.
 const RELAXATION: f64 = 1.6;
 
-/// Iterations between looks at the residuals.
+/// Number of iterations between two evaluations of the residuals.
 const CHECK: usize = 25;
 
-/// A balance off by this factor changes `rho`, by at most ten at once.
+/// `rho` changes if the residuals differ by this factor, and by at most the second factor at once.
 const UNBALANCED: f64 = 3.0;
 const LARGEST_CHANGE: f64 = 10.0;
 
-/// Iterations that one `rho` runs at least, growing by a quarter with each change.
+/// Smallest number of iterations with one `rho`, growing by a quarter with each change.
 const DWELL: usize = 50;
 
 /// ADMM for one problem; keeps its state between runs.
@@ -44,7 +45,7 @@ pub(super) struct Admm {
 }
 
 impl Admm {
-    /// A run from `r`; `None` if memory does not suffice.
+    /// Prepares a run from `r`; `None` if memory does not suffice.
     pub fn new(scaling: &Scaling, r: &[Vector3<f64>]) -> Option<Self> {
         let problem = &scaling.problem;
         let y = r.iter().enumerate().map(|(k, _)| {
@@ -71,12 +72,12 @@ impl Admm {
         self.iterations
     }
 
-    /// The impulses reached; they lie in their cones.
+    /// The current impulses, which lie in their cones.
     pub fn impulses(&self) -> &[Vector3<f64>] {
         &self.z
     }
 
-    /// Runs for `iterations`, or until the residual is below the tolerance; the residual reached, or `None` if
+    /// Runs for `iterations`, or until the residual is below the tolerance; returns the residual, or `None` if
     /// `W + rho I` is singular.
     pub fn run(&mut self, task: &Task<'_>, iterations: usize) -> Option<Residual> {
         let scaling = task.scaling;

@@ -5,8 +5,9 @@
 //! F_n = r_n - [y_n]_+,    F_t = r_t - P_D(y_t),    y = r - u,    D the disk of radius mu [y_n]_+
 //! ```
 //!
-//! Its zeros are the points of Coulomb's law, and its generalised Jacobian has the open, stick and slip cases apart, so
-//! that a Newton step solves for the contact states guessed: `r = 0`, `u = 0`, or `u_n = 0` with friction along `y_t`.
+//! Its zeros are the solutions of Coulomb's law, and its generalised Jacobian separates the open, stick and slip cases,
+//! so that a Newton step solves for the guessed contact states: `r = 0`, `u = 0`, or `u_n = 0` with friction along
+//! `y_t`.
 
 use super::cone::{join, tangent};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};

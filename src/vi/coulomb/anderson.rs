@@ -1,34 +1,34 @@
 //! Anderson's acceleration (Anderson 1965; Walker and Ni 2011, *Anderson acceleration for fixed-point iterations*) of
-//! the map `G` that one Gauss-Seidel sweep makes of impulses:
+//! the map `G` of impulses by one Gauss-Seidel sweep:
 //!
 //! ```text
 //! f_k = G(x_k) - x_k,    gamma = argmin | f_k - F gamma |,    x_{k+1} = G(x_k) - (X + F) gamma
 //! ```
 //!
-//! with the last changes of `x` and `f` as the columns of `X` and `F`. While the contact states stay, `G` is nearly linear
-//! and this is nearly GMRES: sweeps grow with the square root of the condition number, not with the number itself. Where
-//! `|f|` has grown, the states have changed: what is remembered of the old ones misleads, is forgotten, and the step is
-//! a plain sweep.
+//! with the last changes of `x` and `f` as the columns of `X` and `F`. While the contact states do not change, `G` is
+//! nearly linear and the iteration is nearly GMRES: the number of sweeps grows with the square root of the condition
+//! number, not with the number itself. If `|f|` grows, the states have changed: the history misleads and is cleared,
+//! and the step is a plain sweep.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 
-/// Changes remembered.
+/// Number of changes in the history.
 const MEMORY: usize = 3;
 
-/// Directions that depend on the others to this accuracy are left out.
+/// Regularisation of the Gram matrix: directions that depend on the others to this accuracy have no effect.
 const DEPENDENT: f64 = 1e-10;
 
-/// The memory of an iteration. Vectors are kept as plain numbers, that sums and products run through fast.
+/// The history of an iteration. Vectors are flat arrays of numbers, for fast sums and products.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Anderson {
     /// Changes of `f` and of `G(x)`, the oldest overwritten first.
     changes_f: [Vec<f64>; MEMORY],
     changes_g: [Vec<f64>; MEMORY],
-    /// The products of the changes of `f`.
+    /// The Gram matrix of the changes of `f`.
     gram: SMatrix<f64, MEMORY, MEMORY>,
-    /// Changes taken in all.
+    /// The total number of changes recorded.
     taken: usize,
-    /// The point that came last, what a sweep made of it, and the difference.
+    /// The last point, the result of a sweep from it, and the difference.
     x: Vec<f64>,
     g: Vec<f64>,
     f: Vec<f64>,
@@ -39,7 +39,7 @@ pub(super) struct Anderson {
 }
 
 impl Anderson {
-    /// Forgets all, and starts from `x`.
+    /// Clears the history, and starts from `x`.
     pub fn start(&mut self, x: &[Vector3<f64>]) {
         self.forget();
         self.size = None;
@@ -51,7 +51,7 @@ impl Anderson {
         self.last_f.clear();
     }
 
-    /// Replaces `G(x)`, made of the point `x` that came last, by the next point to try.
+    /// Replaces `G(x)`, the result of a sweep from the last point `x`, by the next point to try.
     pub fn advance(&mut self, r: &mut [Vector3<f64>]) {
         flatten(r, &mut self.g);
         subtract(&self.g, &self.x, &mut self.f);
@@ -85,7 +85,7 @@ impl Anderson {
         }
     }
 
-    /// `gamma`, by normal equations with unit diagonal; zero for changes that there are none of.
+    /// `gamma`, by normal equations with unit diagonal; zero for changes not yet recorded.
     fn mixture(&self) -> SVector<f64, MEMORY> {
         let count = self.taken.min(MEMORY);
         let is_change = |i: usize| i < count && self.gram[(i, i)] > 0.0;
@@ -119,7 +119,7 @@ fn subtract(a: &[f64], b: &[f64], into: &mut Vec<f64>) {
     }
 }
 
-/// Products side by side, that do not wait for one sum.
+/// Number of independent partial sums, for instruction-level parallelism.
 const LANES: usize = 8;
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -164,7 +164,7 @@ mod tests {
             let g = [x[0] + Vector3::repeat(step)];
             x = g;
             anderson.advance(&mut x);
-            // Half the step twice: the secant looks twice as far, and is believed as long as steps shrink.
+            // Half the step twice: the secant extrapolates to twice the distance, and is used as long as steps shrink.
             assert_eq!(x == g, step != 0.5);
         }
     }

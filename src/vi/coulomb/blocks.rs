@@ -1,4 +1,4 @@
-//! Sparse matrices of 3 x 3 blocks, kept by block rows: the Delassus operator couples contacts that share a body.
+//! Sparse matrices of 3 x 3 blocks, stored by block rows: the Delassus operator couples contacts that share a body.
 
 use nalgebra::{Matrix3, Vector3};
 use std::ops::Range;
@@ -6,23 +6,23 @@ use std::ops::Range;
 /// An `n x n` matrix of 3 x 3 blocks with every diagonal block present.
 #[derive(Debug, Default, PartialEq)]
 pub struct BlockMatrix {
-    /// Where each block row begins in `columns` and `blocks`; of length `n + 1`.
+    /// The offset of each block row in `columns` and `blocks`; of length `n + 1`.
     offsets: Vec<usize>,
     columns: Vec<usize>,
     blocks: Vec<Matrix3<f64>>,
-    /// Where the diagonal block of each row stands.
+    /// The index of the diagonal block of each row.
     diagonal: Vec<usize>,
 }
 
 impl BlockMatrix {
-    /// Gathers blocks `(row, column, block)` in any order; a repeated one adds. `None` if an index is `>= n`.
+    /// Assembles blocks `(row, column, block)` in any order; repeated ones are added. `None` if an index is `>= n`.
     pub fn from_blocks(n: usize, blocks: impl IntoIterator<Item = (usize, usize, Matrix3<f64>)>) -> Option<Self> {
         let mut entries: Vec<_> = blocks.into_iter().collect();
         if entries.iter().any(|&(i, j, _)| i >= n || j >= n) {
             return None;
         }
         entries.sort_by_key(|&(i, j, _)| (i, j));
-        // Room for all at once: a vector that grows holds itself twice.
+        // Allocate once: a growing vector occupies memory twice while it moves.
         let mut matrix = Self {
             offsets: vec![0],
             columns: Vec::with_capacity(entries.len()),
@@ -52,7 +52,7 @@ impl BlockMatrix {
         self.blocks.push(block);
     }
 
-    /// Makes room for the diagonal block of row `i`, if there is none yet.
+    /// Adds a zero diagonal block to row `i` if it has none yet.
     fn reach_diagonal(&mut self, i: usize) {
         if self.diagonal.len() == i {
             self.diagonal.push(self.blocks.len());
@@ -90,7 +90,7 @@ impl BlockMatrix {
         &self.blocks[self.diagonal[i]]
     }
 
-    /// The block at `(i, j)`, where one is stored.
+    /// The block at `(i, j)`, if stored.
     pub fn block(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
         let range = self.range(i);
         let place = self.columns[range.clone()].binary_search(&j).ok()?;
@@ -125,7 +125,7 @@ impl Clone for BlockMatrix {
         copy
     }
 
-    /// Keeps the memory of what was there before: one matrix a step goes through many hands.
+    /// Reuses the memory of the previous matrix: each step copies one matrix several times.
     fn clone_from(&mut self, source: &Self) {
         self.offsets.clone_from(&source.offsets);
         self.columns.clone_from(&source.columns);

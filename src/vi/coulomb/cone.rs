@@ -20,7 +20,7 @@ pub struct FrictionCone {
 }
 
 impl FrictionCone {
-    /// The nearest point of `K_mu`.
+    /// The Euclidean projection onto `K_mu`.
     pub fn project(self, v: Vector3<f64>) -> Vector3<f64> {
         let slip = tangent(&v).norm();
         if self.mu * slip <= -v.x {
@@ -33,12 +33,12 @@ impl FrictionCone {
         join(normal, tangent(&v) * (self.mu * normal / slip))
     }
 
-    /// `u + (mu |u_t|, 0, 0)`: the velocity whose membership of `K_mu*`, normal to `r`, is Coulomb's law.
+    /// `u + (mu |u_t|, 0, 0)`, the augmented velocity: Coulomb's law requires it to lie in `K_mu*`, orthogonal to `r`.
     pub fn augment(self, u: Vector3<f64>) -> Vector3<f64> {
         Vector3::new(u.x + self.mu * tangent(&u).norm(), u.y, u.z)
     }
 
-    /// The natural map `r - P_K(r - u - mu |u_t| n)`; zero just where Coulomb's law holds.
+    /// The natural map `r - P_K(r - u - mu |u_t| n)`; zero if and only if Coulomb's law holds.
     pub fn natural_map(self, r: Vector3<f64>, u: Vector3<f64>) -> Vector3<f64> {
         r - self.project(r - self.augment(u))
     }

@@ -1,27 +1,27 @@
-//! How well impulses satisfy Coulomb's law: the error measure of the FCLIB collection (Acary, Bremond, Huber, Koziara
-//! and others 2014, *FCLIB: a collection of discrete 3D frictional contact problems*) and each part of the law apart.
+//! Residuals of Coulomb's law: the error measure of the FCLIB collection (Acary, Bremond, Huber, Koziara and others
+//! 2014, *FCLIB: a collection of discrete 3D frictional contact problems*), and each part of the law separately.
 
 use super::CoulombProblem;
 use super::cone::{FrictionCone, tangent};
 use nalgebra::Vector3;
 
-/// What is left of Coulomb's law at a point. Lengths are those of the user's `r` and `u`, unscaled.
+/// The residuals of Coulomb's law at a point. Norms are those of the user's `r` and `u`, unscaled.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evidence {
     /// `sqrt(sum_k |r_k - P_K(r_k - u_k - mu |u_t| n)|^2)`.
     pub natural_map: f64,
-    /// The same over `max(|q|, |r|, |u|)`; zero where all of these are.
+    /// `natural_map` relative to `max(|q|, |r|, |u|)`; zero if all of these are.
     pub relative: f64,
     /// `max_k |min(r_n, u_n)|`: Signorini's condition.
     pub signorini: f64,
-    /// `max_k (|r_t| - mu r_n)`, and no less than zero: the distance of impulses outside their cones.
+    /// `max_k (|r_t| - mu r_n)`, at least zero: the violation of the friction cones.
     pub cone_violation: f64,
-    /// `max_k |r_t . u_t + mu r_n |u_t||`: friction that does not dissipate as much as it can.
+    /// `max_k |r_t . u_t + mu r_n |u_t||`: the deviation of friction from maximal dissipation.
     pub dissipation_gap: f64,
 }
 
 impl Evidence {
-    /// Measures `r`; NaN where a number has ceased to be finite.
+    /// Evaluates the residuals at `r`; NaN if a value is not finite.
     pub fn of(problem: &CoulombProblem, r: &[Vector3<f64>]) -> Self {
         let mut evidence = Self::default();
         let (mut map, mut q_norm, mut r_norm, mut u_norm) = (0.0, 0.0, 0.0, 0.0);

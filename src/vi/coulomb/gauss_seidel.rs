@@ -1,15 +1,15 @@
 //! Block Gauss-Seidel over contacts (NSGS): each contact in turn is [solved exactly](super::solve_contact) with the
-//! impulses of the others held (Jean 1999, *The non-smooth contact dynamics method*). A sweep is cheap and a good start
-//! is kept; but it converges linearly, and slowly or not at all where contacts outnumber degrees of freedom.
+//! impulses of the others fixed (Jean 1999, *The non-smooth contact dynamics method*). A sweep is cheap and benefits
+//! from a good start; but convergence is linear, and slow or absent where contacts outnumber degrees of freedom.
 
 use super::local::Diagonal;
 use super::{BlockMatrix, CoulombProblem};
 use nalgebra::{Matrix3, Vector3};
 
-/// `W` as a sweep reads it: the blocks beside the diagonal in one stream, those on it prepared.
+/// `W` in the layout of a sweep: the off-diagonal blocks in one stream, those on the diagonal prepared.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sweeps {
-    /// Where each row ends among the blocks.
+    /// The end of each row among the blocks.
     ends: Vec<usize>,
     columns: Vec<u32>,
     blocks: Vec<Matrix3<f64>>,
@@ -17,7 +17,7 @@ pub(super) struct Sweeps {
 }
 
 impl Sweeps {
-    /// Takes over a matrix.
+    /// Copies a matrix.
     pub fn fit(&mut self, matrix: &BlockMatrix) {
         self.ends.clear();
         self.columns.clear();
@@ -35,7 +35,7 @@ impl Sweeps {
         }
     }
 
-    /// One sweep over all contacts of the problem whose matrix was taken over.
+    /// Makes one sweep over all contacts of the problem whose matrix was copied.
     pub fn sweep(&self, problem: &CoulombProblem, r: &mut [Vector3<f64>]) {
         let mut start = 0;
         for (k, (&end, diagonal)) in self.ends.iter().zip(&self.diagonal).enumerate() {

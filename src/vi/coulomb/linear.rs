@@ -1,22 +1,22 @@
-//! Linear systems with the block pattern of the Delassus operator: dense while small or full, else sparse with the
-//! analysis of the pattern kept between factorisations.
+//! Linear systems with the block pattern of the Delassus operator: dense if small or full, else sparse with the
+//! analysis of the pattern reused between factorisations.
 
 use super::BlockMatrix;
 use factorisation::{Analysis, DenseLu, SparseLu, SparseMatrix};
 use faer::sparse::SymbolicSparseColMat;
 use nalgebra::Matrix3;
 
-/// Up to this many contacts a dense factorisation is faster whatever the pattern.
+/// Largest number of contacts for which a dense factorisation is faster whatever the pattern.
 const DENSE_AT_MOST: usize = 30;
 
-/// Above this fraction of blocks present, elimination fills the rest in.
+/// Fraction of stored blocks above which elimination fills the matrix.
 const FULL: f64 = 0.2;
 
 /// A square matrix with the pattern of a [`BlockMatrix`], and its factors.
 pub(super) struct BlockSystem {
-    /// Where the first entry of each stored block stands in the values.
+    /// The position of the first entry of each stored block in the values.
     places: Vec<usize>,
-    /// The distance of the columns within each block column.
+    /// The stride between the columns within each block column.
     strides: Vec<usize>,
     factors: Factors,
 }
@@ -63,7 +63,7 @@ impl BlockSystem {
                 column_offsets.push(row_indices.len());
             }
         }
-        // Rows are gone through in ascending order, as they stand in each column.
+        // Visit rows in ascending order, their order in each column.
         let mut places = Vec::with_capacity(pattern.stored());
         for i in 0..n {
             for (j, _) in pattern.row(i) {

@@ -1,4 +1,4 @@
-//! One contact, exactly: `u = W r + q` with a 3 x 3 `W`, by the cases of Coulomb's law.
+//! Exact solution of one contact: `u = W r + q` with a 3 x 3 `W`, by the cases of Coulomb's law.
 //!
 //! - *open*: `r = 0`, if `q_n >= 0`;
 //! - *stick*: `u = 0`, if `-W^-1 q` lies in the cone;
@@ -9,45 +9,47 @@
 //! r_n(s) = -(q_n + W_nt r_t(s)) / W_nn
 //! ```
 //!
-//! and `s` is a root of the quartic `|r_t|^2 = mu^2 r_n^2` (Bonnefon and Daviet 2011, *Quartic formulation of Coulomb 3D
-//! frictional contact*). A root exists: stick lies outside the cone at `s = 0`, and `r_t` vanishes as `s` grows. It is
-//! found on `mu r_n / |r_t| - 1`, which is nearly linear in `s` (as is More's secular equation), by Newton in a bracket.
+//! and `s` is a root of the quartic `|r_t|^2 = mu^2 r_n^2` (Bonnefon and Daviet 2011, *Quartic formulation of Coulomb
+//! 3D frictional contact*). A root exists: stick lies outside the cone at `s = 0`, and `r_t` vanishes as `s` grows. It
+//! is computed from `mu r_n / |r_t| - 1`, which is nearly linear in `s` (as is More's secular equation), by a bracketed
+//! Newton iteration.
 
 use super::cone::{join, tangent};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// The bracket has shrunk to rounding long before this; Newton takes three to six.
+/// Iteration limit, far beyond the convergence of the bracket; Newton's method takes three to six.
 const ITERATIONS: usize = 100;
 
 /// Relative accuracy of `|r_t| = mu r_n`.
 const ACCURACY: f64 = 1e-15;
 
-/// A determinant this small against the squared trace is that of a singular matrix: a slip this slow is a stick.
+/// A matrix is singular if its determinant is below this fraction of the squared trace; then a slip this slow is a
+/// stick.
 const SINGULAR: f64 = 1e-14;
 
-/// Doublings that reach a bracket from any scale.
+/// Number of doublings that reach a bracket from any scale.
 const DOUBLINGS: usize = 200;
 
-/// The impulse of one contact; `None` if `W_nn <= 0` while the contact closes: nothing can stop it.
+/// The impulse of one contact; `None` if `W_nn <= 0` and the contact closes: no impulse can stop it.
 pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
     Diagonal::new(matrix).solve(*q, mu)
 }
 
-/// The matrix of one contact, by what its solution takes.
+/// The matrix of one contact, classified by the solution it admits.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Diagonal {
-    /// Normal and tangents do not act on each other, and the tangents are alike, as those of spheres: stick and slip
-    /// have closed forms, with `1 / W_nn` and `1 / W_tt`.
+    /// Normal and tangents are decoupled, and the tangents are isotropic, as for spheres: stick and slip have closed
+    /// forms with `1 / W_nn` and `1 / W_tt`.
     Isotropic { of_normal: f64, of_tangent: f64 },
-    /// Any other.
+    /// Any other matrix.
     Full(Matrix3<f64>),
 }
 
-/// Couplings that are rounding.
+/// Couplings below this fraction of `W_tt` are rounding.
 const DECOUPLED: f64 = 1e-14;
 
 impl Diagonal {
-    /// Looks at a matrix.
+    /// Classifies a matrix.
     pub fn new(matrix: &Matrix3<f64>) -> Self {
         let w_tt = 0.5 * (matrix[(1, 1)] + matrix[(2, 2)]);
         let rest = [
@@ -67,7 +69,7 @@ impl Diagonal {
         }
     }
 
-    /// The impulse for `u = W r + q`; as [`solve_contact`].
+    /// The impulse for `u = W r + q`; see [`solve_contact`].
     #[inline]
     pub fn solve(&self, q: Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
         if q.x >= 0.0 {
@@ -88,7 +90,7 @@ impl Diagonal {
     }
 }
 
-/// A contact that closes.
+/// Solves a closing contact.
 fn solve_full(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option<Vector3<f64>> {
     let w_nn = matrix[(0, 0)];
     if w_nn <= 0.0 {
@@ -166,7 +168,7 @@ impl Slip {
             }
             s = next;
         }
-        // The last rounding of s is put into the length of the friction, so that r lies on the cone.
+        // Scale the friction to the bound, so that r lies on the cone despite the rounding of s.
         r.map(|r| join(r.x, tangent(&r) * (mu * r.x / tangent(&r).norm())))
     }
 }

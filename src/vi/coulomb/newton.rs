@@ -4,12 +4,12 @@
 //! r_{j+1} solves  u = (W + alpha_j I) r + q - alpha_j r_j  with Coulomb's law,    alpha_j -> 0
 //! ```
 //!
-//! (Rockafellar 1976, *Monotone operators and the proximal point algorithm*; for friction Acary, Bremond and Huber 2018,
-//! section 4.5). The proximal term makes a singular `W` regular, and changes the solution only where the iteration has
-//! not yet converged. Each inner problem takes a few Newton steps on the [Alart-Curnier function](super::alart_curnier)
-//! with a line search on its norm. A step with no decrease is taken in full, since the function is no smoother for
-//! being cut; it is the outer iteration that globalises: what has not lowered the residual of the problem itself is
-//! taken back, and `alpha` raised.
+//! (Rockafellar 1976, *Monotone operators and the proximal point algorithm*; for friction Acary, Bremond and Huber
+//! 2018, section 4.5). The proximal term regularises a singular `W`, and changes the solution only as long as the
+//! iteration has not converged. Each inner problem takes a few Newton steps on the [Alart-Curnier
+//! function](super::alart_curnier) with a line search on its norm. If no length decreases the norm the full step is
+//! taken, since shorter ones meet the same kinks; the outer iteration globalises: an iterate that does not lower the
+//! residual of the original problem is rejected, and `alpha` raised.
 
 use super::alart_curnier::{self, Linearised};
 use super::linear::BlockSystem;
@@ -17,29 +17,31 @@ use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
 use nalgebra::Vector3;
 
-/// Newton steps for one inner problem. It either has the right contact states after five or is chattering.
+/// Largest number of Newton steps for one inner problem, which either has the correct contact states after five or is
+/// chattering.
 const INNER: usize = 10;
 
-/// An inner problem solved in this many steps is easy: `alpha` may shrink fast.
+/// An inner problem is easy if solved in this number of steps: then `alpha` shrinks fast.
 const EASY: usize = 5;
 const SHRINK_FAST: f64 = 0.1;
 const SHRINK: f64 = 0.3;
 const RAISE: f64 = 10.0;
 
-/// `alpha` follows the residual within these bounds, in units of the scaled diagonal. Below the least it is lost beside
-/// rounding in `W`.
+/// Bounds of `alpha`, which follows the residual, in units of the scaled diagonal. Below the least value it is lost in
+/// the rounding of `W`.
 const ALPHA_BY_RESIDUAL: f64 = 10.0;
 const ALPHA_FIRST: [f64; 2] = [1e-8, 1e-2];
 const ALPHA_LEAST: f64 = 1e-11;
 
-/// An outer step must lower the residual to this fraction; after three in a row that do not, another method is due.
+/// An outer step must lower the residual to this fraction; after `FAILURES` failures in a row another method takes
+/// over.
 const OUTER_DECREASE: f64 = 0.5;
 const FAILURES: usize = 3;
 
-/// The inner residual, relative to `|q| + |r|`, that is rounding.
+/// The inner residual at the level of rounding, relative to `|q| + |r|`.
 const INNER_ACCURACY: f64 = 1e-14;
 
-/// Armijo's fraction, and the shortest step tried.
+/// Armijo's fraction, and the shortest step length.
 const ARMIJO: f64 = 1e-4;
 const SHORTEST: f64 = 1e-3;
 
@@ -68,7 +70,8 @@ impl ProximalNewton {
         })
     }
 
-    /// Improves `r`, of residual `residual`, within `budget` factorisations; returns those used and the new residual.
+    /// Improves `r`, which has the residual `residual`, within `budget` factorisations; returns the number used and the
+    /// new residual.
     pub fn improve(
         &mut self,
         task: &Task<'_>,
@@ -97,7 +100,7 @@ impl ProximalNewton {
         (used, residual)
     }
 
-    /// Solves the inner problem as far as it goes, from the centre into `iterate`; returns the factorisations used.
+    /// Iterates on the inner problem, from the centre into `iterate`; returns the number of factorisations used.
     fn inner(&mut self, scaling: &Scaling, alpha: f64) -> usize {
         self.iterate.copy_from_slice(&self.centre);
         let size = norm(scaling.problem.q()) + norm(&self.centre);
@@ -122,7 +125,7 @@ impl ProximalNewton {
         INNER
     }
 
-    /// Linearises at the iterate; the norm of the function there.
+    /// Linearises at the iterate; returns the norm of the function there.
     fn linearise(&mut self, scaling: &Scaling, alpha: f64) -> f64 {
         let problem = &scaling.problem;
         let mut sum = 0.0;
@@ -148,7 +151,7 @@ impl ProximalNewton {
         factored && self.system.solve(&mut self.direction)
     }
 
-    /// Puts the point at this length along the direction into `trial`; the norm of the function there.
+    /// Writes the point at this length along the direction to `trial`; returns the norm of the function there.
     fn norm_along(&mut self, scaling: &Scaling, alpha: f64, length: f64) -> f64 {
         let problem = &scaling.problem;
         for ((trial, r), d) in self.trial.iter_mut().zip(&self.iterate).zip(self.direction.chunks_exact(3)) {

@@ -1,14 +1,14 @@
-//! The methods in turn, as the residual bids.
+//! A portfolio of methods, in turn, depending on the residual.
 //!
 //! 1. One contact: its exact solution.
-//! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate promises the tolerance in few sweeps.
+//! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate predicts the tolerance within few sweeps.
 //! 3. Proximal Newton, from the best point so far.
-//! 4. Where Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
-//!    state, so that nothing is lost when Newton fails again.
+//! 4. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
+//! state, so that nothing is lost if Newton fails again.
 //!
-//! Where contacts are too many to be factorised, there are only sweeps, as many as are allowed.
+//! If contacts are too many for a factorisation, sweeps only, up to their limit.
 //!
-//! No method is trusted to say that it has succeeded: the residual is computed anew from the problem.
+//! No method decides on its own success: the residual is recomputed from the problem.
 
 use super::admm::Admm;
 use super::anderson::Anderson;
@@ -20,7 +20,7 @@ use crate::Outcome;
 use nalgebra::Vector3;
 use problem::Control;
 
-/// Sweeps between looks at the residual.
+/// Number of sweeps between two evaluations of the residual.
 const SWEEPS_AT_ONCE: usize = 10;
 
 /// ADMM iterations before Newton's second attempt, and the growth of the runs after it.
@@ -30,19 +30,20 @@ const RUN_GROWTH_PERCENT: usize = 60;
 /// Bounds on the work of one solve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Limits {
-    /// The relative natural map, with each contact in its own unit and in the user's, that ends the solve. Default
-    /// 1e-10.
+    /// The relative natural map, both with each contact in its own unit and in the user's units, at which the solve
+    /// ends. Default 1e-10.
     pub tolerance: f64,
-    /// Gauss-Seidel goes on only while it promises the tolerance within this many further sweeps, or as many as take no
-    /// longer than one dense factorisation. Default 100.
+    /// Gauss-Seidel continues only while its rate predicts the tolerance within this number of further sweeps, or
+    /// within the number that costs as much as one dense factorisation. Default 100.
     pub sweeps: usize,
-    /// Factorisations in one attempt of Newton. Default 40.
+    /// Largest number of factorisations in one attempt of Newton's method. Default 40.
     pub factorisations: usize,
-    /// ADMM iterations in all, and sweeps at most. Default 30,000; a problem without a solution costs all of them.
+    /// Largest total number of ADMM iterations, and of sweeps. Default 30,000; a problem without a solution uses all of
+    /// them.
     pub iterations: usize,
-    /// Contacts above which nothing is factorised. Default no number.
+    /// Largest number of contacts for a factorisation. Default unlimited.
     pub factorised: usize,
-    /// Accelerated sweeps above that number. Default 300.
+    /// Largest number of accelerated sweeps above that number of contacts. Default 300.
     pub accelerated: usize,
 }
 
@@ -73,7 +74,7 @@ pub enum Method {
 }
 
 impl Method {
-    /// The name users see in the diagnostics.
+    /// The name in the diagnostics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Exact => "exact",
@@ -84,21 +85,21 @@ impl Method {
     }
 }
 
-/// One method's turn.
+/// One turn of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Attempt {
-    /// What was tried.
+    /// The method.
     pub method: Method,
     /// Sweeps, Newton steps or ADMM iterations.
     pub iterations: usize,
-    /// The residual that it found: the largest of the relative natural maps in the user's units and with each contact
-    /// in its own, and of the latter against velocities alone.
+    /// The residual before the turn: the largest of the relative natural maps in the user's units and with each contact
+    /// in its own unit, and of the latter relative to velocities alone.
     pub before: f64,
-    /// The residual that it left.
+    /// The residual after the turn.
     pub after: f64,
 }
 
-/// What an iterative method is given.
+/// The input of an iterative method.
 pub(super) struct Task<'a> {
     pub scaling: &'a Scaling,
     pub tolerance: f64,
@@ -106,30 +107,30 @@ pub(super) struct Task<'a> {
 }
 
 impl Task<'_> {
-    /// Whether a point of this residual is good enough, or time is up.
+    /// Whether a point with this residual is accurate enough, or `control` asks to stop.
     pub fn is_over(&self, residual: f64) -> bool {
         residual <= self.tolerance || self.control.poll().is_some()
     }
 }
 
-/// What a solve did, and how good its answer is.
+/// The result of a solve, with its accuracy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
     /// `Solved`, `Limit` (a bound or `Control` ended it; the best point is returned) or `Breakdown`.
     pub outcome: Outcome,
-    /// How well the answer satisfies Coulomb's law, in the user's units.
+    /// The residuals of Coulomb's law, in the user's units.
     pub evidence: Evidence,
-    /// What was tried, in turn; empty where the start was the answer.
+    /// The attempts in order; empty if the start was the solution.
     pub attempts: Vec<Attempt>,
 }
 
-/// The portfolio. Its workspace grows to the largest problem seen and is kept.
+/// The portfolio. Its workspace grows to the size of the largest problem and is reused.
 #[derive(Debug, Default)]
 pub struct Coulomb {
     /// Bounds on the work.
     pub limits: Limits,
     scaling: Scaling,
-    /// Scaled impulses: the best so far, and those of the method at work.
+    /// Scaled impulses: the best so far, and those of the current method.
     best: Vec<Vector3<f64>>,
     work: Vec<Vector3<f64>>,
     sweeps: Sweeps,
@@ -139,12 +140,12 @@ pub struct Coulomb {
 }
 
 impl Coulomb {
-    /// A portfolio with these limits.
+    /// Creates a portfolio with these limits.
     pub fn new(limits: Limits) -> Self {
         Self { limits, ..Self::default() }
     }
 
-    /// Solves from the impulses `r`, and leaves the best found there. Polls `control` throughout.
+    /// Solves from the impulses `r`, and writes the best result there. Polls `control` throughout.
     ///
     /// # Panics
     /// If `r` is not one impulse for each contact.
@@ -195,7 +196,7 @@ impl Coulomb {
         self.residual.strict <= self.limits.tolerance || control.poll().is_some()
     }
 
-    /// Records a turn that ended with `work`, and keeps that if it is the best.
+    /// Records a turn that ended with `work`, and keeps `work` if it is the best.
     fn record(&mut self, method: Method, iterations: usize, before: Residual, after: Residual) {
         self.attempts.push(Attempt { method, iterations, before: before.strict, after: after.strict });
         if after.strict < self.residual.strict {
@@ -204,8 +205,8 @@ impl Coulomb {
         }
     }
 
-    /// Sweeps with Anderson's acceleration. Where Newton can follow they go on only while their rate so far promises the
-    /// tolerance within as many sweeps as are cheaper.
+    /// Makes sweeps with Anderson's acceleration. If Newton's method can follow, they continue only while their rate so
+    /// far predicts the tolerance within the number of sweeps that are cheaper.
     fn sweep(&mut self, control: &Control) {
         if self.is_over(control) {
             return;
@@ -246,7 +247,7 @@ impl Coulomb {
         self.attempts.push(Attempt { method, iterations: sweeps, before, after });
     }
 
-    /// Newton and ADMM in turn.
+    /// Runs Newton's method and ADMM in turn.
     fn alternate(&mut self, control: &Control) {
         if self.is_over(control) {
             return;

@@ -1,4 +1,4 @@
-//! The data of one frictional contact problem, checked.
+//! The validated data of one frictional contact problem.
 
 use super::BlockMatrix;
 use nalgebra::{Matrix3, Vector3};
@@ -12,7 +12,7 @@ pub struct CoulombProblem {
     mu: Vec<f64>,
 }
 
-/// Why data are no contact problem.
+/// The reason why data are not a contact problem.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum CoulombProblemError {
     /// Lengths do not agree.
@@ -39,7 +39,7 @@ pub enum CoulombProblemError {
     Coefficient {
         /// Its contact.
         contact: usize,
-        /// What was given.
+        /// The given value.
         value: f64,
     },
 }
@@ -51,7 +51,7 @@ impl CoulombProblem {
         problem.check().map(|()| problem)
     }
 
-    /// Takes over other data, in the memory of these; with an error, what is left is not to be solved.
+    /// Replaces the data, reusing memory; after an error the problem must not be solved.
     pub fn replace(&mut self, matrix: &BlockMatrix, q: &[Vector3<f64>], mu: &[f64]) -> Result<(), CoulombProblemError> {
         self.matrix.clone_from(matrix);
         self.q.clear();

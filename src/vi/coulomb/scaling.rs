@@ -1,26 +1,27 @@
-//! Each contact in its own unit: `W' = D W D`, `q' = D q`, `r' = D^-1 r`, `u' = D u` with a positive `d_k` a contact
-//! leaves every cone, and so Coulomb's law, as it is. With `d_k = (tr W_kk / 3)^(-1/2)` the diagonal blocks have unit
-//! mean eigenvalue and `r'` and `u'` one unit, the root of an energy, so that their difference in the natural map means
-//! something and the parameters of every method can be pure numbers.
+//! Scaling of each contact by its own unit: `W' = D W D`, `q' = D q`, `r' = D^-1 r`, `u' = D u` with a positive `d_k`
+//! for each contact preserves every cone, and so Coulomb's law. With `d_k = (tr W_kk / 3)^(-1/2)` the diagonal blocks
+//! have unit mean eigenvalue, and `r'` and `u'` have the same unit, the square root of an energy, so that their
+//! difference in the natural map is meaningful and the parameters of every method can be pure numbers.
 
 use super::CoulombProblem;
 use super::cone::FrictionCone;
 use nalgebra::Vector3;
 
-/// How far a point is from a solution.
+/// The residual of a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Residual {
     /// The larger of the relative natural maps of `r'` in the scaled problem and of `r = D r'` in the user's units. It
-    /// shows progress also while heavy loads still drive impulses up.
+    /// shows progress also while heavy loads still increase the impulses.
     pub relative: f64,
-    /// That, and the scaled map against velocities: impulses that grow without bound, for want of a solution, would
-    /// hide their failure from the former. A point is solved when this is small.
+    /// The larger of `relative` and the scaled map relative to velocities: impulses that grow without bound, if no
+    /// solution exists, would hide the failure from `relative`. A point is a solution if this is small.
     pub strict: f64,
 }
 
-/// Scaled impulses are of the size of scaled velocities, or larger by the ratio of masses that press on each other, and
-/// rounding in `W r` with them: a residual against velocities is given this much of `|r|` as room, and no more than
-/// this much of `|q|`, so that ratios up to 1e8 can reach residuals of 1e-10.
+/// Tolerance of `strict` for impulses: scaled impulses have the size of scaled velocities, or are larger by the ratio
+/// of masses that press on each other, and so is the rounding in `W r`. A residual relative to velocities is therefore
+/// allowed this fraction of `|r|`, and at most this multiple of `|q|`, so that ratios up to 1e8 can reach residuals of
+/// 1e-10.
 const IMPULSE_ROOM: f64 = 1e-4;
 const LARGEST_ROOM: f64 = 1e4;
 

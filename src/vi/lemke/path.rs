@@ -1,5 +1,4 @@
-//! The path: from a start in which some basic variables lie outside their intervals, over which `theta d` covers, to
-//! `theta = 0`.
+//! The path: from a start with some basic variables outside their intervals, covered by `theta d`, to `theta = 0`.
 
 use super::ratio::{Block, Motion, NOISE, first_block};
 use super::{Ending, Face, Lemke, PIVOTS, PIVOTS_PER_VARIABLE, start};
@@ -12,12 +11,12 @@ impl Lemke {
         self.load(vi);
         if !self.free_rows.is_empty() {
             let (rows, columns) = (&mut self.free_rows, &mut self.free_columns);
-            if !start::settle_free(&mut self.tableau, &self.resting, rows, columns) {
+            if !start::enter_free(&mut self.tableau, &self.resting, rows, columns) {
                 return Ending::Singular;
             }
         }
         if !self.inside.is_empty() {
-            start::settle_inside(&mut self.tableau, &self.resting, &mut self.inside);
+            start::enter_inside(&mut self.tableau, &self.resting, &mut self.inside);
         }
         for row in 0..self.tableau.m {
             (self.tableau.lower[row], self.tableau.upper[row]) = self.interval(self.tableau.basic[row]);
@@ -53,8 +52,8 @@ impl Lemke {
         self.free_columns.clone_from(&self.free_rows);
     }
 
-    /// The interval of a variable as long as it is basic. What never blocks has no ends: `w` of a point interval, and
-    /// `w` of a free variable, which is basic only where its equation is redundant.
+    /// The interval of a basic variable. It is unbounded for variables that never block: `w` of a point interval, and
+    /// `w` of a free variable, which is basic only if its equation is redundant.
     fn interval(&self, variable: usize) -> (f64, f64) {
         let m = self.tableau.m;
         if variable < m {
@@ -70,9 +69,9 @@ impl Lemke {
         }
     }
 
-    /// Chooses `d`, of size one into the intervals, and `theta` such that all basic variables lie inside: a
-    /// variable between two ends goes no further than the middle. The last to come inside makes way for `theta`.
-    /// False if all are inside at `theta = 0`.
+    /// Chooses `d`, of size one and directed into the intervals, and `theta` such that all basic variables lie inside:
+    /// a variable between two bounds moves no further than the middle. The last variable to reach its interval leaves
+    /// the basis for `theta`. False if all are inside for `theta = 0`.
     fn cover(&mut self) -> bool {
         let m = self.tableau.m;
         let mut theta = 0.0;
@@ -84,7 +83,7 @@ impl Lemke {
             self.perturbation.variable[row] = self.tableau.basic[row];
             let from_below = lower > f64::NEG_INFINITY && (upper == f64::INFINITY || value - lower < upper - value);
             self.perturbation.sense[row] = if from_below { 1.0 } else { -1.0 };
-            // Of rows equally far out, the least perturbed is the last to come inside.
+            // Among rows with the same distance, the least perturbed reaches its interval last.
             if outside >= theta && outside > NOISE * self.tableau.magnitude[row] {
                 (theta, last) = (outside, Some(row));
             }
@@ -110,8 +109,8 @@ impl Lemke {
         true
     }
 
-    /// Exchanges row `r` with column `c`, whose variable now has `value` in `interval`; what leaves rests at the end
-    /// of its interval that it reached.
+    /// Exchanges row `r` with column `c`, whose variable now has `value` in `interval`; the leaving variable rests at
+    /// the bound that it reached.
     fn enter(&mut self, r: usize, c: usize, value: f64, interval: (f64, f64)) {
         let m = self.tableau.m;
         let leaving = self.tableau.basic[r];

@@ -1,38 +1,38 @@
-//! The ratio test of complementary pivoting over intervals: how far the entering variable moves before a basic
-//! variable reaches an end of its interval, or the entering one its own opposite end.
+//! The ratio test of complementary pivoting over intervals: the distance that the entering variable moves before a
+//! basic variable reaches a bound of its interval, or the entering one its own opposite bound.
 //!
 //! Ties are broken as if the basic variable of row `j` at the start had been moved into its interval by `epsilon^j`,
-//! for every small `epsilon > 0` at once. That makes each basis nondegenerate, so none comes twice (Cottle, Pang and
-//! Stone 1992, section 4.9). The perturbed value of a basic variable is linear in the perturbations:
-//! the coefficient of `epsilon^j` stands in the column of the variable that was basic in row `j`.
+//! for every small `epsilon > 0`. The perturbation makes each basis nondegenerate, so that no basis recurs (Cottle,
+//! Pang and Stone 1992, section 4.9). The perturbed value of a basic variable is linear in the perturbations: the
+//! coefficient of `epsilon^j` is in the column of the variable that was basic in row `j`.
 
 use super::tableau::{Tableau, Variable};
 use std::cmp::Ordering;
 
-/// A rate this much smaller than the largest of its column is rounding noise, not a reason to pivot.
+/// Rates below this fraction of the largest in their column are rounding, and do not block.
 const SMALLEST_RATE: f64 = 1e-11;
 
-/// Steps that differ by less than this fraction are a tie.
+/// Lengths that differ by less than this fraction are a tie.
 const TIE: f64 = 1e-12;
 
-/// Perturbation coefficients are of the size of an equilibrated tableau, one; below this their difference is noise.
+/// Noise level of differences of perturbation coefficients, which have the size of an equilibrated tableau, one.
 const COEFFICIENT_NOISE: f64 = 1e-11;
 
-/// A value below this fraction of the terms of which it is the sum is zero.
+/// A value below this fraction of the terms of its sum is zero.
 pub(super) const NOISE: f64 = 1e-13;
 
-/// What ends the motion of the entering variable.
+/// The event that blocks the motion of the entering variable.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Block {
     /// Nothing: a ray.
     None,
-    /// Its own opposite end.
+    /// The entering variable reaches its own opposite bound.
     Own,
-    /// The basic variable of this row.
+    /// The basic variable of this row reaches a bound.
     Row(usize),
 }
 
-/// Where the perturbations stand: by row, the variable basic at the start and the sense into its interval.
+/// The perturbations: for each row, the variable that was basic at the start and the direction into its interval.
 #[derive(Debug)]
 pub(super) struct Perturbation {
     pub variable: Vec<Variable>,
@@ -50,7 +50,7 @@ pub(super) struct Motion {
     pub range: f64,
 }
 
-/// Finds what blocks a motion first, and after which length.
+/// Finds the first block of a motion, and the length of the motion up to it.
 pub(super) fn first_block(tableau: &Tableau, motion: Motion, perturbation: &Perturbation) -> (Block, f64) {
     let column = tableau.column(motion.column);
     let largest = column.iter().fold(0.0_f64, |largest, t| largest.max(t.abs()));

@@ -1,24 +1,24 @@
-//! The basis from which the path starts: free variables, which must be basic at a solution, and those that a guess
-//! says lie inside their intervals, trade places with the `w` of the same index.
+//! The initial basis of the path: free variables, which must be basic at a solution, and variables that the guess
+//! places inside their intervals are exchanged with the `w` of the same index.
 //!
-//! Free variables first, by complete pivoting in their own block. Where that block is singular, as in a saddle point
-//! `[[H, -B^T], [B, 0]]` with `H` on bounded variables, each rest is bordered by a bounded variable that both its row
-//! and its column see. A row that sees none is a redundant equation, or one that nothing can satisfy.
+//! Free variables come first, by complete pivoting in their own block. If the block is singular, as in a saddle point
+//! `[[H, -B^T], [B, 0]]` with `H` on bounded variables, each remaining pair is bordered by a bounded variable with
+//! entries in both its row and its column. A row without such entries is a redundant equation, or an infeasible one.
 
 use super::ratio::NOISE;
 use super::tableau::Tableau;
 
-/// A pivot this much smaller than the largest of its block says that the block is singular.
+/// A block is singular if its pivot is below this fraction of the largest.
 const SINGULAR: f64 = 1e-12;
 
-/// A diagonal pivot this much smaller than its column gives way to a two by two one.
+/// A diagonal pivot below this fraction of its column is replaced by a two by two one.
 const WEAK_DIAGONAL: f64 = 0.01;
 
-/// The values at which nonbasic `z` rest, by index.
+/// The values of nonbasic `z`, by index.
 pub(super) type Resting = [f64];
 
-/// Lets `w` of row `r` go to zero by moving the `z` of column `c`, which takes its place.
-fn settle(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
+/// Drives `w` of row `r` to zero by the `z` of column `c`, and exchanges the two.
+fn drive_to_zero(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
     let change = -tableau.value[r] / tableau.entry(r, c);
     let entering = tableau.nonbasic[c];
     tableau.advance(c, change);
@@ -27,14 +27,14 @@ fn settle(tableau: &mut Tableau, resting: &Resting, r: usize, c: usize) {
     tableau.magnitude[r] = resting[entering].abs().max(change.abs());
 }
 
-/// The row of `w_i` and the column of `z_i`, while the one is basic and the other is not.
+/// The row of `w_i` and the column of `z_i`, if `w_i` is basic and `z_i` is not.
 fn open_row(tableau: &Tableau, i: usize) -> Option<(usize, usize)> {
     Some((tableau.row_of(tableau.m + i)?, tableau.column_of(i)?))
 }
 
-/// Makes the free variables basic, whose `w` stand in `rows` and `z` in `columns`. False if their equations are
+/// Makes the free variables basic, with their `w` in `rows` and their `z` in `columns`. False if their equations are
 /// singular and not redundant.
-pub(super) fn settle_free(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize]) -> bool {
+pub(super) fn enter_free(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize]) -> bool {
     let mut largest = 0.0;
     for done in 0..rows.len() {
         let (mut pivot, mut place) = (0.0, (done, done));
@@ -55,12 +55,12 @@ pub(super) fn settle_free(tableau: &mut Tableau, resting: &Resting, rows: &mut [
         }
         rows.swap(done, place.0);
         columns.swap(done, place.1);
-        settle(tableau, resting, rows[done], columns[done]);
+        drive_to_zero(tableau, resting, rows[done], columns[done]);
     }
     true
 }
 
-/// Settles free `rows` and `columns` whose common block is zero, with the help of bounded variables.
+/// Makes the free variables of `rows` and `columns`, whose common block is zero, basic together with bounded variables.
 fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns: &mut [usize]) -> bool {
     let m = tableau.m;
     for done in 0..rows.len() {
@@ -84,21 +84,21 @@ fn border(tableau: &mut Tableau, resting: &Resting, rows: &mut [usize], columns:
         };
         rows.swap(done, a);
         columns.swap(done, b);
-        settle(tableau, resting, row, columns[done]);
-        settle(tableau, resting, rows[done], column);
+        drive_to_zero(tableau, resting, row, columns[done]);
+        drive_to_zero(tableau, resting, rows[done], column);
     }
     true
 }
 
-/// Whether the equation `w_r = 0` holds and no nonbasic `z` can disturb it.
+/// Whether the equation `w_r = 0` holds independently of all nonbasic `z`.
 fn is_redundant(tableau: &Tableau, r: usize) -> bool {
     let m = tableau.m;
     let disturbs = |c: usize| tableau.nonbasic[c] < m && tableau.entry(r, c).abs() > SINGULAR;
     tableau.value[r].abs() <= NOISE * tableau.magnitude[r] && !(0..m).any(disturbs)
 }
 
-/// Makes the bounded variables `inside` basic, as far as their block is regular; the others stay where they rest.
-pub(super) fn settle_inside(tableau: &mut Tableau, resting: &Resting, inside: &mut Vec<usize>) {
+/// Makes the bounded variables `inside` basic, as far as their block is regular; the others stay nonbasic.
+pub(super) fn enter_inside(tableau: &mut Tableau, resting: &Resting, inside: &mut Vec<usize>) {
     let m = tableau.m;
     inside.retain(|&i| open_row(tableau, i).is_some());
     let mut largest = 0.0_f64;
@@ -132,7 +132,7 @@ pub(super) fn settle_inside(tableau: &mut Tableau, resting: &Resting, inside: &m
         let (i, j) = (inside[a], inside[b]);
         for (i, j) in [(i, j), (j, i)].into_iter().take(if a == b { 1 } else { 2 }) {
             if let (Some(r), Some(c)) = (tableau.row_of(m + i), tableau.column_of(j)) {
-                settle(tableau, resting, r, c);
+                drive_to_zero(tableau, resting, r, c);
             }
         }
         inside.swap_remove(a.max(b));

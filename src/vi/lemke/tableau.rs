@@ -4,14 +4,14 @@
 //! x_B = const + T x_N,    at first  w = q + A z + d theta
 //! ```
 //!
-//! An exchange makes one basic and one nonbasic variable trade places (Cottle, Pang and Stone 1992, *The Linear
-//! Complementarity Problem*, section 2.3). The constant is not stored: the values of the basic variables are, as the
-//! nonbasic ones may rest at either end of an interval.
+//! An exchange swaps a basic and a nonbasic variable (Cottle, Pang and Stone 1992, *The Linear Complementarity
+//! Problem*, section 2.3). Instead of the constant the values of the basic variables are stored, since nonbasic ones
+//! may rest at either bound of an interval.
 
-/// `z_i` is `i`, `w_i` is `m + i`, `theta` is `2 m`.
+/// The index of a variable: `z_i` is `i`, `w_i` is `m + i`, `theta` is `2 m`.
 pub(super) type Variable = usize;
 
-/// See the module.
+/// The tableau; see the module.
 #[derive(Debug)]
 pub(super) struct Tableau {
     /// `m`.
@@ -26,11 +26,11 @@ pub(super) struct Tableau {
     place: Vec<usize>,
     /// The values of the basic variables, by row.
     pub value: Vec<f64>,
-    /// The largest terms of which each value is the sum: its rounding errors are of this size times the precision.
+    /// The largest term in the sum of each value: rounding errors have this size times the precision.
     pub magnitude: Vec<f64>,
-    /// The interval in which each basic variable may move, by row.
+    /// The lower bound of each basic variable, by row.
     pub lower: Vec<f64>,
-    /// Its upper end.
+    /// The upper bound of each basic variable, by row.
     pub upper: Vec<f64>,
     spare: Vec<f64>,
 }
@@ -51,7 +51,7 @@ impl Tableau {
         }
     }
 
-    /// Makes room for `m` variables. What was in the tableau is lost.
+    /// Resizes to `m` variables; the content is lost.
     pub fn resize(&mut self, m: usize) {
         self.m = m;
         self.entries.resize(m * (m + 1), 0.0);
@@ -63,7 +63,7 @@ impl Tableau {
         }
     }
 
-    /// Makes every `w` basic and every `z` nonbasic again. The entries are the caller's to write.
+    /// Makes every `w` basic and every `z` nonbasic; the caller writes the entries.
     pub fn reset(&mut self) {
         let m = self.m;
         for i in 0..m {
@@ -115,7 +115,7 @@ impl Tableau {
     }
 
     /// Exchanges the basic variable of row `r` with the nonbasic one of column `c`, among the first `width` columns.
-    /// The values and the interval of row `r` are the caller's to set.
+    /// The caller sets the value and the interval of row `r`.
     pub fn exchange(&mut self, r: usize, c: usize, width: usize) {
         let m = self.m;
         self.spare.copy_from_slice(&self.entries[c * m..][..m]);

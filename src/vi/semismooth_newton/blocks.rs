@@ -1,4 +1,5 @@
-//! Semismooth Newton on the natural map `F(z) = z - P_K(z - S w)` over any set, `S` one positive scale a block.
+//! Semismooth Newton on the natural map `F(z) = z - P_K(z - S w)` over any set, with one positive scale `S` for each
+//! block.
 //!
 //! With `V` an element of the B-subdifferential of `P_K` at `z - S w`, a step solves
 //!
@@ -6,11 +7,11 @@
 //! (I - V (I - S A - mu I)) d = -F(z)
 //! ```
 //!
-//! (Facchinei and Pang 2003, section 7.5; for cones `V` is that of the Jordan-algebra projection). `mu` is small against
-//! `|F|` and keeps the matrix regular where `A` is singular. The full step is taken if it lowers `|F|` enough; else
-//! Armijo's search along it on the D-gap function decides (Peng and Fukushima 1999, *A hybrid Newton method for solving the
-//! variational inequality problem via the D-gap function*). Where that fails too, some iterations of Douglas-Rachford
-//! splitting give a new start, from a sequence of its own that converges for every monotone problem.
+//! (Facchinei and Pang 2003, section 7.5; for cones `V` is that of the Jordan-algebra projection). `mu` is small
+//! relative to `|F|` and keeps the matrix regular if `A` is singular. The full step is taken if it lowers `|F|` enough;
+//! otherwise Armijo's search along it on the D-gap function decides (Peng and Fukushima 1999, *A hybrid Newton method
+//! for solving the variational inequality problem via the D-gap function*). If that fails too, some iterations of
+//! Douglas-Rachford splitting give a new start, from a sequence of its own that converges for every monotone problem.
 
 use crate::d_gap::Gap;
 use crate::elimination::solve_augmented;
@@ -20,28 +21,29 @@ use crate::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
 use nalgebra::DMatrixViewMut;
 use problem::{Control, Derivative, Workspace};
 
-/// Newton steps in all.
+/// Largest total number of Newton steps.
 const ITERATIONS: usize = 200;
 
-/// A step that lowers the residual to this fraction is one of fast convergence.
+/// Fast convergence: a step lowers the residual to this fraction.
 const FAST: f64 = 0.1;
 
 /// A full step must lower `|F|` to this fraction of the least so far.
 const DECREASE: f64 = 0.9;
 
-/// `mu`: as fractions of `|F| / |z|`, one after another where a direction is of no use.
+/// Values of `mu` as fractions of `|F| / |z|`, tried in turn until a direction lowers the merit function.
 const PROXIMAL: [f64; 4] = [1e-6, 1e-3, 1e-1, 1.0];
 
-/// Armijo's fraction of the slope, the halvings of a step, and the fraction to which the search must lower the merit.
+/// Armijo's fraction of the slope, the largest number of halvings of a step, and the fraction to which the search must
+/// lower the merit function.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 12;
 const WORTHWHILE: f64 = 0.99;
 
-/// Iterations of splitting at a time, and how often.
+/// Number of splitting iterations at a time, and the largest number of times.
 const SPLITTING: usize = 100;
 const SPLITTINGS: usize = 50;
 
-/// Newton over any set; see the module. It grows to the problems that it meets.
+/// Semismooth Newton over any set; see the module. The workspace grows with the problems.
 #[derive(Debug, Default)]
 pub(crate) struct BlockNewton {
     gauge: Gauge,
@@ -50,7 +52,7 @@ pub(crate) struct BlockNewton {
     work: Workspace,
     z: Vec<f64>,
     w: Vec<f64>,
-    /// `-F`, then the direction.
+    /// `-F`.
     defect: Vec<f64>,
     direction: Vec<f64>,
     gradient: Vec<f64>,
@@ -61,7 +63,7 @@ pub(crate) struct BlockNewton {
 }
 
 impl BlockNewton {
-    /// Solves from `z`, and leaves the answer there.
+    /// Solves from `z`, and writes the result there.
     pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         if !vi.is_sound() {
             return Report::BREAKDOWN;
@@ -127,8 +129,8 @@ impl BlockNewton {
         vi.set.project_all(&mut self.z, &mut self.work);
     }
 
-    /// Measures `P_K(z - S w)`, which lies on the very face that the iterate tends to, and keeps it in `z` if there is
-    /// none better.
+    /// Measures `P_K(z - S w)`, which lies exactly on the active face of the limit of the iterates, and keeps it in `z`
+    /// if it is the best so far.
     fn offer(&mut self, vi: &AffineVi<'_>, z: &mut [f64], best: Option<Accuracy>) -> Accuracy {
         vi.product(&self.z, &mut self.w);
         for (((trial, z), w), s) in self.trial.iter_mut().zip(&self.z).zip(&self.w).zip(&self.gap.scale) {
@@ -145,7 +147,7 @@ impl BlockNewton {
         }
     }
 
-    /// `w`, `-F` and `V` at the iterate; returns the size of `F`.
+    /// Computes `w`, `-F` and `V` at the iterate; returns the norm of `F`.
     fn linearise(&mut self, vi: &AffineVi<'_>) -> f64 {
         vi.product(&self.z, &mut self.w);
         for (((x, z), w), s) in self.defect.iter_mut().zip(&self.z).zip(&self.w).zip(&self.gap.scale) {
@@ -156,7 +158,7 @@ impl BlockNewton {
         length(&self.defect, &self.gap.scale)
     }
 
-    /// Moves the iterate along a Newton direction; false if none is of use.
+    /// Moves the iterate along a Newton direction; false if no direction lowers the merit function.
     fn newton(&mut self, vi: &AffineVi<'_>, least: f64) -> bool {
         let norm = length(&self.defect, &self.gap.scale);
         let size = length(&self.z, &self.gap.scale);

@@ -6,15 +6,15 @@
 //!
 //! An element of the B-subdifferential of the natural map has the row `e_i` where `z - S w` lies outside the interval
 //! and `(S A)_i` inside, so that a Newton step solves one system in the variables inside and sets the others to their
-//! ends; it ends after finitely many steps, but alone it may cycle. A step is therefore taken only if it lowers
+//! bounds. It ends after finitely many steps, but alone it may cycle. A step is therefore taken only if it lowers
 //!
 //! ```text
 //! Psi(z) = 1/2 |psi(z_i, (S w)_i)|^2
 //! ```
 //!
-//! enough; else the Newton direction of `psi` with Armijo's line search is taken, and where that is no direction of
-//! descent, the gradient's (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution of
-//! nonlinear complementarity problems*; Facchinei and Pang 2003, sections 8.3 and 9.1). `S` is diagonal.
+//! enough; otherwise the Newton direction of `psi` with Armijo's line search is taken, or the steepest descent if that
+//! is not a direction of descent (De Luca, Facchinei and Kanzow 1996, *A semismooth equation approach to the solution
+//! of nonlinear complementarity problems*; Facchinei and Pang 2003, sections 8.3 and 9.1). `S` is diagonal.
 
 use crate::elimination::solve_augmented;
 use crate::equilibration::Equilibration;
@@ -23,32 +23,33 @@ use crate::{Accuracy, AffineVi, EXACT, Outcome, Report, TOLERANCE, is_interrupte
 use nalgebra::DMatrixViewMut;
 use problem::Control;
 
-/// Newton steps; practical problems take five to thirty.
+/// Iteration limit; practical problems take five to thirty Newton steps.
 const ITERATIONS: usize = 100;
 
-/// A step that lowers the residual to this fraction is one of fast convergence.
+/// Fast convergence: a step lowers the residual to this fraction.
 const FAST: f64 = 0.1;
 
 /// A natural-map step must lower the norm of `psi` to this fraction.
 const NATURAL_DECREASE: f64 = 0.9;
 
-/// The slope of `Psi` along an exact Newton direction is `-2 Psi`; a direction with this fraction is one of descent.
+/// Condition on a direction of descent: the slope of `Psi` along it is at most `-DESCENT |psi|^2`; along an exact
+/// Newton direction it is `-|psi|^2 = -2 Psi`.
 const DESCENT: f64 = 0.01;
 
-/// Armijo's fraction of the slope, and the halvings of a step before it is given up.
+/// Armijo's fraction of the slope, and the largest number of halvings of a step.
 const ARMIJO: f64 = 1e-4;
 const HALVINGS: usize = 40;
 
-/// A diagonal entry of the equilibrated matrix below this says nothing about the scale of its row.
+/// A diagonal entry of the equilibrated matrix below this is too small to scale its row.
 const SMALL_DIAGONAL: f64 = 1.0 / 64.0;
 
-/// The proximal term `mu I` that keeps the Jacobian regular where `A` is singular, as fractions of `|psi|`; it
-/// vanishes with it, and so does not spoil the order. Too little lets the direction run along the kernel, too much
-/// turns it away from descent; the next is tried where one has not lowered `|psi|` to this fraction.
+/// The proximal term `mu I`, as fractions of `|psi|`, which keeps the Jacobian regular if `A` is singular; it vanishes
+/// with `|psi|`, and so preserves the order. A small one lets the direction run along the kernel, a large one turns it
+/// away from descent; the next is tried if the last has not lowered `|psi|` to the fraction `SUFFICIENT_DECREASE`.
 const PROXIMAL: [f64; 3] = [1e-1, 1e-3, 1e-6];
 const SUFFICIENT_DECREASE: f64 = 0.7;
 
-/// Newton over intervals; see the module.
+/// Semismooth Newton over intervals; see the module.
 #[derive(Debug)]
 pub struct IntervalNewton {
     equilibration: Equilibration,
@@ -74,7 +75,7 @@ pub struct IntervalNewton {
 }
 
 impl IntervalNewton {
-    /// A solver for problems of up to `m` variables; a larger one makes it grow.
+    /// Allocates for problems of up to `m` variables; grows for a larger one.
     pub fn new(m: usize) -> Self {
         let vector = || vec![0.0; m];
         Self {
@@ -101,7 +102,7 @@ impl IntervalNewton {
 }
 
 impl IntervalNewton {
-    /// Solves from `z`, and leaves the answer there.
+    /// Solves from `z`, and writes the result there.
     pub fn solve(&mut self, vi: &AffineVi<'_>, z: &mut [f64], control: &Control) -> Report {
         self.resize(vi.q.len());
         if !self.equilibration.fit(vi) {
@@ -112,8 +113,8 @@ impl IntervalNewton {
         let mut iterations = 0;
         let mut converging = true;
         let mut failure = Outcome::Limit;
-        // A problem solved in every row is worth further steps as long as they converge fast; one solved but for rows
-        // whose terms are small beside those of the others, as long as there are any.
+        // Continue with a problem solved in every row as long as steps converge fast, and with one solved except for
+        // rows whose terms are small relative to those of the others as long as steps are left.
         while iterations < ITERATIONS && best.componentwise > EXACT && (converging || best.componentwise > TOLERANCE) {
             if is_interrupted(control, iterations) {
                 failure = Outcome::Interrupted;
@@ -166,7 +167,7 @@ impl IntervalNewton {
         }
     }
 
-    /// Scales the problem, with `S` the inverse of the diagonal of `R A C` where that says something.
+    /// Scales the problem, with `S` the inverse of the diagonal of `R A C` where that is large enough.
     fn load(&mut self, vi: &AffineVi<'_>, z: &[f64]) {
         let m = self.q.len();
         let Equilibration { row, column, .. } = &self.equilibration;
@@ -188,7 +189,7 @@ impl IntervalNewton {
         }
     }
 
-    /// Unscales the iterate, and keeps it in `z` if there is none better.
+    /// Unscales the iterate, and keeps it in `z` if it is the best so far.
     fn offer(&mut self, vi: &AffineVi<'_>, z: &mut [f64], best: Option<Accuracy>) -> Accuracy {
         for (i, &c) in self.equilibration.column.iter().enumerate() {
             self.candidate[i] = vi.set.project(i, self.z[i] * c);
@@ -208,7 +209,7 @@ impl IntervalNewton {
         evaluate(&self.matrix, &self.q, &self.z, &mut self.w);
     }
 
-    /// `psi`, its generalised gradient and that of `Psi` at the iterate.
+    /// Computes `psi` and its generalised gradient at the iterate.
     fn linearise(&mut self) {
         self.evaluate_at_z();
         for i in 0..self.q.len() {
@@ -217,7 +218,7 @@ impl IntervalNewton {
         }
     }
 
-    /// The Newton step of the natural map, to `trial`. False if its system is singular.
+    /// Computes into `trial` the Newton step of the natural map. False if its system is singular.
     fn natural_step(&mut self) -> bool {
         let m = self.q.len();
         self.inside.clear();
@@ -230,7 +231,7 @@ impl IntervalNewton {
             }
         }
         let k = self.inside.len();
-        // With zeros inside, `w` at the trial point is what the variables inside must cancel.
+        // With zeros inside, the variables inside must cancel `w` at the trial point.
         evaluate(&self.matrix, &self.q, &self.trial, &mut self.direction);
         let storage = &mut self.augmented[..k * (k + 1)];
         for (target, &j) in storage.chunks_exact_mut(k.max(1)).zip(&self.inside) {
@@ -263,8 +264,8 @@ impl IntervalNewton {
         sum.sqrt()
     }
 
-    /// A step of Armijo's line search along the Newton direction of `psi`, else along the steepest descent of `Psi`.
-    /// False if neither lowers `Psi`.
+    /// Makes a step by Armijo's line search along the Newton direction of `psi`, else along the steepest descent of
+    /// `Psi`. False if neither lowers `Psi`.
     fn descend(&mut self, norm: f64) -> bool {
         let m = self.q.len();
         let work = &mut self.work[0];
@@ -316,8 +317,8 @@ impl IntervalNewton {
         self.direction.iter().all(|d| d.is_finite())
     }
 
-    /// Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point in `best` if it beats the
-    /// `record`, and returns the better of the two.
+    /// Armijo's line search from the iterate, where `|psi|` is `norm`. Keeps the point in `best` if its norm is below
+    /// `record`, and returns the smaller of the two norms.
     fn search(&mut self, norm: f64, slope: f64, record: f64) -> f64 {
         let mut step = 1.0;
         for _ in 0..HALVINGS {

@@ -19,8 +19,8 @@ pub struct SemismoothNewton {
 }
 
 impl SemismoothNewton {
-    /// A solver for problems of up to `m` variables; a larger one makes it grow. Which of its forms is needed shows
-    /// at the first problem, and is built then.
+    /// Prepares for problems of up to `m` variables; grows for a larger one. The form for intervals or for blocks is
+    /// built by the first problem that needs it.
     pub fn new(m: usize) -> Self {
         Self { size: m, intervals: None, blocks: None }
     }

@@ -1,4 +1,5 @@
-//! The active set method: obstacle problems with known solutions, agreement with Lemke, and what must not stop it.
+//! The active set method: obstacle problems with known solutions, agreement with Lemke's method, cycles and singular
+//! matrices.
 
 use super::super::{ActiveSet, Unsuitable};
 use super::*;
@@ -64,7 +65,7 @@ fn a_string_lies_on_a_parabola_between_its_tangents_from_the_ends() {
     let (z, _) = solve(&mut solver, &vec![0.0; n], &set);
     for (i, z) in z.iter().enumerate() {
         let exact = if x(i).min(1.0 - x(i)) < c { slope * x(i).min(1.0 - x(i)) } else { phi(x(i)) };
-        // The node of first contact is off by less than h, which a tangent sees to second order.
+        // The node of first contact is off by less than h, an error of second order along a tangent.
         assert!((z - exact).abs() < h * h, "{z} instead of {exact} at {}", x(i));
     }
 }
@@ -117,7 +118,7 @@ fn membrane(nodes: usize) -> (f64, f64) {
 
 #[test]
 fn a_membrane_over_a_hemisphere_touches_it_to_the_known_radius_with_order_two() {
-    // How the circle of contact lies on the grid decides the factor before h^2.
+    // The position of the circle of contact on the grid decides the factor of h^2.
     for nodes in [15, 31, 57, 80, 127, 200] {
         let h = 4.0 / (nodes + 1) as f64;
         let (error, radius) = membrane(nodes);
@@ -189,7 +190,7 @@ fn the_shortest_cycle_is_left() {
 
 #[test]
 fn a_matrix_that_only_contact_makes_regular_is_solved() {
-    // A string with free ends, held up by nothing but the obstacle under it: one node carries all the load.
+    // A string with free ends, supported by the obstacle only: one node carries the whole load.
     let n = 101;
     let mut random = Random(3);
     let edges = (0..n - 1).flat_map(|i| [(i, i, 1.0), (i + 1, i + 1, 1.0), (i, i + 1, -1.0), (i + 1, i, -1.0)]);

@@ -10,7 +10,7 @@ fn block(k: usize, shape: Shape) -> ConvexSet {
     set
 }
 
-/// `|z - P(z - w)|` where each block is small enough for its own terms: the residual against `max(1, |z|, |q|, |A||z|)`.
+/// Asserts a small `|z - P(z - w)|` relative to `max(1, |z|, |q|, |A||z|)`, for blocks of about unit size.
 fn assert_solved(problem: &Problem, z: &[f64], by: &str) {
     let size = z.iter().fold(1.0_f64, |most, z| most.max(z.abs()));
     let residual = problem.scaled_residual(z) / size;
@@ -61,7 +61,7 @@ fn a_projection_is_the_answer_where_the_matrix_is_the_identity() {
 
 #[test]
 fn a_force_on_a_disk_opposes_the_slip() {
-    // A = 0: the point of the disk farthest along -q, whatever the size of either.
+    // A = 0: the solution is the point of the disk farthest along -q, whatever the size of either.
     for (radius, size) in [(1.0, 1.0), (1e-6, 1e3), (1e6, 1e-5)] {
         let q = vec![0.6 * size, -0.8 * size];
         let problem = Problem::new(DMatrix::zeros(2, 2), q, block(2, Shape::Ball { radius }));
@@ -145,7 +145,7 @@ fn a_matrix_game_has_its_known_value() {
     set.bind(vec![3, 4, 5], Shape::Simplex);
     let problem = Problem::new(matrix, vec![0.0; 6], set);
     let z = solve(&problem, &mut Auto::new(6));
-    // The optimal mixture is inversely proportional to what each pair leaves out.
+    // The optimal strategy weights each option in proportion to the payoff between the other two.
     let exact = [0.25, 0.25, 0.5, 0.25, 0.25, 0.5];
     assert!(largest_difference(&z, &exact) < 1e-9, "{z:?}");
 }
@@ -197,7 +197,7 @@ fn sweeps_converge_on_coupled_stages_where_unrelaxed_ones_diverge() {
 
 #[test]
 fn sweeps_without_prospect_end_early_and_say_so() {
-    // Forces that push into cones for ever: no solution, whatever the coupling of the blocks.
+    // Forces along the recession directions of the cones: no solution exists, whatever the coupling of the blocks.
     let mut set = ConvexSet::free(6);
     (0..2).for_each(|i| set.bind((3 * i..3 * i + 3).collect(), Shape::SecondOrderCone));
     let matrix = DMatrix::from_diagonal(&DVector::from_column_slice(&[0.0, 1.0, 1.0, 0.0, 1.0, 1.0]));
@@ -240,7 +240,7 @@ proptest! {
         }
     }
 
-    /// Any matrix at all: what is called solved is solved.
+    /// For arbitrary matrices, an outcome of `Solved` implies a small residual.
     #[test]
     fn what_is_called_solved_over_blocks_is_solved(seed in any::<u64>(), m in 1_usize..8) {
         let mut random = Random(seed);

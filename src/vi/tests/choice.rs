@@ -1,4 +1,4 @@
-//! Which solver is chosen, and what is said of those that failed.
+//! The choice of the solver, and the attempts it reports.
 
 use super::super::{Attempt, Auto, SolverKind};
 use super::*;
@@ -34,7 +34,7 @@ fn pivoting_refuses_what_is_no_product_of_intervals() {
 
 #[test]
 fn the_story_names_every_solver_that_was_tried() {
-    // No point of the half plane z1 >= 1 minimises -z2: there is no solution, and all say so in their way.
+    // No point of the half plane z1 >= 1 minimises -z2: no solution exists, and every solver reports so.
     let mut set = ConvexSet::free(2);
     set.bind(vec![0, 1], Shape::Polyhedron(Polyhedron::new(2, &[-1.0, 0.0], &[-1.0]).expect("not empty")));
     let problem = Problem::new(DMatrix::zeros(2, 2), vec![0.0, -1.0], set);
@@ -65,7 +65,7 @@ fn a_large_string_over_an_obstacle_is_solved_by_its_active_set() {
     assert_eq!(auto.name(), "active_set");
     let touching = u.iter().filter(|&&u| u == -1.0 / 16.0).count() as f64 * h;
     assert!((touching - (1.0 - 2.0 * 0.125_f64.sqrt())).abs() < 3.0 * h, "touches over {touching}");
-    // Again with another load: the analysis serves, the active set moves.
+    // Another load: the analysis is reused, the active set moves.
     let lighter = Problem::new(problem.matrix.clone(), vec![0.6; m], problem.set.clone());
     let u = lighter.solve_exactly(&mut auto);
     let touching = u.iter().filter(|&&u| u == -1.0 / 16.0).count() as f64 * h;
@@ -74,7 +74,7 @@ fn a_large_string_over_an_obstacle_is_solved_by_its_active_set() {
 
 #[test]
 fn long_work_is_given_up_where_nobody_waits_for_it() {
-    // Murty's family takes Lemke 2^12 pivots; the discs take sweeps and Newton steps more than a few.
+    // Murty's family takes Lemke's method 2^12 pivots; the disks take more than a few sweeps and Newton steps.
     let m = 12;
     let murty = DMatrix::from_fn(m, m, |i, j| if i == j { 1.0 } else { f64::from(u8::from(i < j)) * 2.0 });
     let q = (0..m).map(|i| 2.0_f64.powi(i as i32) - 2.0_f64.powi(m as i32)).collect();

@@ -12,7 +12,7 @@ fn a_problem_without_variables_is_solved() {
 
 #[test]
 fn one_variable_stops_at_the_right_end() {
-    // a z + q = 0 at z = -q/a, cut off at the ends.
+    // a z + q = 0 at z = -q/a, clamped to the interval.
     for (a, q, lower, upper, z) in [
         (2.0, -3.0, 0.0, INFINITY, 1.5),
         (2.0, 3.0, 0.0, INFINITY, 0.0),
@@ -82,7 +82,7 @@ fn the_four_diode_bridge_conducts_through_one_pair() {
         let problem = bridge(v);
         let mut z = vec![0.0; 4];
         assert_eq!(problem.solve(&mut Lemke::new(4), &mut z).outcome, Outcome::Solved);
-        // The matrix is not a P-matrix: where v = 0 only the drop over the bridge is determined.
+        // The matrix is not a P-matrix: for v = 0 only the voltage across the bridge is determined.
         assert!(largest_difference(&z[..2], &exact[..2]) < 1e-12, "{z:?} at {v}");
         assert!(problem.scaled_residual(&z) < 1e-14);
         if v > 0.0 {

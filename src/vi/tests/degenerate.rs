@@ -1,4 +1,4 @@
-//! Where pivoting could cycle, take exponentially long or lose its digits.
+//! Problems on which pivoting could cycle, take exponentially long or lose digits.
 
 use super::*;
 
@@ -27,8 +27,8 @@ fn murtys_family_is_solved_though_its_paths_grow_exponentially() {
 
 #[test]
 fn kostrevas_example_does_not_cycle() {
-    // Kostreva 1979, Cycling in linear complementarity problems: all ratios tie, and plain rules go round. The row
-    // sums are three, so z = (1, 1, 1) / 3.
+    // Kostreva 1979, Cycling in linear complementarity problems: all ratios tie, and plain rules cycle. The row sums
+    // are three, so z = (1, 1, 1) / 3.
     let matrix = DMatrix::from_row_slice(3, 3, &[1.0, 2.0, 0.0, 0.0, 1.0, 2.0, 2.0, 0.0, 1.0]);
     for z in Problem::complementarity(matrix, vec![-1.0; 3]).solve_by_all() {
         assert!(largest_difference(&z, &[1.0 / 3.0; 3]) < 1e-14, "{z:?}");
@@ -37,7 +37,7 @@ fn kostrevas_example_does_not_cycle() {
 
 #[test]
 fn a_row_in_a_small_unit_is_solved_beside_one_in_a_large_unit() {
-    // A rate that acts for an instant, beside a cost: zero misses the first row by 1e-15 of the terms of the second.
+    // Rows of very different units: for z = 0 the residual of the first row is 1e-15 of the terms of the second.
     let matrix = DMatrix::from_row_slice(2, 2, &[1e-14, 8.0, 0.0, 1.0]);
     for z in Problem::complementarity(matrix, vec![-2.5e-11, 4775.0]).solve_by_all() {
         assert!(largest_difference(&z, &[2500.0, 0.0]) < 1e-9, "{z:?}");
@@ -63,7 +63,7 @@ fn contacts_that_share_a_body_have_one_motion() {
 
 #[test]
 fn ties_in_every_ratio_do_not_cycle() {
-    // Copies of one contact, all of whose ratios tie at every pivot.
+    // Copies of one contact, whose ratios tie at every pivot.
     for m in [2, 5, 20, 80] {
         let problem = Problem::complementarity(DMatrix::from_element(m, m, 1.0), vec![-1.0; m]);
         for z in problem.solve_by_all() {
@@ -135,7 +135,8 @@ fn rows_and_columns_of_any_size_are_solved_each_to_its_own_digits() {
 
 #[test]
 fn a_small_force_is_not_lost_beside_a_large_one() {
-    // Two problems in one, the first with |q| = 1e9, the second with 1e-5; a tenth of the third is passed to it.
+    // Two decoupled problems, one with |q| = 1e9, the other with 1e-5; the second row has a tenth of the third
+    // variable.
     let mut matrix = DMatrix::identity(4, 4);
     matrix[(1, 2)] = 0.1;
     for z in Problem::complementarity(matrix, vec![1e9, -1e-5, -1e-6, -1e9]).solve_by_all() {

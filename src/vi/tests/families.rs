@@ -95,7 +95,7 @@ fn no_monotone_problem_on_a_box_or_of_contact_is_left_unsolved() {
 
 #[test]
 fn degenerate_contacts_of_every_size_are_solved() {
-    // Half the rank, and a third of the contacts just touching: q of their rows is what the others leave.
+    // Half the rank, and a third of the contacts just touching: their rows of q cancel the others' contribution.
     let mut random = Random(13);
     for m in [1, 2, 3, 10, 50, 200, 500] {
         let j = random.matrix(m, m.div_ceil(2));

@@ -1,4 +1,4 @@
-//! What the solvers must agree with: enumeration of faces, closed forms, feasible directions, and each other.
+//! References for the solvers: enumeration of faces, closed forms, feasible directions, and agreement with each other.
 
 mod active_set;
 mod blocks;
@@ -65,7 +65,7 @@ impl Problem {
         z
     }
 
-    /// The solutions that one of the `3^m` faces of `K` determines.
+    /// The solutions determined by the `3^m` faces of `K`.
     fn solutions_by_enumeration(&self) -> Vec<Vec<f64>> {
         let m = self.q.len();
         (0..3_usize.pow(u32::try_from(m).expect("small"))).filter_map(|code| self.solution_on_face(code)).collect()
@@ -102,7 +102,7 @@ fn solvers(m: usize) -> Vec<Box<dyn ViSolver>> {
     vec![Box::new(Lemke::new(m)), Box::new(SemismoothNewton::new(m))]
 }
 
-/// A generator of the same numbers on every machine (Vigna 2015, `SplitMix64`).
+/// A generator of reproducible random numbers (Vigna 2015, `SplitMix64`).
 struct Random(u64);
 
 impl Random {

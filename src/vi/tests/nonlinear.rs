@@ -25,8 +25,8 @@ impl NonlinearVi for Cubic {
     }
 }
 
-/// Kojima and Shindoh's problem (Facchinei and Pang 2003, page 42): a complementarity problem with two solutions, one of
-/// them degenerate.
+/// Kojima and Shindoh's problem (Facchinei and Pang 2003, page 42): a complementarity problem with two solutions, one
+/// of them degenerate.
 struct KojimaShindoh(ConvexSet);
 
 impl NonlinearVi for KojimaShindoh {

@@ -1,4 +1,4 @@
-//! What holds for every problem that has a solution.
+//! Properties of every problem that has a solution.
 
 use super::super::SolverKind;
 use super::*;
@@ -33,8 +33,8 @@ proptest! {
         prop_assert!(largest_difference(&problem.w(&answers[0]), &problem.w(&answers[1])) < 1e-5);
     }
 
-    /// Any matrix at all, solvable or not: what is called solved is solved, what is solved is called so, and the residual
-    /// is the one reported.
+    /// For arbitrary matrices, solvable or not: an outcome of `Solved` is equivalent to a small residual, and the
+    /// reported residual is correct.
     #[test]
     fn what_is_called_solved_is_solved(seed in any::<u64>(), m in 1_usize..8) {
         let mut random = Random(seed);

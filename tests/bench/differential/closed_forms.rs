@@ -1,4 +1,5 @@
-//! The independent methods beside closed forms: a diode bridge, a bouncing ball, a relay that slides, a projection.
+//! Tests of the independent methods against closed forms: a diode bridge, a bouncing ball, a sliding relay, a
+//! projection.
 
 use crate::differential::linear::{Linear, Shape};
 use crate::differential::reference::{Membrane, Stop, by_modes, by_projection};
@@ -34,7 +35,7 @@ fn four_diodes_damp_an_oscillation() {
     };
     let times = times(2e-3);
     let values = by_modes(&bridge, &bridge.initial, &times).expect("an answer");
-    // The bridge turns the current with the voltage: to the tank it is a resistor.
+    // The bridge reverses the current with the voltage, so that it acts on the oscillator as a resistor.
     let alpha = 1.0 / (2.0 * resistance * capacity);
     let omega = (1.0 / (inductance * capacity) - alpha * alpha).sqrt();
     let v = |t: f64| 10.0 * (-alpha * t).exp() * ((omega * t).cos() - alpha / omega * (omega * t).sin());
@@ -42,7 +43,7 @@ fn four_diodes_damp_an_oscillation() {
     assert!(far < 1e-8, "{far:e}");
 }
 
-/// A peak detector holds the largest voltage so far, less what leaks away.
+/// A peak detector holds the largest voltage so far, less the discharge.
 #[test]
 fn a_detector_holds_the_peaks() {
     let tau = 10.0;
@@ -59,7 +60,7 @@ fn a_detector_holds_the_peaks() {
         gap: vec![below],
         set: vec![(Shape::Nonnegative, 1)],
     };
-    // While the diode is off the voltage decays from where the source fell faster: tan(w t) = -w tau.
+    // While the diode is off, the voltage decays, from the time at which the source falls faster: tan(w t) = -w tau.
     let omega = 100.0 * PI;
     let off = (PI - (omega * tau).atan()) / omega;
     let level = 10.0 * (omega * off).sin();
@@ -72,7 +73,7 @@ fn a_detector_holds_the_peaks() {
     }
 }
 
-/// `x' = 0.3 - sgn x` from 2: zero is reached at 2/0.7 and kept.
+/// `x' = 0.3 - sgn x` from 2: zero is reached at 2/0.7, and the solution slides there.
 #[test]
 fn a_relay_slides() {
     let relay = Linear {
@@ -119,7 +120,7 @@ fn a_relay_after_two_integrations_oscillates() {
     assert!(far < 1e-8, "{far:e}");
 }
 
-/// A ball dropped from `h` loses `1 - e^2` of its height at each bounce and rests in the end.
+/// A ball dropped from `h` loses `1 - e^2` of its height at each bounce, and comes to rest.
 #[test]
 fn a_ball_bounces() {
     let (g, e) = (9.81, 0.5);
@@ -152,7 +153,7 @@ fn a_ball_bounces() {
     assert!(far < 1e-9, "{far:e}");
 }
 
-/// `x' = -x + z_0`, `z` the projection of a turning vector on the cone: its apex for half of the time.
+/// `x' = -x + z_0`, with `z` the projection of a rotating vector on a cone: the apex for half of the time.
 #[test]
 fn a_cone_is_projected_on() {
     let wave = |phase: f64| Signal { constant: 0.0, waves: vec![Wave { amplitude: -1.0, omega: 1.0, phase }] };
@@ -166,8 +167,8 @@ fn a_cone_is_projected_on() {
         gap: vec![wave(PI / 2.0), wave(0.0)],
         set: vec![(Shape::Cone, 2)],
     };
-    // In the rotated quadrant the projection of (cos t, sin t) has the positive parts of its components there: the first
-    // component of z is (p + q)/sqrt 2 with p, q = max(0, (cos t +- sin t)/sqrt 2).
+    // In the axes of the rotated quadrant, the projection of (cos t, sin t) takes the positive parts of its components:
+    // the first component of z is (p + q)/sqrt 2 with p, q = max(0, (cos t +- sin t)/sqrt 2).
     let times = times(6.0);
     let values = by_projection(&cone, &cone.initial, &times, 4000).expect("an answer");
     let z = |t: f64| ((t.cos() + t.sin()).max(0.0) + (t.cos() - t.sin()).max(0.0)) / 2.0;
@@ -175,7 +176,7 @@ fn a_cone_is_projected_on() {
         let (steps, mut x) = (20_000, 0.0);
         let h = t / f64::from(steps);
         for k in 0..steps {
-            // The rule of the midpoint for x = int exp(s - t) z(s).
+            // The midpoint rule for x = int exp(s - t) z(s).
             let s = (f64::from(k) + 0.5) * h;
             x += h * (s - t).exp() * z(s);
         }
@@ -185,8 +186,8 @@ fn a_cone_is_projected_on() {
     assert!(far < 1e-6, "{far:e}");
 }
 
-/// Held nowhere a membrane stays flat: `u' = cos t` between the obstacles, so that `u` rises to 0.5, stays until the source
-/// turns at `pi/2`, falls to -0.5 and stays again.
+/// A membrane with free ends stays flat: `u' = cos t` between the obstacles, so that `u` rises to 0.5, stays until the
+/// source changes sign at `pi/2`, falls to -0.5 and stays again.
 #[test]
 fn a_membrane_rises_and_falls_between_two_obstacles() {
     let membrane = Membrane {

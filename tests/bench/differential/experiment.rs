@@ -1,5 +1,5 @@
-//! All runs of one problem: at two tolerances, with every number of stages, written in other units, to a later end, with outputs
-//! at the steps and between them; and from starts that differ a little, by which the growth of small changes is measured.
+//! The runs of one problem: at two tolerances, with every number of stages, in other units, to a later end, with output
+//! at the steps and between them, and from perturbed initial values, which measure the growth of small perturbations.
 
 use super::problem::{Field, Problem, View, Way};
 use super::random::Random;
@@ -9,11 +9,11 @@ use serde_json::{Map, Value, json};
 use std::cell::Cell;
 use std::time::Duration;
 
-/// One run.
+/// One run of a problem.
 #[derive(Clone, Debug)]
 pub struct Run {
     pub label: String,
-    /// The relative tolerance, or the step.
+    /// The relative tolerance, or the step size.
     pub accuracy: f64,
     pub specification: Value,
     pub outcome: Outcome,
@@ -28,59 +28,60 @@ impl Run {
     }
 }
 
-/// The runs of a problem, and what they are compared by.
+/// The runs of a problem, and the scales of their comparison.
 #[derive(Clone, Debug)]
 pub struct Experiment {
     pub way: Way,
     pub fields: Vec<Field>,
     pub end: f64,
-    /// The times at which all are compared.
+    /// The times at which the runs are compared.
     pub times: Vec<f64>,
-    /// The largest size of each field, and its largest change in a unit of time.
+    /// The largest magnitude of each field, and its largest rate of change.
     pub sizes: Vec<f64>,
     pub rates: Vec<f64>,
-    /// The absolute tolerance of each field, as a part of `accuracy`.
+    /// The absolute tolerance of each field, as a multiple of `accuracy`.
     pub floors: Vec<f64>,
     pub runs: Vec<Run>,
-    /// The growth of a small change of the start; at least one, infinite where it could not be measured.
+    /// The growth factor of a small perturbation of the initial values: at least one, infinite if it could not be
+    /// measured.
     pub kappa: f64,
     pub reference: Option<Values>,
 }
 
-/// What the random choices about runs are made from, and the limits.
+/// The seed of the random choices, and the limits.
 pub struct Conditions {
     pub seed: u64,
-    /// Of each solve.
+    /// The time limit of each solve.
     pub time: Duration,
-    /// Whether to solve by an independent method too.
+    /// Whether to solve by an independent method as well.
     pub reference: bool,
 }
 
-/// Times of comparison that lie on steps of the first run, and those that lie anywhere.
+/// The numbers of comparison times on steps of the first run, and at random times.
 const ON_STEPS: usize = 10;
 const ANYWHERE: usize = 14;
-/// The absolute tolerance of a field, as a part of `rtol` and of the size of the problem.
+/// The absolute tolerance of a field, relative to `rtol` and the scale of the problem.
 const FLOOR: f64 = 1e-3;
-/// How much tighter the tight run is.
+/// The ratio of the tolerances of the first and of the tight run.
 const TIGHTER: f64 = 100.0;
-/// A change of the start below this drowns in rounding.
+/// The smallest relative perturbation of the initial values: smaller ones are lost in rounding.
 const LEAST_CHANGE: f64 = 1e-7;
 
-/// After this many runs of a problem that took too long the others are not tried.
+/// The number of runs of a problem that may exceed the time limit before the remaining runs are skipped.
 const MOST_LATE: u32 = 2;
 
-/// A maker of specifications.
+/// Makes specifications of a problem and solves them.
 struct Maker<'a> {
     problem: &'a dyn Problem,
     way: Way,
     fields: Vec<Field>,
     floors: Vec<f64>,
     time: Duration,
-    /// The runs so far that took too long.
+    /// The number of runs so far that exceeded the time limit.
     late: Cell<u32>,
 }
 
-/// What is different about a run.
+/// The parameters of a run.
 #[derive(Clone)]
 struct Variant<'a> {
     label: &'a str,
@@ -88,7 +89,7 @@ struct Variant<'a> {
     stages: Value,
     view: View,
     end: f64,
-    /// Outputs at the steps if empty.
+    /// The output times; the steps if empty.
     times: &'a [f64],
 }
 
@@ -138,7 +139,7 @@ impl Maker<'_> {
 pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment {
     let mut random = Random::new(conditions.seed ^ 0x5bd1_e995);
     let (way, fields, end) = (problem.way(), problem.fields(), problem.end());
-    // The floor of a velocity is that of its length over a tenth of the horizon.
+    // The absolute tolerance of a velocity is that of a length, divided by a tenth of the horizon.
     let floors: Vec<f64> =
         fields.iter().map(|field| FLOOR * problem.smallest() * (0.1 * end).powi(field.time)).collect();
     let maker = Maker {
@@ -151,7 +152,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     };
     let (accuracy, tight) = match way {
         Way::Step(step) => (step, step / 4.0),
-        // Of first order in the step: two decades more would take a hundred times as long.
+        // The method is of first order in the step: two decades would take a hundred times as long.
         Way::Mean => {
             let rtol = random.scale(3e-4, 1e-2);
             (rtol, rtol / 4.0)
@@ -177,7 +178,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     times.push(end);
     times.retain(|t| *t > 0.0 && *t <= end);
     times.sort_by(f64::total_cmp);
-    // Nearer than this, times in other units are no longer apart.
+    // Nearer times would coincide in other units.
     times.dedup_by(|later, earlier| *later - *earlier < 1e-12 * end);
     let between = Variant { label: "tight", accuracy: tight, stages: json!("auto"), times: &times, ..plain.clone() };
     let mut runs = vec![maker.run(&between), first];
@@ -193,7 +194,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     let view = View { time: random.scale(1e-4, 1e4), size: random.scale(1e-4, 1e4), change: Vec::new() };
     runs.push(maker.run(&Variant { label: "units", accuracy, stages: any(&mut random), view, ..between.clone() }));
     let later = end * random.uniform(2.0, 5.0);
-    // Memory goes on the same mesh only where the horizon is the same.
+    // With memory, the mesh depends on the horizon, so that a later end changes the steps.
     runs.push(maker.run(&Variant {
         label: "later end",
         accuracy,
@@ -223,7 +224,7 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     };
     experiment.measure_growth(&changed, &change);
     experiment.kappa = experiment.kappa.min(problem.most_growth(&experiment.sizes)).max(1.0);
-    // A growth that is not plausible may be a wrong run; an independent method decides that too.
+    // An implausible growth factor may come from a wrong run; an independent method decides that as well.
     let doubtful = experiment.kappa >= 30.0 || experiment.kappa.is_nan();
     if conditions.reference || doubtful {
         experiment.reference = problem.reference(&[], &times);
@@ -235,10 +236,10 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
 }
 
 impl Experiment {
-    /// A small change of every state at the start, of the size of what the tolerance allows.
+    /// A small perturbation of every initial value, as large as the error that the tolerance allows.
     fn change(&self, problem: &dyn Problem, random: &mut Random, accuracy: f64) -> Vec<f64> {
         let relative = match self.way {
-            // What first order makes of a step.
+            // The change within one step, the error of a first-order method.
             Way::Step(step) => {
                 let parts = self.rates.iter().zip(&self.sizes).map(|(rate, size)| rate * step / size);
                 parts.fold(LEAST_CHANGE, f64::max).min(1e-2)
@@ -261,8 +262,8 @@ impl Experiment {
         self.kappa = largest.map_or(f64::INFINITY, |growth| growth.max(1.0));
     }
 
-    /// The distance between two solutions that began a change apart, in units of the change, each in the norm in which the size
-    /// of each field is one. What jumps is left out.
+    /// The largest distance of two solutions from perturbed initial values, relative to the perturbation, both in the
+    /// norm in which each field is divided by its size. Fields that jump are left out.
     fn growth(&self, one: &[Vec<f64>], other: &[Vec<f64>], change: &[f64]) -> f64 {
         let start = change.iter().zip(&self.sizes).map(|(x, size)| x.abs() / size).fold(0.0, f64::max);
         let mut largest = 0.0_f64;

@@ -1,4 +1,4 @@
-//! Wrong runs as files: the specification as it was solved, with the values that are right at the time of the largest distance.
+//! Wrong runs as files: the specification of the run, with the correct values at the time of the largest distance.
 
 use super::experiment::Experiment;
 use super::judgement::{Finding, Judgement};
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::PathBuf;
 
-/// A folder for them.
+/// The folder for wrong runs.
 pub struct Failures {
     folder: Option<PathBuf>,
 }
@@ -20,12 +20,12 @@ impl Failures {
         Self { folder }
     }
 
-    /// Writes the worst wrong run of a problem, if it has one; those wrong in silence first.
+    /// Writes the worst wrong run of a problem, if there is one, preferring trusted (silent) ones.
     pub fn keep(&self, kind: Kind, seed: u64, experiment: &Experiment, judgement: &Judgement) {
         let Some(folder) = &self.folder else { return };
         let of = |wanted: Finding| {
             let found = judgement.findings.iter().enumerate().filter(|(_, (finding, _))| *finding == wanted);
-            // One in the generator's own units is the easiest to read.
+            // A run in the generator's units is the easiest to read.
             let is_plain = |k: usize| experiment.runs[k].label != "units";
             found.max_by(|a, b| is_plain(a.0).cmp(&is_plain(b.0)).then(a.1.1.total_cmp(&b.1.1))).map(|(k, _)| k)
         };

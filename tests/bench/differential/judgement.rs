@@ -1,31 +1,31 @@
-//! Which runs of a problem are right. The truth is the answer of an independent method where there is one, else the run with
-//! which most others agree, of those that are trusted where there are such, the tightest first; a run is wrong if it is further from that than a hundred tolerances, times the
-//! growth of small changes.
+//! The judgement of the runs of a problem. The truth is the solution by an independent method if there is one, and
+//! otherwise the run with which most others agree (trusted ones only, if there are any; the tightest among equals). A
+//! run is wrong if its distance from the truth exceeds a hundred tolerances, times the growth of small perturbations.
 
 use super::experiment::{Experiment, Run};
 use super::problem::Way;
 use super::solving::{Answer, Outcome};
 
-/// Distances up to this many tolerances, times `kappa`, are agreement.
+/// The allowed distance in tolerances, times `kappa`.
 const TOLERANCES: f64 = 100.0;
-/// Distances up to this many steps times the largest speed, one more for each event, times `kappa`, are agreement of first
-/// order: over a horizon of some periods the errors of steps add up.
+/// The allowed distance of first-order methods in steps times the largest rate, plus one for each event, times `kappa`:
+/// over a horizon of some periods, the errors of steps accumulate.
 const STEPS: f64 = 30.0;
-/// What rounding may make of a coordinate that nothing moves, in parts of the largest in the same unit.
+/// The rounding error of a coordinate at rest, relative to the largest coordinate of the same unit.
 const ROUNDING: f64 = 1e-9;
-/// Problems on which small changes grow by more are counted apart.
+/// Problems with a larger growth of small perturbations are not judged.
 pub const MOST_GROWTH: f64 = 1e4;
 
-/// What became of a run.
+/// The judgement of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Finding {
-    /// Right, and trusted.
+    /// Correct and trusted.
     Right,
-    /// Right, and not trusted.
+    /// Correct and not trusted.
     FalseAlarm,
-    /// Wrong, and trusted.
+    /// Wrong and trusted.
     Silent,
-    /// Wrong, and not trusted.
+    /// Wrong and not trusted.
     Caught,
     Failed,
     TimedOut,
@@ -53,11 +53,11 @@ impl Finding {
 /// Why a problem is not judged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Apart {
-    /// Small changes grow too much, or their growth is not known.
+    /// The growth of small perturbations is too large, or unknown.
     Sensitive,
-    /// Theory does not say that the states are unique.
+    /// The theory does not guarantee that the states are unique.
     NotUnique,
-    /// Fewer than two runs reached the end, and nothing else tells what is right.
+    /// Fewer than two runs reached the end, and there is no independent solution.
     Alone,
 }
 
@@ -65,13 +65,13 @@ pub enum Apart {
 #[derive(Clone, Debug)]
 pub struct Judgement {
     pub apart: Option<Apart>,
-    /// Of each run what became of it, and how far it is from the truth in units of what is allowed.
+    /// For each run, the judgement, and the distance from the truth in units of the allowed distance.
     pub findings: Vec<(Finding, f64)>,
-    /// Whether an independent method tells the truth.
+    /// Whether the truth comes from an independent method.
     pub by_reference: bool,
-    /// Whether all runs agree with each other and none with the independent method, which is then the first suspect.
+    /// Whether all runs agree with each other and none with the independent method, which is then suspect.
     pub reference_alone: bool,
-    /// Of each field the values that were taken for the truth.
+    /// For each field, the values taken for the truth.
     pub truth: Vec<Vec<f64>>,
 }
 
@@ -81,7 +81,7 @@ impl Judgement {
     }
 }
 
-/// A run at the times of comparison.
+/// A run at the comparison times.
 struct Sample<'a> {
     run: &'a Run,
     answer: &'a Answer,
@@ -105,8 +105,8 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
         None
     };
     let excess = |a: &Sample<'_>, b: &Sample<'_>| distance(experiment, a, Some(b), None);
-    // The first of those with which most agree: the tight run stands first. One that has no values at some of the times can
-    // stand for nothing there, nor can one that says it may be wrong beside one that does not.
+    // The first run among those with the most votes: the tight run comes first. A run that lacks values at some of the
+    // times is no candidate, and an untrusted run has no vote beside trusted ones.
     let is_any_trusted = complete.iter().any(|sample| sample.answer.trusted);
     let votes = |sample: &Sample<'_>| sample.answer.trusted || !is_any_trusted;
     let is_whole = |sample: &Sample<'_>| votes(sample) && !sample.columns.iter().flatten().any(|value| value.is_nan());
@@ -158,7 +158,7 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
     Judgement { apart, findings, by_reference, reference_alone, truth }
 }
 
-/// The values of a run at those times of comparison at which it has outputs.
+/// The values of a run at the comparison times; NaN at times without output.
 fn sample<'a>(experiment: &Experiment, run: &'a Run, answer: &'a Answer) -> Sample<'a> {
     let slack = 1e-11 * experiment.end;
     let place = |t: f64| {
@@ -171,7 +171,7 @@ fn sample<'a>(experiment: &Experiment, run: &'a Run, answer: &'a Answer) -> Samp
     Sample { run, answer, columns: columns.collect(), times: experiment.times.clone() }
 }
 
-/// The largest distance of two runs, or of a run from the reference, in units of what is allowed.
+/// The largest distance of two runs, or of a run from the reference, in units of the allowed distance.
 fn distance(
     experiment: &Experiment,
     sample: &Sample<'_>,
@@ -179,7 +179,7 @@ fn distance(
     reference: Option<&super::reference::Values>,
 ) -> f64 {
     let Experiment { way, fields, sizes, rates, floors, kappa, .. } = experiment;
-    // Of a problem that is counted apart anyway.
+    // Problems with a larger growth are not judged anyway.
     let kappa = kappa.min(MOST_GROWTH);
     let accuracy = sample.run.accuracy + other.map_or(0.0, |other| other.run.accuracy);
     let events = sample.answer.events.len();
@@ -209,7 +209,7 @@ fn distance(
             .map(|((a, b), _)| (a - b).abs())
             .collect();
         let apart = match way {
-            // The promise is one of the mean over time.
+            // The tolerance refers to the mean over time.
             Way::Mean => apart.iter().sum::<f64>() / apart.len().max(1) as f64,
             _ => apart.into_iter().fold(0.0, f64::max),
         };
@@ -218,8 +218,8 @@ fn distance(
     largest
 }
 
-/// Whether an event is so near that the other run may have it on the other side of `t`: by the time in which the states cover
-/// what is allowed, and the part of the horizon that this is.
+/// Whether an event is so near `t` that it may lie on the other side of `t` in the other run: within the allowed error
+/// as a fraction of the horizon.
 fn is_near_event(experiment: &Experiment, one: &Sample<'_>, other: Option<&Sample<'_>>, t: f64, part: f64) -> bool {
     let window = (TOLERANCES * part).max(1e-9) * experiment.end;
     let events = one.answer.events.iter().chain(other.into_iter().flat_map(|other| &other.answer.events));

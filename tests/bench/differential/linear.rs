@@ -1,5 +1,5 @@
-//! The linear differential variational inequality `x' = A x + B z + a(t)`, `z in K`, `G = C x + D z + g(t)`, over any set:
-//! the form of circuits, relays and most random problems, written as matrices or as expressions.
+//! The linear differential variational inequality `x' = A x + B z + a(t)`, `z in K`, `G = C x + D z + g(t)`, over any
+//! set: the form of circuits, relays and most random problems, written as matrices or as expressions.
 
 use super::problem::View;
 use super::signal::Signal;
@@ -19,7 +19,8 @@ pub enum Shape {
     Polyhedron(Vec<Vec<f64>>, Vec<f64>),
 }
 
-/// Matrices, forcings and the set; its factors take the variables in order, each with their number.
+/// The matrices, forcing terms and set of a problem; the factors of the set take the variables in order, each with a
+/// count.
 #[derive(Clone, Debug, Default)]
 pub struct Linear {
     pub initial: Vec<f64>,
@@ -43,7 +44,7 @@ impl Linear {
         self.gap.len()
     }
 
-    /// As an `lcs`.
+    /// The problem as an `lcs`.
     pub fn as_matrices(&self, view: &View) -> Value {
         let scaled = |matrix: &[Vec<f64>], factor: f64| -> Vec<Vec<f64>> {
             matrix.iter().map(|row| row.iter().map(|entry| factor * entry).collect()).collect()
@@ -60,7 +61,7 @@ impl Linear {
         }})
     }
 
-    /// As a `dvi`.
+    /// The problem as a `dvi`.
     pub fn as_expressions(&self, view: &View) -> Value {
         let row = |signal: &Signal, factor: f64, x: &[f64], x_factor: f64, z: &[f64]| {
             let mut text = signal.expression(factor, view.time);

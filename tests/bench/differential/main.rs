@@ -1,7 +1,8 @@
-//! The differential fuzz: `cargo bench --bench differential` for 20,000 problems. `COUNT=500 SEED=7 KIND=circuit` before it say
-//! otherwise, `REFERENCE=1` compares all with an independent method, `SECONDS=3` is what each solve may take, `THREADS=2` solves
-//! problems side by side, `TELL=1` reports each finding as it comes, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications that
-//! `dvi solve` takes; without it they go to a temporary folder.
+//! The differential fuzz: `cargo bench --bench differential` for 20,000 problems. Environment variables change that:
+//! `COUNT=500 SEED=7 KIND=circuit` select problems, `REFERENCE=1` compares all of them with an independent method,
+//! `SECONDS=3` limits the time of each solve, `THREADS=2` solves problems in parallel, `TELL=1` reports each finding as
+//! it comes, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications for `dvi solve`;
+//! without it they go to a temporary folder.
 
 #[path = "mod.rs"]
 mod differential;

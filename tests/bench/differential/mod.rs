@@ -1,9 +1,9 @@
-//! The same problem solved in many ways must have the same answer.
+//! Differential testing: the solution of a problem must not depend on the way in which it is solved.
 //!
-//! Random problems of every kind are solved at two tolerances, with every number of stages, with outputs at the steps and
-//! between them, in other units, and to a later end; every tenth also by an independent method. Runs that disagree by more than
-//! a hundred tolerances, times the growth of small changes that is measured beside them, are wrong: in silence where their
-//! verdict trusts them, caught where it does not. What agrees and is not trusted is a false alarm.
+//! Random problems of every kind are solved at two tolerances, with every number of stages, with output at the steps
+//! and between them, in other units, and to a later end; every tenth problem also by an independent method. A run that
+//! disagrees by more than a hundred tolerances, times the measured growth of small perturbations, is wrong: silently if
+//! its verdict trusts it, caught otherwise. A correct run that is not trusted is a false alarm.
 
 mod experiment;
 mod failures;
@@ -28,26 +28,26 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::thread;
 use std::time::Duration;
 
-/// A number of random problems.
+/// A campaign of random problems.
 pub struct Campaign {
     pub count: u64,
-    /// Of the first problem; each has the next.
+    /// The seed of the first problem; each further problem has the next seed.
     pub seed: u64,
     pub kinds: Vec<Kind>,
-    /// Of each solve.
+    /// The time limit of each solve.
     pub time: Duration,
-    /// Every so many problems are compared with an independent method.
+    /// One problem out of this many is compared with an independent method.
     pub reference_every: u64,
-    /// Where specifications of wrong runs are written.
+    /// The folder for specifications of wrong runs.
     pub failures: Option<PathBuf>,
-    /// Whether every problem with a finding is told as it is met.
+    /// Whether each finding is reported as it comes.
     pub tells: bool,
-    /// Problems that are solved at once.
+    /// The number of problems solved in parallel.
     pub threads: usize,
 }
 
 impl Campaign {
-    /// Solves all problems, the kinds in turn.
+    /// Solves all problems, with the kinds taking turns.
     pub fn run(&self) -> Tally {
         let (failures, next) = (Failures::new(self.failures.clone()), AtomicU64::new(0));
         let mut tally = Tally::default();
@@ -58,7 +58,7 @@ impl Campaign {
         tally
     }
 
-    /// Takes one problem after the other while there are any.
+    /// Takes and solves problems until none is left.
     fn work(&self, next: &AtomicU64, failures: &Failures) -> Tally {
         let mut tally = Tally::default();
         loop {
@@ -72,7 +72,7 @@ impl Campaign {
             let reference = (k / self.kinds.len() as u64).is_multiple_of(self.reference_every);
             let mut experiment = experiment(problem.as_ref(), &Conditions { seed, time: self.time, reference });
             let mut judgement = judge(&experiment, problem.is_unique());
-            // Where runs disagree most of them may be wrong: an independent method decides, if there is one.
+            // If runs disagree, most of them may be wrong: an independent method decides, if there is one.
             if judgement.has_wrong_runs() && experiment.reference.is_none() {
                 experiment.reference = problem.reference(&[], &experiment.times);
                 judgement = judge(&experiment, problem.is_unique());

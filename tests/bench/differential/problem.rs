@@ -1,5 +1,5 @@
-//! A random problem: what it is called, how it is written in any units and from a slightly changed start, and what is known
-//! of its solution.
+//! A random problem: how it is written in any units and from perturbed initial values, and the known properties of its
+//! solution.
 
 use super::random::Random;
 use super::reference::Values;
@@ -47,14 +47,14 @@ impl Kind {
     }
 }
 
-/// How a problem is to be written.
+/// The units and the initial values in which a problem is written.
 #[derive(Clone, Debug)]
 pub struct View {
-    /// The unit of time, in that of the generator.
+    /// The unit of time, in the generator's unit.
     pub time: f64,
-    /// The unit of the states' size, in that of the generator: metres, or volts and amperes.
+    /// The unit of the states, in the generator's unit: metres, or volts and amperes.
     pub size: f64,
-    /// What is added to each state at the start, in the generator's units; nothing if empty.
+    /// The perturbation of each initial value, in the generator's units; none if empty.
     pub change: Vec<f64>,
 }
 
@@ -70,49 +70,49 @@ impl View {
     }
 }
 
-/// An output that is compared between runs.
+/// An output field that is compared between runs.
 #[derive(Clone, Debug)]
 pub struct Field {
     pub name: String,
-    /// The powers of the units of size and time in its own unit.
+    /// The powers of the units of size and of time in the unit of the field.
     pub size: i32,
     pub time: i32,
-    /// Whether events make it jump, so that it is not compared close to them.
+    /// Whether the field jumps at events, so that it is not compared close to them.
     pub jumps: bool,
 }
 
 impl Field {
-    /// One in the unit of size.
+    /// A field in the unit of size.
     pub fn sized(name: impl Into<String>) -> Self {
         Self { name: name.into(), size: 1, time: 0, jumps: false }
     }
 
-    /// A variable with memory: behind a switch it jumps, or has an infinite slope.
+    /// A variable of a problem with memory: after a switch it jumps, or has an infinite slope.
     pub fn switching(name: impl Into<String>) -> Self {
         Self { jumps: true, ..Self::sized(name) }
     }
 
-    /// A velocity, which jumps where there are impacts.
+    /// A velocity, which jumps at impacts.
     pub fn velocity(name: impl Into<String>) -> Self {
         Self { name: name.into(), size: 1, time: -1, jumps: true }
     }
 
-    /// Its unit in a view, in that of the generator.
+    /// The unit of the field in a view, in the generator's units.
     pub fn unit(&self, view: &View) -> f64 {
         view.size.powi(self.size) * view.time.powi(self.time)
     }
 }
 
-/// What a method can be asked for.
+/// The settings that control the accuracy of a method.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Way {
-    /// A tolerance and stages.
+    /// A tolerance and the number of stages.
     Stages,
     /// A tolerance alone.
     Tolerance,
-    /// A tolerance of the mean over time.
+    /// A tolerance on the mean over time.
     Mean,
-    /// A step.
+    /// A step size.
     Step(f64),
 }
 
@@ -121,36 +121,38 @@ pub trait Problem {
     /// The value of `problem` in a specification.
     fn document(&self, view: &View) -> Value;
 
-    /// What is compared: the states, or what there is to see of them.
+    /// The fields that are compared: the states, or functions of them.
     fn fields(&self) -> Vec<Field>;
 
-    /// The number of changes of the start that [`View::change`] takes, which belong to the first of the fields.
+    /// The number of initial values that [`View::change`] perturbs, which belong to the first fields.
     fn starts(&self) -> usize {
         self.fields().len()
     }
 
-    /// The end, long against the shortest time scale.
+    /// The end time, many times the shortest time scale.
     fn end(&self) -> f64;
 
     fn way(&self) -> Way;
 
-    /// The size of the smallest state that matters, of which the absolute tolerance is a part.
+    /// The scale of the smallest relevant state, from which the absolute tolerance is derived.
     fn smallest(&self) -> f64;
 
-    /// Whether theory says that the states are unique, whether or not `dvi` certifies it.
+    /// Whether the theory guarantees unique states, whether or not `dvi` certifies it.
     fn is_unique(&self) -> bool;
 
-    /// A bound on the growth of small changes of the start, in the norm in which the size of each field is one, from theory.
+    /// A theoretical bound on the growth of small perturbations, in the norm in which each field is divided by its
+    /// size.
     fn most_growth(&self, _sizes: &[f64]) -> f64 {
         f64::INFINITY
     }
 
-    /// Whether the start lies on a bound, so that changes of it must not be negative.
+    /// Whether the initial values lie on a bound, so that perturbations must not be negative.
     fn starts_on_bound(&self) -> bool {
         false
     }
 
-    /// The fields at `times` by an independent method, from a changed start; `None` if there is none, or it gives up.
+    /// The fields at `times` by an independent method, from perturbed initial values; `None` if there is none, or it
+    /// gives up.
     fn reference(&self, _change: &[f64], _times: &[f64]) -> Option<Values> {
         None
     }

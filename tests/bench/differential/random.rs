@@ -1,8 +1,8 @@
-//! Random numbers over orders of magnitude, the same for the same seed.
+//! Random numbers over orders of magnitude, reproducible from a seed.
 
 use fastrand::Rng;
 
-/// A seeded source.
+/// A seeded generator.
 #[derive(Clone, Debug)]
 pub struct Random(Rng);
 
@@ -16,12 +16,12 @@ impl Random {
         low + (high - low) * self.0.f64()
     }
 
-    /// Uniform in the logarithm.
+    /// Log-uniform in `[low, high)`.
     pub fn scale(&mut self, low: f64, high: f64) -> f64 {
         self.uniform(low.ln(), high.ln()).exp()
     }
 
-    /// A whole number from `low` to `high`, both included.
+    /// A uniform integer from `low` to `high`, both included.
     pub fn whole(&mut self, low: usize, high: usize) -> usize {
         self.0.usize(low..=high)
     }
@@ -39,7 +39,7 @@ impl Random {
         &from[self.whole(0, from.len() - 1)]
     }
 
-    /// Entries of the size of one.
+    /// A vector with entries of order one.
     pub fn vector(&mut self, n: usize) -> Vec<f64> {
         (0..n).map(|_| self.uniform(-1.0, 1.0)).collect()
     }

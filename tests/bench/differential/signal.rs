@@ -1,5 +1,5 @@
-//! Functions of time: a constant and sine waves. They can be written as expressions in any units, and a system driven by
-//! them is a linear system in more unknowns.
+//! Signals: functions of time that are a constant plus sine waves. They can be written as expressions in any units, and
+//! a linear system driven by them is an autonomous linear system in more unknowns.
 
 use super::random::Random;
 use std::fmt::Write;
@@ -12,7 +12,7 @@ pub struct Wave {
     pub phase: f64,
 }
 
-/// A constant and waves.
+/// A constant plus sine waves.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Signal {
     pub constant: f64,
@@ -24,7 +24,8 @@ impl Signal {
         Self { constant, waves: Vec::new() }
     }
 
-    /// Up to `most` waves about a constant, of sizes up to `size`; with two or more waves the frequencies may lie far apart.
+    /// Up to `most` waves and a constant, of magnitude up to `size`; the frequencies of several waves may lie far
+    /// apart.
     pub fn random(random: &mut Random, size: f64, omega: f64, most: usize) -> Self {
         let waves = (0..random.whole(0, most))
             .map(|k| Wave {
@@ -41,7 +42,7 @@ impl Signal {
         self.constant + self.waves.iter().map(wave).sum::<f64>()
     }
 
-    /// Adds `factor` times another.
+    /// Adds `factor` times another signal.
     pub fn add(&mut self, factor: f64, other: &Self) {
         self.constant += factor * other.constant;
         for wave in &other.waves {
@@ -53,7 +54,7 @@ impl Signal {
         }
     }
 
-    /// `factor` times it as an expression in a time counted in `unit`.
+    /// `factor` times the signal as an expression, with the time in units of `unit`.
     pub fn expression(&self, factor: f64, unit: f64) -> String {
         let mut text = format!("{:?}", factor * self.constant);
         for Wave { amplitude, omega, phase } in &self.waves {

@@ -1,4 +1,4 @@
-//! One solve of a specification under a deadline, and what came of it in the generator's units.
+//! One solve of a specification under a deadline, and its outcome in the generator's units.
 
 use super::problem::{Field, View};
 use dvi::analysis::Uniqueness;
@@ -10,34 +10,34 @@ use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The stack of the threads on which the service solves.
+/// The stack size of the solver threads, in bytes.
 const STACK_BYTES: usize = 2 << 20;
-/// By how much a solve may be later than its deadline before it counts as never ending.
+/// The time after the deadline from which a solve counts as hung.
 const LATE: Duration = Duration::from_secs(20);
 
-/// How a solve ended.
+/// The outcome of a solve.
 #[derive(Clone, Debug)]
 pub enum Outcome {
-    /// The specification was refused, with this code.
+    /// The specification was rejected, with this code.
     Refused(String),
     Panicked,
-    /// It was not tried, because others of the problem had taken too long.
+    /// The run was skipped, since other runs of the problem had exceeded the time limit.
     Skipped,
-    /// It went on after its deadline.
+    /// The solve did not heed its deadline.
     Hung,
-    /// It ended early, with this code.
+    /// A limit stopped the solve, with this code.
     Stopped(String),
     Failed(String),
     Answered(Answer),
 }
 
-/// A run that reached its end.
+/// A run that reached its end time.
 #[derive(Clone, Debug)]
 pub struct Answer {
     pub t: Vec<f64>,
-    /// The fields in the generator's units.
+    /// The fields, in the generator's units.
     pub columns: Vec<Vec<f64>>,
-    /// The times of events, in those units.
+    /// The times of events, in the generator's units.
     pub events: Vec<f64>,
     pub trusted: bool,
     pub because: Vec<CheckCode>,
@@ -54,7 +54,7 @@ pub fn solve(specification: &Value, fields: &[Field], view: &View, time: Duratio
             Err(errors) => Err(errors.iter().map(|error| error.code.to_string()).collect::<Vec<_>>().join(" ")),
             Ok(specification) => Ok(dvi::solve(&specification, &Control::with_deadline(Instant::now() + time))),
         };
-        // Whoever waited too long is gone.
+        // Fails if the receiver has given up.
         let _ = send.send(solved);
     };
     thread::Builder::new().stack_size(STACK_BYTES).spawn(solving).expect("a thread");

@@ -1,4 +1,4 @@
-//! The table of a campaign: of each kind how many problems there were, how many are counted apart, and what became of their runs.
+//! The table of a campaign: for each kind, the numbers of problems, of those not judged, and of runs by judgement.
 
 use super::experiment::Experiment;
 use super::judgement::{Apart, Finding, Judgement};
@@ -7,29 +7,29 @@ use super::solving::Outcome;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::{Display, Formatter, Result, Write};
 
-/// Counts by kind, and the seeds of what is wrong.
+/// Counts by kind, and the seeds of problems with wrong runs.
 #[derive(Clone, Debug, Default)]
 pub struct Tally {
     problems: BTreeMap<Kind, u64>,
     apart: BTreeMap<(Kind, Apart), u64>,
     runs: BTreeMap<(Kind, Finding), u64>,
-    /// Problems with a run of this finding.
+    /// The problems that have a run with this judgement.
     seeds: BTreeMap<(Kind, Finding), BTreeSet<u64>>,
     references: BTreeMap<Kind, u64>,
-    /// Problems on which the independent method stands against all runs.
+    /// The problems on which the independent method disagrees with all runs.
     alone: BTreeSet<(Kind, u64)>,
-    /// The words for why right answers were not trusted, and runs failed or were refused.
+    /// The codes for which correct runs were not trusted, and runs failed or were rejected.
     reasons: BTreeMap<(Finding, String), u64>,
 }
 
 impl Tally {
-    /// Takes in a problem; gives a line about what is wrong with it, if anything.
+    /// Counts a problem; returns a line about its wrong runs, if there are any.
     pub fn add(&mut self, kind: Kind, seed: u64, experiment: &Experiment, judgement: &Judgement) -> String {
         *self.problems.entry(kind).or_default() += 1;
         *self.references.entry(kind).or_default() += u64::from(judgement.by_reference);
         let mut line = String::new();
         for (run, (finding, far)) in experiment.runs.iter().zip(&judgement.findings) {
-            // A panic or a number that is not finite is wrong whatever the problem.
+            // Panics and values that are not finite are wrong for any problem.
             let always =
                 matches!(finding, Finding::Panicked | Finding::NotFinite | Finding::Refused | Finding::TimedOut);
             if judgement.apart.is_some() && !always {
@@ -64,7 +64,7 @@ impl Tally {
         format!("{} {seed}: kappa {:.1e}{by}{line}", kind.name(), experiment.kappa)
     }
 
-    /// Takes in another table.
+    /// Adds the counts of another table.
     pub fn merge(&mut self, other: Self) {
         fn add<K: Ord>(to: &mut BTreeMap<K, u64>, from: BTreeMap<K, u64>) {
             from.into_iter().for_each(|(key, count)| *to.entry(key).or_default() += count);
@@ -78,17 +78,17 @@ impl Tally {
         self.alone.extend(other.alone);
     }
 
-    /// The runs with a finding, of all kinds.
+    /// The number of runs with a judgement, of all kinds.
     pub fn runs(&self, finding: Finding) -> u64 {
         self.runs.iter().filter(|((_, other), _)| *other == finding).map(|(_, count)| count).sum()
     }
 
-    /// Problems that are wrong in silence.
+    /// The number of problems with silently wrong runs.
     pub fn silent(&self) -> usize {
         self.silent_of(&Kind::ALL)
     }
 
-    /// The same of these kinds.
+    /// The number of problems of these kinds with silently wrong runs.
     pub fn silent_of(&self, kinds: &[Kind]) -> usize {
         kinds.iter().filter_map(|kind| self.seeds.get(&(*kind, Finding::Silent))).map(BTreeSet::len).sum()
     }
@@ -101,19 +101,19 @@ impl Tally {
         self.runs(Finding::NotFinite)
     }
 
-    /// The part of right answers that is not trusted.
+    /// The fraction of correct runs that are not trusted.
     pub fn false_alarms(&self) -> f64 {
         self.false_alarms_of(&Kind::ALL)
     }
 
-    /// The same of these kinds.
+    /// The fraction of correct runs of these kinds that are not trusted.
     pub fn false_alarms_of(&self, kinds: &[Kind]) -> f64 {
         let runs = |finding| kinds.iter().filter_map(|kind| self.runs.get(&(*kind, finding))).sum::<u64>() as f64;
         let (alarms, right) = (runs(Finding::FalseAlarm), runs(Finding::Right));
         if alarms == 0.0 { 0.0 } else { alarms / (alarms + right) }
     }
 
-    /// The part of all problems that is counted apart.
+    /// The fraction of problems that are not judged.
     pub fn apart(&self) -> f64 {
         let apart: u64 = self.apart.values().sum();
         apart as f64 / self.problems.values().sum::<u64>().max(1) as f64

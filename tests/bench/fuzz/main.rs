@@ -1,10 +1,11 @@
-//! Specifications that nobody would write: `cargo bench --bench fuzz` for ten minutes; `SECONDS=60 COUNT=100000 SEED=7` before it
-//! say otherwise, whichever comes first. And a million [`messages`] between the service and its workers, or `MESSAGES=1000`.
+//! Fuzzing of specifications: `cargo bench --bench fuzz` for ten minutes; `SECONDS=60 COUNT=100000 SEED=7` set other
+//! limits, of which the first to be reached applies. Also a million [`messages`] between the service and its workers,
+//! or `MESSAGES=1000`.
 //!
-//! The examples are changed by [`mutation`] and read. A change whose errors have not been seen before is kept and changed
-//! further, so that errors behind errors are reached. What is correct is solved for a moment. A reading that panics, or takes
-//! longer or more memory than a document of its size may, ends the search; the document stands in the file that is named, as
-//! it does after an overflow of the stack, from which nothing returns.
+//! The examples are changed by [`mutation`] and parsed. A document with errors not seen before is kept and changed
+//! further, so that errors behind errors are reached. Correct documents are solved for a short time. The search ends if
+//! parsing panics, or takes more time or memory than a document of its size may; the document is left in the named
+//! file, also after a stack overflow, which ends the process.
 
 mod messages;
 mod mutation;
@@ -19,18 +20,18 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// That of the threads on which the service reads.
+/// The stack size of the threads on which the service parses documents, in bytes.
 const STACK_BYTES: usize = 2 << 20;
-/// What reading may take, on its processor, beside a time for each byte.
+/// The CPU time that parsing may take, in addition to a time for each byte.
 const READING: Duration = Duration::from_secs(1);
 const READING_A_BYTE: Duration = Duration::from_micros(20);
-/// The memory that reading may take, beside some for each byte.
+/// The memory that parsing may take in bytes, in addition to some for each byte of the document.
 const MEMORY: u64 = 256 << 20;
 const MEMORY_A_BYTE: u64 = 4096;
-/// The time that a solve is given, and by which it may be late.
+/// The time limit of a solve, and the time by which a solve may exceed it.
 const SOLVE: Duration = Duration::from_millis(20);
 const LATE: Duration = Duration::from_secs(5);
-/// A larger document is not kept: it only slows the search down.
+/// The size of the largest document that is kept, in bytes: larger ones slow the search down.
 const LARGEST: usize = 16 << 10;
 
 fn main() {
@@ -49,7 +50,7 @@ fn main() {
 }
 
 fn search(time: Duration, count: u64, seed: u64, current: &Path) {
-    // Those that are correct, and those with errors.
+    // Correct documents, and documents with errors.
     let mut corpus = [examples(), Vec::new()];
     let mut mutation = Mutation::new(seed, &corpus[0]);
     let mut seen: HashSet<String> = HashSet::new();
@@ -90,18 +91,18 @@ fn search(time: Duration, count: u64, seed: u64, current: &Path) {
         }
     }
     println!("{read} read, {correct} correct and solved; no panic");
-    // It is in the temporary folder, where it may stay if it must.
+    // If it cannot be removed, it stays in the temporary folder.
     let _ = fs::remove_file(current);
 }
 
-/// What came of a document.
+/// The outcome of a document.
 struct Outcome {
     is_correct: bool,
-    /// Words by which it is told from others.
+    /// Words that characterise the outcome.
     marks: Vec<String>,
 }
 
-/// What came of a document; the time of the processor and the memory that reading it took.
+/// The outcome of a document, and the CPU time and the memory that parsing it took.
 fn attempt(document: &[u8]) -> (Outcome, Duration, u64) {
     let (mut read, start) = (None, processor_time());
     let memory = measure(|| read = Some(Specification::from_json(document)));
@@ -113,7 +114,7 @@ fn attempt(document: &[u8]) -> (Outcome, Duration, u64) {
     (outcome, spent, memory.bytes_max)
 }
 
-/// The place without its names and numbers, of which there is no end.
+/// The pointer and the code of an error, without names and numbers, of which there are too many.
 fn place_and_code(SpecificationError { pointer, code, .. }: &SpecificationError) -> String {
     let words = pointer.split('/').filter(|word| word.len() > 2 && word.bytes().all(|byte| byte.is_ascii_lowercase()));
     format!("{} {code}", words.collect::<Vec<_>>().join("/"))
@@ -127,7 +128,7 @@ fn solve(specification: &Specification) -> String {
     format!("{} {:?} {steps:?} {:?}", specification.problem(), solution.status, solution.error.map(|error| error.code))
 }
 
-/// That of this thread.
+/// The CPU time of this thread.
 fn processor_time() -> Duration {
     let figures = fs::read_to_string("/proc/thread-self/schedstat").expect("Linux");
     let nanoseconds = figures.split(' ').next().and_then(|figure| figure.parse().ok());

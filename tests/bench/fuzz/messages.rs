@@ -1,5 +1,6 @@
-//! Messages between the front and a worker that neither would send: orders to a worker, reports to the front. Whoever gets one
-//! refuses it, ends the task or passes it over; nobody panics, waits for ever, or takes the memory that a length declares.
+//! Fuzzing of the messages between the front and a worker: invalid orders to a worker, and invalid reports to the
+//! front. The receiver refuses a message, ends the task or ignores the message; it must not panic, hang, or allocate
+//! the memory that a declared length asks for.
 
 use super::mutation::Mutation;
 use dvi::problem::Control;
@@ -18,25 +19,25 @@ use tokio::time::timeout;
 
 const DOCUMENT: &[u8] = br#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
 
-/// Messages in one conversation.
+/// The number of messages in one conversation.
 const TALK: usize = 12;
 
-/// What a task may take, so that a length which is believed is noticed.
+/// The limits of a task, low enough to notice an allocation of a declared length.
 const LIMITS: Limits = Limits { steps: 100, memory: 16 << 20, wall_seconds: Some(2.0), result_bytes: 1 << 20 };
 
 /// Longer than any conversation takes.
-const PATIENCE: Duration = Duration::from_secs(30);
+const TIMEOUT: Duration = Duration::from_secs(30);
 
-/// What was met.
+/// The outcomes of all conversations.
 #[derive(Debug, Default)]
 pub struct Met {
     pub orders: u64,
     pub reports: u64,
-    /// Reports on which the front acted to the end of a task.
+    /// The number of reports with which the front completed a task.
     pub finished: u64,
 }
 
-/// Sends so many messages, half to a worker and half to the front.
+/// Sends `count` messages, half to a worker and half to the front.
 pub fn meet(count: u64, seed: u64) -> Met {
     let mut met = Met::default();
     let (orders, reports) = (orders(), reports());
@@ -47,7 +48,7 @@ pub fn meet(count: u64, seed: u64) -> Met {
     while met.orders + met.reports < count {
         let talk = talk(&mut mutation, &orders);
         let to_worker = io::Cursor::new(talk);
-        // What it says of a message that is none is no matter, as long as it comes back.
+        // The result is ignored: the worker only has to return.
         let _ = serve(to_worker, said.clone(), Arc::new(dvi::solve), Confinement::default());
         assert!(!said.1.load(Relaxed), "the solver panicked over an order");
         said.0.lock().expect("a lock").clear();
@@ -59,7 +60,7 @@ pub fn meet(count: u64, seed: u64) -> Met {
     met
 }
 
-/// Frames, some of them cut or with other lengths.
+/// Frames, some of them cut or with wrong lengths.
 fn talk(mutation: &mut Mutation, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     let mut talk = Vec::new();
     for _ in 0..TALK {
@@ -80,7 +81,7 @@ fn talk(mutation: &mut Mutation, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     talk
 }
 
-/// The same, after a beginning as it should be.
+/// Frames as above, after a valid beginning.
 fn talk_of_worker(mutation: &mut Mutation, reports: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
     let mut begun = Vec::new();
     for report in &reports[0][..if mutation.below(8) == 0 { 0 } else { 2 }] {
@@ -91,13 +92,14 @@ fn talk_of_worker(mutation: &mut Mutation, reports: &[Vec<Vec<u8>>; 2]) -> Vec<u
     begun
 }
 
-/// Has the front give a task to a worker that says this, whatever it is told. True if the task came to an end.
+/// Has the front give a task to a worker that sends `talk` regardless of its orders. Returns whether the task was
+/// completed.
 async fn listen(talk: Vec<u8>) -> bool {
     let launches = AtomicU64::new(0);
     let talk = Arc::new(talk);
     let launcher = Arc::new(move || {
         let ((mut input, orders), (reports, mut output)) = (io::pipe()?, io::pipe()?);
-        // One that dies before it has its task is replaced, by one that does as it should.
+        // A worker that dies before it has received its task is replaced by one that behaves correctly.
         let (is_first, says) = (launches.fetch_add(1, Relaxed) == 0, Arc::clone(&talk));
         thread::spawn(move || {
             if !is_first {
@@ -110,7 +112,7 @@ async fn listen(talk: Vec<u8>) -> bool {
         Ok(Start { orders: orders.into(), reports: reports.into(), process: None })
     });
     let mut supervisor = Supervisor::new(launcher, u64::MAX, Arc::new(|_: Event<'_>| {}));
-    if timeout(PATIENCE, supervisor.start()).await.expect("an end").is_err() {
+    if timeout(TIMEOUT, supervisor.start()).await.expect("an end").is_err() {
         return false;
     }
     let (control, halted, origin) = (Control::new(), Notify::new(), Origin::default());
@@ -125,8 +127,8 @@ async fn listen(talk: Vec<u8>) -> bool {
         yields: false,
         slice: None,
     };
-    let finished = timeout(PATIENCE, supervisor.perform(task)).await.expect("an end");
-    // No worker can have the front keep much more than a result may have.
+    let finished = timeout(TIMEOUT, supervisor.perform(task)).await.expect("an end");
+    // A worker cannot make the front keep much more than the size limit of a result.
     assert!(long.len() <= 8 * LIMITS.result_bytes, "{} bytes were kept", long.len());
     if let Ok(Finished::Solved(_, Left::Text(json))) = &finished {
         assert!(json.len() <= 2 * LIMITS.result_bytes, "{} bytes were gathered", json.len());
@@ -145,7 +147,7 @@ fn orders() -> Vec<Vec<u8>> {
     orders.iter().map(|order| serde_json::to_vec(order).expect("an order")).collect()
 }
 
-/// What a worker says of a solve, a check, a refusal and a panic: ready and taken first.
+/// The reports of a worker on a solve, a check, a rejection and a panic, each after `Ready` and `Taken`.
 fn reports() -> Vec<Vec<u8>> {
     let mut orders = Vec::new();
     let order = |task, solve| {
@@ -161,7 +163,7 @@ fn reports() -> Vec<Vec<u8>> {
     }
     let said = Said::default();
     serve(io::Cursor::new(orders), said.clone(), Arc::new(dvi::solve), Confinement::default()).expect("a worker");
-    // The thread that solves may still be at it.
+    // The solver thread may still be busy.
     thread::sleep(Duration::from_millis(200));
     let said = said.0.lock().expect("a lock").clone();
     let (mut said, mut reports) = (said.as_slice(), Vec::new());
@@ -177,13 +179,13 @@ fn reports() -> Vec<Vec<u8>> {
     reports
 }
 
-/// What a worker has said, and whether it said that its solver panicked.
+/// The output of a worker, and whether it reported a panic of its solver.
 #[derive(Clone, Default)]
 struct Said(Arc<Mutex<Vec<u8>>>, Arc<AtomicBool>);
 
 impl Write for Said {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        // A frame comes in one piece, with the two lengths before its message.
+        // A frame is written in one piece, with two lengths of four bytes before the message.
         self.1.fetch_or(bytes.get(8..).is_some_and(|message| message.starts_with(b"{\"defect\"")), Relaxed);
         self.0.lock().expect("a lock").extend_from_slice(bytes);
         Ok(bytes.len())

@@ -1,28 +1,28 @@
-//! Changes of a document: of its bytes, of its structure, of its expressions.
+//! Mutations of a document: of its bytes, its structure, and its expressions.
 
 use serde_json::{Map, Value, json};
 
-/// Words of the grammar of expressions, and numbers at their limits.
+/// Tokens of the expression grammar, and extreme numbers.
 const WORDS: &[&str] = &[
     "+", "-", "*", "/", "^", "(", ")", ",", "x", "t", "pi", "e", "0", "1", "1e308", "1e-308", "-1", "0.5", "2", "sin(",
     "exp(", "log(", "sqrt(", "abs(", "max(", "min(", "atan2(", "pow(", "tanh(", "<", ">", "==", "if(", "sign(",
     "step(", " ", "x^x^x", "1/0", "0/0",
 ];
 
-/// Numbers that are seldom thought of.
+/// Numbers that are often overlooked.
 const NUMBERS: &[f64] =
     &[0.0, -0.0, 1.0, -1.0, 2.0, 0.5, 1e-9, 1e9, 1e17, -1e300, 1e308, 5e-324, 4_294_967_296.0, 9e15, 255.0, 1000.0];
 
-/// A source of changes, the same for the same seed.
+/// A source of mutations, reproducible from a seed.
 pub struct Mutation {
     state: u64,
-    /// Keys and values of the examples.
+    /// The keys and the values found in the examples.
     keys: Vec<String>,
     values: Vec<Value>,
 }
 
 impl Mutation {
-    /// Changes from `seed`, in the words of `corpus`.
+    /// A source seeded by `seed`, with the keys and values of `corpus`.
     pub fn new(seed: u64, corpus: &[Vec<u8>]) -> Self {
         let mut mutation = Self { state: seed, keys: Vec::new(), values: Vec::new() };
         for document in corpus.iter().filter_map(|document| serde_json::from_slice(document).ok()) {
@@ -45,7 +45,7 @@ impl Mutation {
         self.values.push(value);
     }
 
-    /// A document with some changes, more often one of the first corpus than one of the second.
+    /// A mutated document, more often from the first corpus than from the second.
     pub fn change(&mut self, corpus: &[Vec<Vec<u8>>; 2]) -> Vec<u8> {
         let rare = usize::from(self.below(4) == 0 && !corpus[1].is_empty());
         let mut document = corpus[rare][self.below(corpus[rare].len())].clone();
@@ -64,7 +64,7 @@ impl Mutation {
         document
     }
 
-    /// Changes the value at this place, counted depth first.
+    /// Changes the value at index `place`, counted depth first.
     fn change_at(&mut self, value: &mut Value, place: &mut usize) {
         if *place == 0 {
             *value = self.changed(value.take());
@@ -165,7 +165,7 @@ impl Mutation {
         }
     }
 
-    /// One that stands somewhere in an example, or a scalar.
+    /// A value that occurs in an example, or a scalar.
     fn value(&mut self) -> Value {
         match self.below(3) {
             0 => self.scalar(),
@@ -221,7 +221,7 @@ impl Mutation {
     }
 }
 
-/// How many values a value holds, itself among them.
+/// The number of values in a value, itself included.
 fn places(value: &Value) -> usize {
     1 + match value {
         Value::Object(map) => map.values().map(places).sum(),

@@ -1,12 +1,12 @@
-//! Which bodies may touch: pairs of bounding boxes that overlap, by sweeping along one axis.
+//! Broad phase of collision detection: pairs of overlapping bounding boxes, by sweep and prune along one axis.
 //!
-//! The boxes are kept in the order of the last step, in which few have changed places, so that sorting is linear; the axis
-//! is the one along which the centres spread most.
+//! The order of the boxes is kept from the last step; few boxes change places, so that sorting takes linear time. The
+//! sweep axis is that of largest variance of the centres.
 
 use nalgebra::Vector3;
 use problem::{Control, Interrupted};
 
-/// The sweep, with its order kept between steps.
+/// Sweep and prune, with the order of bodies kept between steps.
 #[derive(Clone, Debug, Default)]
 pub struct BroadPhase {
     order: Vec<u32>,
@@ -21,15 +21,16 @@ struct Bounds {
     upper: Vector3<f64>,
 }
 
-/// Bodies between two looks at whether to stop.
+/// Bodies processed between two polls of [`Control`].
 const AT_ONCE: usize = 1 << 6;
 
 impl BroadPhase {
-    /// Hands the pairs `(i, j)`, `i < j`, whose boxes overlap to `found`, until that fails; `bounds(i)` is the least and the
-    /// greatest corner of body `i`, and pairs of which neither moves are left out.
+    /// Passes the pairs `(i, j)`, `i < j`, with overlapping boxes to `found`, until `found` returns an error.
+    /// `bounds(i)` are the lower and the upper corner of the box of body `i`; pairs of two bodies that do not move are
+    /// skipped.
     ///
     /// # Errors
-    /// That of `found`, or `control` asks to stop.
+    /// The error of `found`, or an interruption if `control` asks to stop.
     pub fn sweep<E: From<Interrupted>>(
         &mut self,
         bodies: usize,

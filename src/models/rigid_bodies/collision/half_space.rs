@@ -1,8 +1,8 @@
-//! A half space `n . x <= 0` against a convex body: the lowest points of the body, at their heights over the plane.
+//! A half space `n . x <= 0` against a convex body: the lowest points of the body, with their heights above the plane.
 //!
-//! A polyhedron has its vertices, a sphere and the caps of a capsule one point each. A cylinder has on each of its rims
-//! the lowest point and, where the axis stands upright to within the flatness of the margin, the three others at right
-//! angles to it, on which it then stands.
+//! Candidates are the vertices of a polyhedron, one point of a sphere or of each cap of a capsule, and four points on
+//! each rim of a cylinder: the lowest point and the three points at right angles to it, which are within the margin if
+//! the axis is nearly upright.
 
 use super::ContactPoint;
 use crate::rigid_bodies::shape::Shape;
@@ -16,7 +16,7 @@ pub(super) fn contacts(
 ) {
     let n = at_plane.rotation * normal;
     let origin = at_plane.translation.vector;
-    // From a point of the core of the body, `radius` inside its surface.
+    // Adds the lowest point of a ball with the given radius about a core point of the body.
     let mut lowest = |core: Vector3<f64>, radius: f64, id: u32| {
         let gap = n.dot(&(core - origin)) - radius;
         if gap <= margin {
@@ -48,7 +48,7 @@ pub(super) fn contacts(
                 lowest(at.rotation * vertex + centre, 0.0, k as u32);
             }
         }
-        // Neither moves: there is nothing to be found.
+        // Neither body moves: no contacts.
         Shape::HalfSpace { .. } | Shape::Mesh(_) => {}
     }
 }

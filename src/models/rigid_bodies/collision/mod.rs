@@ -1,10 +1,11 @@
-//! Where two bodies touch or are about to: the points of their contact with gap, normal and an identity that persists, so
-//! that impulses of the last step can be found again.
+//! Contact points of two bodies that touch or are close, with gap, normal and a persistent identity, by which impulses
+//! of the last step are found for warm starts.
 //!
-//! A gap decides whether a body sinks, and a normal where its weight goes, so both are closed forms wherever there is
-//! one: planes with everything, spheres with everything but meshes, capsules with capsules, and convex polyhedra with each
-//! other by separating axes. The rest (cylinders and capsules against polyhedra, meshes) is left to the collision
-//! library, whose normals are worth about half of the digits where bodies touch.
+//! Errors of gaps make bodies sink, and errors of normals misdirect contact forces. Both are therefore computed in
+//! closed form wherever possible: planes with all shapes, spheres with all shapes except meshes, capsules with
+//! capsules, and convex polyhedra with each other by separating axes. All other pairs (cylinders and capsules against
+//! polyhedra, meshes) are left to the collision library, whose normals have about half of the digits for touching
+//! bodies.
 
 mod broad_phase;
 mod half_space;
@@ -21,28 +22,28 @@ use super::shape::Shape;
 use nalgebra::{Isometry3, Vector3};
 use parry3d_f64::shape::SharedShape;
 
-/// One point of contact between a first and a second body.
+/// A contact point between a first and a second body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactPoint {
-    /// Midway between the two surfaces, in the world, in metres.
+    /// The midpoint between both surfaces, in world coordinates, in metres.
     pub position: Vector3<f64>,
-    /// Unit normal, from the first body to the second.
+    /// The unit normal from the first body to the second.
     pub normal: Vector3<f64>,
-    /// The distance of the surfaces along the normal, negative where they overlap.
+    /// The distance of the surfaces along the normal, negative for penetration.
     pub gap: f64,
-    /// Tells the points of one pair of bodies apart, and stays the same while the same features touch. The pair of their parts
-    /// is above the lower half.
+    /// The identity of the point within a pair of bodies, constant while the same features are in contact. The upper 32
+    /// bits identify the pair of parts.
     pub id: u64,
 }
 
 impl ContactPoint {
-    /// The same contact with the bodies exchanged.
+    /// The contact point with the bodies exchanged.
     fn flipped(self) -> Self {
         Self { normal: -self.normal, ..self }
     }
 }
 
-/// What of a body touches others: one shape or several, ready for queries.
+/// The collision geometry of a body: one or several shapes, prepared for queries.
 #[derive(Clone, Debug)]
 pub struct Collider {
     parts: Vec<Part>,
@@ -53,9 +54,9 @@ pub struct Collider {
 #[derive(Clone, Debug)]
 struct Part {
     shape: Shape,
-    /// The same for the library; none for a half space.
+    /// The shape in the collision library; `None` for a half space.
     library: Option<SharedShape>,
-    /// Its frame in that of the body; none where both are the same.
+    /// The pose of the shape in the frame of the body; `None` for the identity.
     place: Option<Isometry3<f64>>,
 }
 
@@ -71,7 +72,7 @@ impl Collider {
         Self::of_parts(vec![(shape, Isometry3::identity())])
     }
 
-    /// Prepares shapes at their places in the frame of the body.
+    /// Prepares shapes with poses in the frame of the body.
     pub fn of_parts(parts: Vec<(Shape, Isometry3<f64>)>) -> Self {
         let far = |(shape, place): &(Shape, Isometry3<f64>)| place.translation.vector.norm() + shape.reach();
         let reach = parts.iter().map(far).fold(0.0, f64::max);
@@ -83,13 +84,13 @@ impl Collider {
         Self { parts: parts.into_iter().map(part).collect(), reach }
     }
 
-    /// The largest distance of its points from the origin of the frame of the body, or more where it has parts; infinite for a half
-    /// space.
+    /// The largest distance of a point from the origin of the frame of the body (an upper bound for several parts);
+    /// infinite for a half space.
     pub fn reach(&self) -> f64 {
         self.reach
     }
 
-    /// The least and the greatest corner of its bounding box in the world.
+    /// The lower and the upper corner of the axis-aligned bounding box in the world.
     pub fn bounds(&self, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let mut bounds = self.parts.iter().map(|part| part.shape.bounds(&part.pose(pose)));
         let first = bounds.next().unwrap_or((pose.translation.vector, pose.translation.vector));
@@ -97,7 +98,7 @@ impl Collider {
     }
 }
 
-/// Adds the points of two bodies whose gap is at most `margin`, which is above zero.
+/// Appends the contact points of two bodies with gaps of at most `margin >= 0`.
 pub fn contacts(
     (first, at_first): (&Collider, &Isometry3<f64>),
     (second, at_second): (&Collider, &Isometry3<f64>),
@@ -156,7 +157,7 @@ fn contacts_of_parts(
     }
 }
 
-/// The order in which shapes take the first place.
+/// The rank of a shape; in a pair, the shape of lower rank comes first.
 fn rank(shape: &Shape) -> u8 {
     match shape {
         Shape::HalfSpace { .. } => 0,

@@ -1,20 +1,20 @@
 //! Two convex polyhedra, by separating axes.
 //!
-//! The axis of greatest separation is a face normal of one, or the cross product of two edges whose arcs on the unit
-//! sphere of normals cross (Gregorius 2013, *The separating axis test between convex polyhedra*). For a face axis the
-//! opposing face of the other is clipped against the sides of the first (Sutherland and Hodgman 1974), which gives the
-//! corners of the patch in which they touch; for an edge axis there is one point. A face is preferred to an edge pair
-//! that separates no better than by rounding, so that resting contacts keep their patch.
+//! The axis of largest separation is a face normal, or the cross product of two edges whose arcs on the unit sphere of
+//! normals intersect (Gregorius 2013, *The separating axis test between convex polyhedra*). For a face axis, the
+//! opposing face of the other polyhedron is clipped against the sides of the first face (Sutherland and Hodgman 1974),
+//! which gives the corners of the contact patch; an edge axis gives one point. A face is preferred to an edge pair
+//! unless the edge separation is larger by more than rounding, so that resting contacts keep their patch.
 
 use super::ContactPoint;
 use crate::rigid_bodies::polyhedron::{Face, Polyhedron};
 use nalgebra::{Isometry3, Vector3};
 
-/// What counts as rounding against the size of the bodies.
+/// Rounding tolerance, relative to the size of the bodies.
 const ROUNDING: f64 = 1e-10;
 
-/// Adds the points of contact; false where the bodies are near but their nearest features are neither a face nor two
-/// edges that cross.
+/// Appends the contact points. Returns false if the bodies are closer than the margin but their closest features are
+/// neither a face nor two crossing edges.
 pub(super) fn contacts(
     (a, at_a): (&Polyhedron, &Isometry3<f64>),
     (b, at_b): (&Polyhedron, &Isometry3<f64>),
@@ -40,7 +40,8 @@ pub(super) fn contacts(
     }
     let start = points.len();
     let normals = (a.faces[face_a].normal, b_in_a.rotation * b.faces[face_b].normal);
-    // Two edges that are parallel and meet, as at the ridge of two cards: the normals of both faces are normals there.
+    // Two parallel edges in contact, as at the ridge of two leaning cards: the normals of both faces are contact
+    // normals.
     let is_ridge = (by_a - by_b).abs() <= RIDGE * size && normals.0.dot(&normals.1) > -FLAT;
     let takes_a = by_a >= by_b - ROUNDING * size;
     if takes_a || is_ridge {
@@ -56,17 +57,18 @@ pub(super) fn contacts(
     points.len() > start
 }
 
-/// Faces whose separations differ by less, in parts of the bodies, are both taken where two edges meet: twice the overlap
-/// that bodies at rest are left with.
+/// Difference of face separations, relative to the size of the bodies, below which both faces are used for parallel
+/// edges in contact: twice the penetration tolerance of bodies at rest.
 const RIDGE: f64 = 1e-6;
 
-/// The cosine of faces that lie on each other.
+/// The cosine of the angle below which opposing faces count as parallel.
 const FLAT: f64 = 0.999;
 
-/// Marks the points that lie on a face of the second body.
+/// Identity bit of points on a face of the second body.
 const OTHER_FACE: u64 = 1 << 31;
 
-/// The face of `a` over which `b` lies highest, and how high; `b_in_a` is the pose of `b` in the frame of `a`.
+/// The face of `a` of largest separation from `b`, with the separation; `b_in_a` is the pose of `b` in the frame of
+/// `a`.
 fn best_face(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> (f64, usize) {
     let mut best = (f64::NEG_INFINITY, 0);
     for (k, face) in a.faces.iter().enumerate() {
@@ -80,14 +82,14 @@ fn best_face(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> (f64, u
     best
 }
 
-/// Two edges, in the frame of the first body, with the axis that they span.
+/// A pair of edges and their separating axis, in the frame of the first body.
 struct EdgePair {
     separation: f64,
     axis: Vector3<f64>,
     edges: (usize, usize),
 }
 
-/// The pair of edges of greatest separation among those that make a face of the Minkowski difference.
+/// The pair of edges of largest separation among those that form a face of the Minkowski difference.
 fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option<EdgePair> {
     let mut best: Option<EdgePair> = None;
     for (j, edge_b) in b.edges.iter().enumerate() {
@@ -98,7 +100,8 @@ fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option
             let [m1, m2] = edge_a.faces.map(|f| a.faces[f].normal);
             let arc_a = m2.cross(&m1);
             let (c1, c2, d1, d2) = (n1.dot(&arc_a), n2.dot(&arc_a), m1.dot(&arc_b), m2.dot(&arc_b));
-            // Arcs cross if each has its ends on both sides of the other and both lie on one half of the sphere.
+            // Arcs intersect if the ends of each are on both sides of the other and both arcs are in the same
+            // hemisphere.
             if c1 * c2 >= 0.0 || d1 * d2 >= 0.0 || c1 * d2 <= 0.0 {
                 continue;
             }
@@ -117,7 +120,7 @@ fn best_edges(a: &Polyhedron, b: &Polyhedron, b_in_a: &Isometry3<f64>) -> Option
 }
 
 impl EdgePair {
-    /// Adds the point where the edges come nearest; false if that is past an end.
+    /// Appends the midpoint of the closest points of both edges; returns false if one of them is beyond an end.
     fn point(
         &self,
         a: &Polyhedron,
@@ -150,14 +153,15 @@ impl EdgePair {
     }
 }
 
-/// A corner of the clipped face, with what made it.
+/// A corner of the clipped face, with its identity.
 #[derive(Clone, Copy)]
 struct Corner {
     at: Vector3<f64>,
     id: u32,
 }
 
-/// Clips the face of `b` that most opposes a face of `a` against the sides of that, and adds the corners that are left.
+/// Clips the face of `b` most opposed to the given face of `a` against the sides of that face, and appends the
+/// remaining corners.
 fn clip(
     (a, face, at_a): (&Polyhedron, usize, &Isometry3<f64>),
     (b, at_b): (&Polyhedron, &Isometry3<f64>),
@@ -193,7 +197,7 @@ fn clip(
     }
 }
 
-/// The part of a polygon where `height` is not positive, or no more than rounding.
+/// The part of a polygon where `height` is at most `rounding`.
 fn cut(polygon: &[Corner], height: impl Fn(&Vector3<f64>) -> f64, rounding: f64, side: u32) -> Vec<Corner> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (k, corner) in polygon.iter().enumerate() {
@@ -204,7 +208,7 @@ fn cut(polygon: &[Corner], height: impl Fn(&Vector3<f64>) -> f64, rounding: f64,
         }
         if (here <= rounding) != (there <= rounding) {
             let at = corner.at + (next.at - corner.at) * (here / (here - there)).clamp(0.0, 1.0);
-            // Of the edge that was cut, one end is named whichever way it is gone along.
+            // The identity uses the end that is cut off, whichever the direction of the edge.
             let end = if here <= rounding { next.id } else { corner.id };
             kept.push(Corner { at, id: (end.wrapping_mul(31) ^ (side + 1) << 12) & 0x3fff_ffff });
         }

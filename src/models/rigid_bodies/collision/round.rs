@@ -1,11 +1,11 @@
-//! Spheres and capsules: a ball around the nearest point of a core. The distance of the cores is positive while only the
-//! rounding overlaps, so that the normal has all its digits in contact.
+//! Spheres and capsules: balls about the nearest point of a core (point or segment). In contact, the distance of the
+//! cores is still positive, so that the normal is accurate to rounding.
 
 use super::ContactPoint;
 use crate::rigid_bodies::shape::Shape;
 use nalgebra::{Isometry3, Vector3};
 
-/// A sphere against any convex shape but a half space.
+/// A sphere against any convex shape except a half space.
 pub(super) fn sphere(
     (radius, at_sphere): (f64, &Isometry3<f64>),
     (shape, at): (&Shape, &Isometry3<f64>),
@@ -22,7 +22,8 @@ pub(super) fn sphere(
     }
 }
 
-/// The nearest point of a surface to `p` in its own frame, the outward normal there, and the signed distance.
+/// The point of a surface nearest to `p`, the outward normal at this point, and the signed distance, all in the frame
+/// of the shape.
 fn nearest(shape: &Shape, p: &Vector3<f64>) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
     let rounded = |core: Vector3<f64>, radius: f64| {
         let outward = direction(&(p - core));
@@ -51,7 +52,7 @@ fn nearest_on_cylinder(radius: f64, half_height: f64, p: &Vector3<f64>) -> (Vect
     if over > out { (p - axial * over, axial, over) } else { (p - radial * out, radial, out) }
 }
 
-/// Two capsules: the nearest points of their segments, and where the segments are parallel the ends of the overlap.
+/// Two capsules: the nearest points of their segments, or the ends of the common range of parallel segments.
 pub(super) fn capsules(
     (first, at_first): (&Shape, &Isometry3<f64>),
     (second, at_second): (&Shape, &Isometry3<f64>),
@@ -78,7 +79,7 @@ pub(super) fn capsules(
     let (along, between) = (d1.dot(&d2), c2 - c1);
     let sine = 1.0 - along * along;
     if sine > PARALLEL {
-        // Stationary point of the distance of the two lines.
+        // Stationary point of the distance between both lines.
         touch(((d1.dot(&between) - along * d2.dot(&between)) / sine).clamp(-l1, *l1), 0);
         return;
     }
@@ -90,10 +91,10 @@ pub(super) fn capsules(
     }
 }
 
-/// The squared sine below which two segments count as parallel: a hundredth of a degree, less than a barrel dents.
+/// The squared sine of the angle below which two segments count as parallel: 0.01 degrees.
 const PARALLEL: f64 = 3e-8;
 
-/// The direction of a vector; of a zero vector any.
+/// The direction of a vector; an arbitrary direction for a zero vector.
 fn direction(v: &Vector3<f64>) -> Vector3<f64> {
     v.try_normalize(0.0).unwrap_or_else(Vector3::z)
 }

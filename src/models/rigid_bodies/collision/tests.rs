@@ -1,4 +1,4 @@
-//! Contacts against closed forms, and against the library where both have an answer.
+//! Contacts compared with closed forms and with the collision library.
 
 use super::*;
 use crate::rigid_bodies::polyhedron::Polyhedron;

@@ -1,23 +1,24 @@
 //! One step of an island with joints, in two stages.
 //!
-//! **Positions.** With the mean velocities `w` over the step, and `G` and the rotations in their means ([`Linked`]),
+//! **Positions.** With mean velocities `w` over the step, and `G` and rotations at mean frames ([`Linked`]),
 //!
 //! ```text
 //! 2 M (w - v) = h f + J^T p + G^T lambda,    c(q (+) h w) = 0,    (p, J w) in the law of contact
 //! ```
 //!
-//! The energy at `v* = 2 w - v` is that of the start and the work `p . J w` of the contacts, which is not above zero: joints
-//! do none, whatever the step.
+//! The energy at `v* = 2 w - v` is the initial energy plus the work `p . J w <= 0` of contacts. Joints do no work, for
+//! any step size.
 //!
-//! **Velocities.** `v+` is `v*`, projected on the velocities that joints let be at `q+`, with the impulses `p` of closed
-//! contacts replaced by those of Moreau's law for the whole step: friction, restitution, and the end of an approach,
+//! **Velocities.** `v+` is the projection `P` of `v*` onto the velocities admitted by the joints at `q+`, with the
+//! impulses `p` of closed contacts replaced by those of Moreau's law for the whole step (friction, restitution, end of
+//! approach),
 //!
 //! ```text
 //! v+ = P (v* - M^-1 J^T p) + P M^-1 J^T r,    (r, J v+) in the law of impact
 //! ```
 //!
-//! What `P` takes is of fifth order in a motion that the step resolves. Where it takes more than [`LOSS`], or Newton's method
-//! does not find `w`, the step is halved.
+//! The energy loss by `P` is of fifth order in the step size if the step resolves the motion. If the loss exceeds
+//! [`LOSS`], or if Newton's method does not converge, the step is halved.
 
 mod compliance;
 mod contacts;
@@ -33,39 +34,42 @@ use contact::law::Law;
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
 
-/// The part of the largest kinetic energy, or of that which forces give in a step, that the projection of velocities may take.
-/// Ten thousand steps with more would lose the thousandth that the verdict allows; with a tenth of it, as the loss is of fifth
-/// order, a motion would take 1.6 times the steps.
+/// Admissible energy loss by the projection of velocities, relative to the largest kinetic energy or to the energy
+/// supplied by forces in a step. Ten thousand steps with this loss would lose the tolerance 1e-3 of the verdict; a
+/// tenth of it would take 1.6 times the steps, because the loss is of fifth order.
 const LOSS: f64 = 1e-7;
 
-/// The same in a step in which contacts push. An impact between joints is of first order, and what the projection takes after it
-/// does not vanish by the fifth: a smaller bound halves steps down to the end. Ten impacts with more would lose the thousandth.
+/// Admissible energy loss by the projection in a step with contact impulses. Impacts in linkages are of first order,
+/// and the loss does not decrease with the fifth order: a smaller bound would halve steps to the limit. Ten impacts
+/// with this loss would lose the tolerance 1e-3 of the verdict.
 const LOSS_IN_IMPACTS: f64 = 1e-4;
 
-/// The part of the largest kinetic energy that changes of forces by velocities may come to within a step. A midpoint turns a
-/// velocity that a force takes within less than a step around, and does not take it: with a drag `c` and `z = h c / m` the
-/// velocity that is left so is a tenth over `z`, and its energy at most a thousandth where `z > 3`, which is what the verdict
-/// allows. A smaller part makes steps shorter that resolve the motion.
+/// Admissible energy of the change of velocity-dependent forces within a step, relative to the largest kinetic energy.
+/// The midpoint rule reverses a velocity that should decay within less than a step. With a drag `c` and `z = h c / m`,
+/// this bound limits the remaining velocity to `0.1 / z`, and its energy to 1e-3, the tolerance of the verdict, if
+/// `z > 3`. A smaller bound would also reduce steps that resolve the motion.
 const STIFF: f64 = 1e-2;
 
-/// Newton's iterations: it converges in three to six, or the step is too long.
+/// Limit on Newton iterations: three to six suffice unless the step is too long.
 const ITERATIONS: usize = 12;
 
-/// The change of velocities below which iterations of the contact law that no longer gain are over: what its tolerance leaves, a
-/// ten thousandth part of it for contacts of masses as far apart. A larger one is drift of joints that would be seen.
+/// The relative change of velocities below which a stagnating iteration with contacts counts as converged: the accuracy
+/// left by the tolerance of the contact law, 1e-4 of this value, for mass ratios of 1e4. A larger value would cause
+/// visible joint drift.
 const STAGNANT: f64 = 1e-6;
 
-/// Halvings of a step: shorter ones resolve nothing that longer ones do not.
+/// Limit on halvings of a step: shorter steps would not resolve more.
 const HALVINGS: u32 = 20;
 
-/// How far a step stays below what the projection may take before one of twice the length is tried, which takes so many times as
-/// much by its order. A lesser one is refused in most cases; a greater one leaves steps halved that need not be.
+/// The ratio of admissible to actual projection loss above which the step size is doubled: by its fifth order, the loss
+/// of a step of twice the length is 32 times as large. With a smaller ratio most doubled steps would be rejected, with
+/// a larger ratio steps would stay halved needlessly.
 const ROOM: f64 = 32.0;
 
-/// Places of a body: its linkage in the island, and its place there.
+/// The position of a body: the index of its linkage in the island, and its index in the linkage.
 type Home = (usize, usize);
 
-/// An island at the start of a step, to come back to.
+/// A copy of an island at the beginning of a step, to restore it after rejection.
 struct Kept {
     moving: Vec<Motion>,
     joints: Vec<(Vec<Vector6<f64>>, Vec<DriveState>)>,
@@ -114,8 +118,8 @@ impl Island {
         (linked, homes)
     }
 
-    /// Makes a step of the island: without its contacts, in parts where it is too long, as long as none of them closes; else
-    /// with those that do.
+    /// Makes a step of the island: without contacts, in parts if it is too long; if a contact closes, the step is
+    /// repeated with the closing contacts.
     pub(super) fn solve_joined(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         let (mut linked, homes) = self.linked(mechanism);
         let is_solved = self.step_without_contacts(&mut linked, h, mechanism, control).unwrap_or_else(|closing| {
@@ -130,7 +134,10 @@ impl Island {
         }
     }
 
-    /// Whether there is a step without contacts; or, by contact, which of them close in it, and nothing has moved.
+    /// Tries a step without contacts; returns whether it was solved.
+    ///
+    /// # Errors
+    /// For each contact, whether it closes in the step, if any does; the island is then restored.
     fn step_without_contacts(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -159,7 +166,7 @@ impl Island {
         Err(self.contacts.iter().map(|contact| carries(contact) || contact.stays_closed()).collect())
     }
 
-    /// A step without contacts, or halves of it: as many as held before, and fewer once these leave room.
+    /// Makes a step without contacts, with as many halvings as in the last step, and fewer if the loss permits.
     fn advance_in_parts(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -183,7 +190,7 @@ impl Island {
             && self.advance_in_parts(linked, 0.5 * h, mechanism, halvings + 1, control)
     }
 
-    /// The gaps at the end of the step.
+    /// Predicts the gaps at the end of the step.
     fn judge_positions(&mut self, mean: &[Vector6<f64>], h: f64) {
         for contact in &mut self.contacts {
             contact.foresee(h, |body| apart(&mean[body as usize]));
@@ -192,12 +199,13 @@ impl Island {
 
     fn midpoint(&self, h: f64, mechanism: &Mechanism<'_>) -> Midpoint {
         let weight = |motion: &Motion| join(&(mechanism.gravity * (motion.mass * h)), &Vector3::zeros());
-        // Bodies without joints may come with velocities of the middle of their last step.
+        // Bodies from explicit islands may have velocities of the midpoint of their last step.
         let start = self.moving.iter().map(|motion| motion.kicked(&(mechanism.gravity * motion.lag)));
         Midpoint::new(start.collect(), self.moving.iter().map(weight).collect(), self.actions.clone(), [self.t, h])
     }
 
-    /// A step without contacts; how far it stays below what the projection may take.
+    /// Makes a step without contacts; returns the ratio of admissible to actual projection loss, or `None` if the step
+    /// is too long.
     fn advance_freely(&mut self, linked: &mut [Linked<'_>], h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
         let mut midpoint = self.midpoint(h, mechanism);
         let course = mechanism.signals.over(self.t, h);
@@ -222,7 +230,7 @@ impl Island {
         Some(if lost > 0.0 { most / lost } else { f64::INFINITY })
     }
 
-    /// Takes over where the bodies have come to.
+    /// Accepts the step: sets the bodies to the end of the step and updates work, time and statistics.
     fn arrive(&mut self, midpoint: &Midpoint, linked: &mut [Linked<'_>], velocities: &[Vector6<f64>], energy: f64) {
         for ((motion, moved), velocities) in self.moving.iter_mut().zip(&midpoint.moved).zip(velocities) {
             let (velocity, omega) = apart(velocities);
@@ -240,14 +248,15 @@ impl Island {
     }
 }
 
-/// The energy of what forces and dampers change by from their means to the end of the step.
+/// The energy of the change of velocity-dependent forces (actions and dampers) between their means and the end of the
+/// step.
 fn stiffness(midpoint: &Midpoint, linked: &[Linked<'_>], velocities: &[Vector6<f64>]) -> f64 {
     let of_dampers: f64 = linked.iter().map(|linked| linked.stiffness_of_dampers(midpoint, velocities)).sum();
     of_dampers + midpoint.stiffness_of_actions(velocities)
 }
 
-/// Newton's step for the mean velocities, which `contacts` may change; whether it was the last. `last` is the change of the one
-/// before, in parts of the velocities.
+/// Makes a Newton step for the mean velocities, corrected by `contacts`; returns whether it was the last. `last` is the
+/// relative change of the previous step, and is updated.
 fn iterate(
     midpoint: &mut Midpoint,
     linked: &mut [Linked<'_>],
@@ -266,14 +275,14 @@ fn iterate(
     }
     midpoint.arrive();
     let change = (midpoint.weigh(&changes) / size).sqrt();
-    // Bodies that nothing moves have no velocities to compare with.
+    // Without any velocities the scale is zero, and `change` is not a number.
     let is_over = change <= CONVERGED || midpoint.weigh(&changes) == 0.0 || change >= 0.5 * *last && change <= STAGNANT;
     *last = change;
     is_over
 }
 
-/// The velocities at the end as joints let them be, the energy that this takes, and the work of drives in it; the linkages hold
-/// their bodies there.
+/// The velocities at the end of the step projected onto the joint constraints, the energy loss by the projection, and
+/// the work of drives in it. The matrices of the linkages are then those of the end of the step.
 fn end(midpoint: &Midpoint, linked: &mut [Linked<'_>]) -> Option<(Vec<Vector6<f64>>, f64, f64)> {
     let moved = midpoint.moved_bodies();
     let mut velocities = midpoint.end_velocities();

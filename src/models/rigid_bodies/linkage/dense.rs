@@ -1,9 +1,9 @@
-//! Products and inverses of small matrices in slices, column by column. Sizes that joints have are known to the compiler:
-//! six of a body, three of a ball, five of a hinge or slider, one of a spring; others are rare.
+//! Products and inverses of small column-major matrices in slices. The common sizes are compile-time constants: six for
+//! a body, three for a ball joint, five for a hinge or slider, one for a spring.
 
 use std::array::from_fn;
 
-/// `c -= a b`, of sizes `[rows, inner, columns]`.
+/// Computes `c -= a b` with sizes `[rows, inner, columns]`.
 pub fn subtract_product(sizes: [usize; 3], c: &mut [f64], a: &[f64], b: &[f64]) {
     match sizes[0] {
         6 => with_rows::<6>(sizes, c, a, b),
@@ -49,7 +49,7 @@ fn product<const M: usize>(inner: usize, c: &mut [f64], a: &[f64], b: &[f64]) {
     }
 }
 
-/// The inverse in place, by Gauss and Jordan with the largest pivot of each column; false if there is none.
+/// Inverts in place by Gauss-Jordan elimination with partial pivoting; returns false if the matrix is singular.
 pub fn invert(n: usize, a: &mut [f64]) -> bool {
     match n {
         6 => invert_of::<6>(a),
@@ -83,7 +83,7 @@ fn invert_of<const N: usize>(entries: &mut [f64]) -> bool {
             column[k] = scaled;
         }
     }
-    // Rows that were exchanged are columns of the inverse.
+    // Row exchanges of the matrix are column exchanges of the inverse.
     for k in (0..N).rev() {
         a.swap(k, swaps[k]);
     }

@@ -1,42 +1,45 @@
-//! Gaussian elimination by blocks over the graph of a linkage: bodies and joints are its nodes, a body with six
-//! unknowns, a joint with one for each of its equations,
+//! Block Gaussian elimination over the graph of a linkage. Its nodes are bodies, with six unknowns each, and joints,
+//! with one unknown per equation,
 //!
 //! ```text
 //! ( A   F ) ( dw )   ( body rows  )
 //! ( C  -e ) ( nu ) = ( joint rows )
 //! ```
 //!
-//! where `A` couples bodies that share a joint. A joint that does not yield has no diagonal of its own: it comes after its bodies, or after one
-//! that it is the last joint of. (After one of two bodies that others hold too it might have more equations than that body has
-//! freedoms.) The order is else that of least degree, so that a tree takes linear time, from its leaves to its root: these are
-//! the recursions of articulated bodies (Featherstone 1983), for any graph.
+//! where `A` couples bodies that share a joint. A rigid joint has a zero diagonal block: it is eliminated after both of
+//! its bodies, or after a body whose last remaining joint it is. (Eliminated after a body that has other joints, it
+//! could have more equations than the body has degrees of freedom.) Otherwise the order is that of minimum degree, so
+//! that a tree takes linear time, from leaves to root: a generalisation of the articulated-body recursions
+//! (Featherstone 1983) to any graph.
 
 use super::dense;
 use nalgebra::{Matrix6, Vector6};
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Iterations that take the diagonals of joints out of a solution again.
+/// Steps of iterative refinement that remove the effect of the joint diagonals from a solution.
 const REFINEMENTS: usize = 2;
 
-/// The order of an elimination, and where its blocks are.
+/// Symbolic factorisation: the elimination order and the positions of the blocks.
 #[derive(Clone, Debug, Default)]
 pub struct Plan {
     order: Vec<u32>,
-    /// The nodes that are still there and coupled when one is eliminated, by its place in the order.
+    /// For each node in elimination order, the later nodes that are coupled to it when it is eliminated.
     later: Vec<Vec<u32>>,
-    /// Where the blocks of each pair of them are, row by row.
+    /// For each node in elimination order, the slots of the blocks of all pairs of `later` nodes, by rows.
     updates: Vec<Vec<u32>>,
-    /// The blocks beside the diagonal: that of row `i` and column `j`.
+    /// The slots of off-diagonal blocks by `(row, column)`.
     slots: BTreeMap<(u32, u32), u32>,
-    /// `(row, column)` of the blocks of `later`, in their order: those right of the diagonal, and those below it.
+    /// For each node in elimination order and each `later` node, the slots of the blocks right of and below the
+    /// diagonal.
     beside: Vec<Vec<[u32; 2]>>,
     nodes: usize,
-    /// The blocks by their places, and the entries of all of them.
+    /// The blocks by slot; diagonal blocks come first.
     blocks: Vec<Block>,
+    /// The total number of entries of all blocks.
     entries: usize,
 }
 
-/// Where the entries of a block are, column by column.
+/// The position and size of a column-major block.
 #[derive(Clone, Copy, Debug)]
 struct Block {
     at: usize,
@@ -49,7 +52,7 @@ impl Block {
         self.at..self.at + self.rows * self.columns
     }
 
-    /// Subtracts the product of this block of `entries` with `x`.
+    /// Subtracts the product of the block with `x`; `entries` are those of all blocks.
     fn subtract(&self, entries: &[f64], x: &Vector6<f64>, from: &mut Vector6<f64>) {
         let columns = entries[self.range()].chunks_exact(self.rows);
         let from = &mut from.as_mut_slice()[..self.rows];
@@ -60,7 +63,8 @@ impl Block {
 }
 
 impl Plan {
-    /// The plan for bodies, and joints between one or two of them, with the equations that each has.
+    /// Plans the elimination for bodies and joints; `joints` are the bodies of each joint, `equations` the numbers of
+    /// their equations.
     pub fn new(bodies: usize, joints: &[[Option<u32>; 2]], equations: &[usize]) -> Self {
         let nodes = bodies + joints.len();
         let mut near: Vec<BTreeSet<u32>> = vec![BTreeSet::new(); nodes];
@@ -132,7 +136,7 @@ impl Plan {
         plan
     }
 
-    /// The bytes of a matrix with its factors, and of the plan itself.
+    /// The bytes of a matrix with its factors, and of the plan.
     pub fn bytes(&self) -> usize {
         let lists = self.later.iter().map(|later| size_of_val(&later[..])).sum::<usize>();
         let pairs = self.updates.iter().map(|pairs| size_of_val(&pairs[..])).sum::<usize>();
@@ -141,29 +145,28 @@ impl Plan {
         2 * self.entries * size_of::<f64>() + 3 * lists + pairs + headers + blocks
     }
 
-    /// Where the block of this row and column is.
+    /// The slot of the block with the given row and column.
     pub fn slot(&self, row: u32, column: u32) -> u32 {
         if row == column { row } else { self.slots[&(row, column)] }
     }
 }
 
-/// The blocks of a matrix, and their factors. A block has the rows and columns of its nodes: six of a body, of a joint as many
-/// as it has equations.
+/// A block matrix and its factors. A block has six rows (columns) for a body, and one per equation for a joint.
 #[derive(Clone, Debug, Default)]
 pub struct Blocks {
     blocks: Vec<f64>,
-    /// The same before the elimination, without what makes joints have an inverse.
+    /// The matrix before elimination, without the regularising joint diagonals.
     whole: Vec<f64>,
 }
 
 impl Blocks {
-    /// Makes all blocks zero.
+    /// Sets all blocks to zero.
     pub fn clear(&mut self, plan: &Plan) {
         self.blocks.clear();
         self.blocks.resize(plan.entries, 0.0);
     }
 
-    /// Adds to the block at a place, as much of this as it has room for.
+    /// Adds the leading part of `block` to the block at a slot.
     pub fn add(&mut self, plan: &Plan, slot: u32, block: &Matrix6<f64>) {
         let Block { at, rows, columns } = plan.blocks[slot as usize];
         for (column, into) in self.blocks[at..at + rows * columns].chunks_exact_mut(rows).enumerate() {
@@ -171,7 +174,7 @@ impl Blocks {
         }
     }
 
-    /// Factorises in place, with `diagonals` of the joints beside what they have; false where a pivot has no inverse.
+    /// Factorises in place, with `diagonals` added to the joint blocks; returns false if a pivot is singular.
     pub fn factorise(&mut self, plan: &Plan, diagonals: &[Vector6<f64>]) -> bool {
         self.whole.clone_from(&self.blocks);
         let bodies = plan.nodes - diagonals.len();
@@ -209,8 +212,8 @@ impl Blocks {
         true
     }
 
-    /// Solves with the factors, and takes out again what the diagonals of joints changed: `x` comes to solve the equations
-    /// without them, as far as these have a solution.
+    /// Solves in place with iterative refinement against the matrix without `diagonals`: `x` solves the unregularised
+    /// equations if they are consistent.
     pub fn solve_without_diagonals(&self, plan: &Plan, x: &mut [Vector6<f64>]) {
         let right = x.to_vec();
         self.solve(plan, x);
@@ -251,8 +254,8 @@ impl Blocks {
 mod tests {
     use super::*;
 
-    /// Any matrix with the pattern of a graph, against the product with what came out. Joints have a diagonal: loops of six
-    /// equations each have more equations than their bodies have freedoms.
+    /// Random matrices with the pattern of a graph; the product with the solution must be the right-hand side. Joints
+    /// have a diagonal, because loops of joints with six equations have more equations than degrees of freedom.
     #[test]
     fn a_solution_times_the_matrix_is_the_right_hand_side_for_chains_stars_and_loops() {
         let chain = |n: u32| -> Vec<[Option<u32>; 2]> { (0..n).map(|k| [Some(k), k.checked_sub(1)]).collect() };

@@ -1,16 +1,16 @@
-//! Linkages: bodies that joints hold together, and the linear systems of their motion.
+//! Linkages: bodies connected by joints, and the linear systems of their motion.
 //!
-//! Over a step the mean velocities `w` and the impulses `lambda` of joints solve, with `q+ = q (+) h w` (see
+//! The mean velocities `w` and the joint impulses `lambda` of a step solve, with `q+ = q (+) h w` (see
 //! [`midpoint`](super::midpoint)),
 //!
 //! ```text
 //! 2 M (w - v) = h f + J^T r + G(mean)^T lambda,    c(q+) = 0
 //! ```
 //!
-//! A joint force does no work over the step, as `G` in the mean frames is the discrete gradient of `c`. Newton's method has
-//! the exact derivative, with that of `G^T lambda`, the geometric stiffness: tension is implicit, and a light link between
-//! heavy ones asks for no small step. At the end velocities are projected on `G(q+) v+ = 0`, by the least change in the norm
-//! of the masses, which takes energy and never adds any.
+//! Joint forces do no work over the step, because `G` at the mean frames is the discrete gradient of `c`. Newton's
+//! method uses the exact derivative, including that of `G^T lambda`, the geometric stiffness: tension is implicit, and
+//! a light link between heavy links does not require small steps. At the end of the step, velocities are projected onto
+//! `G(q+) v+ = 0` in the mass norm, which never adds energy.
 
 mod dense;
 mod elimination;
@@ -27,30 +27,31 @@ use super::signals::SignalStep;
 use contact::islands::Islands;
 use nalgebra::{Matrix3, Matrix6, Vector6};
 
-/// The diagonal of a joint, in parts of what its bodies give it: joints of a loop that say the same twice then have an inverse.
-/// Forces that say the same twice are found to rounding over this, `2e-5`; what it changes is found again in two iterations to its
-/// third power, times that of the ratio of masses: to rounding up to a ratio of a million.
+/// Regularising diagonal of a joint, relative to the mobility of its bodies, so that redundant joints of a loop give a
+/// regular matrix. Redundant forces are accurate to rounding over this value, `2e-5`. Two refinements reduce the error
+/// of the regularisation to the third power of this value times the mass ratio: to rounding, for mass ratios up to a
+/// million.
 const REDUNDANT: f64 = 1e-11;
 
-/// Passes of the projection of velocities, the second and third against rounding.
+/// Iterations of the projection of velocities; the second and the third reduce rounding errors.
 const PASSES: usize = 3;
 
-/// Bodies that joints hold together.
+/// Bodies connected by joints.
 #[derive(Clone, Debug, Default)]
 pub struct Linkage {
-    /// Places among the bodies that move, in ascending order.
+    /// The indices of its bodies among the moving bodies, in ascending order.
     pub bodies: Vec<u32>,
-    /// Places among the joints, in ascending order.
+    /// The indices of its joints, in ascending order.
     pub joints: Vec<u32>,
-    /// The bodies of each joint, as places in `bodies`.
+    /// The bodies of each joint, as indices into `bodies`.
     pairs: Vec<[Option<u32>; 2]>,
     plan: Plan,
-    /// Whether joints close a loop, and may say the same twice.
+    /// Whether joints form a loop and may be redundant.
     has_loops: bool,
 }
 
 impl Linkage {
-    /// All linkages of these joints; `places` are those of the bodies of the scene among the `moving`.
+    /// All linkages of the joints; `places` are the indices of the system's bodies among the `moving` bodies.
     pub fn all(joints: &[Joint], places: &[Option<u32>], moving: usize) -> Vec<Self> {
         let of = |joint: &Joint| {
             let [a, b] = joint.places(&|body| places[body]);
@@ -74,46 +75,50 @@ impl Linkage {
         (0..islands.len()).map(linkage).collect()
     }
 
-    /// The bytes of its equations.
+    /// The bytes of the equations.
     pub fn bytes(&self) -> usize {
         self.plan.bytes()
     }
 
-    /// A body without joints.
+    /// The linkage of a single body without joints.
     pub fn alone() -> Self {
         Self { bodies: vec![0], plan: Plan::new(1, &[], &[]), ..Self::default() }
     }
 }
 
-/// A linkage within an island.
+/// A linkage within an island, with its linear system in the current step.
 #[derive(Debug)]
 pub struct Linked<'a> {
     linkage: &'a Linkage,
     joints: Vec<&'a Joint>,
-    /// The places of its bodies in the island.
+    /// The indices of its bodies in the island.
     pub bodies: Vec<u32>,
-    /// The forces of the joints, and their impulses `lambda` in this step.
+    /// The joint forces of the last step.
     pub forces: Vec<Vector6<f64>>,
+    /// The joint impulses `lambda` of the current step.
     impulses: Vec<Vector6<f64>>,
-    /// What joints do to velocities at the end of this step.
+    /// The joint impulses of the velocity projection at the end of the current step.
     corrections: Vec<Vector6<f64>>,
-    /// The drives of the joints: their states, what they do in this step, and what they did in the last.
+    /// The states of the drives.
     pub states: Vec<DriveState>,
+    /// The drives within the current step.
     driving: Vec<Driving>,
+    /// The energy exchanged by the drives in the last step.
     pub done: Done,
-    /// What joints did in the last step.
+    /// The joint reactions of the last step.
     pub reactions: Vec<Reaction>,
-    /// Whether the last system of equations had a solution.
+    /// Whether the last linear system had a solution.
     pub is_solved: bool,
     matrix: Blocks,
-    /// What makes joints of a loop have an inverse, see [`REDUNDANT`].
+    /// The regularising joint diagonals, see [`REDUNDANT`].
     diagonals: Vec<Vector6<f64>>,
-    /// The last solution, or what is to be solved for.
+    /// The right-hand side of a linear system, replaced by its solution.
     pub x: Vec<Vector6<f64>>,
 }
 
 impl<'a> Linked<'a> {
-    /// A linkage whose bodies have these places in the island, with the forces that its joints had.
+    /// A linkage in an island; `bodies` are the indices of its bodies in the island, `forces` the joint forces of the
+    /// last step.
     pub fn new(
         linkage: &'a Linkage,
         joints: &'a [Joint],
@@ -145,7 +150,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Begins a step: forces are taken to stay what they were.
+    /// Begins a step, with the joint forces of the last step as initial guess.
     pub fn begin(&mut self, starts: &[Frame], course: &SignalStep) {
         let h = course.h;
         self.impulses.iter_mut().zip(&self.forces).for_each(|(impulse, force)| *impulse = force * h);
@@ -162,7 +167,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// The value of the equation of the drive of a joint in frames.
+    /// The value of the drive equation of joint `k` for given frames; `None` without a drive.
     fn deviation(&self, k: usize, frames: &[Frame]) -> Option<f64> {
         let (joint, driving) = (self.joints[k], &self.driving[k]);
         let drive = joint.drive.as_ref()?;
@@ -174,7 +179,7 @@ impl<'a> Linked<'a> {
         })
     }
 
-    /// What a joint did to its first body over a step.
+    /// The reaction of joint `k` on its first body, averaged over a step.
     fn reaction(&self, k: usize, midpoint: &Midpoint) -> Reaction {
         let (joint, frames) = (self.joints[k], self.frames(&midpoint.means, k));
         let (arms, apart) = joint.arms(frames);
@@ -190,7 +195,7 @@ impl<'a> Linked<'a> {
         reaction
     }
 
-    /// Ends a step, and books what drives did in it.
+    /// Ends a step: updates forces, drives and reactions, and records the energy exchanged by drives.
     pub fn end(&mut self, midpoint: &Midpoint) {
         let h = midpoint.h;
         self.forces.iter_mut().zip(&self.impulses).for_each(|(force, impulse)| *force = impulse / h);
@@ -212,7 +217,7 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Whether it has joints.
+    /// Whether the linkage has joints.
     pub fn has_joints(&self) -> bool {
         !self.joints.is_empty()
     }
@@ -222,7 +227,7 @@ impl<'a> Linked<'a> {
             .map(|body| body.map_or(&Frame::WORLD, |body| &frames[self.bodies[body as usize] as usize]))
     }
 
-    /// Solves the equations of the mean velocities, linearised where they are: the changes come to be in `x`. False if they
+    /// Solves the equations linearised at the current mean velocities; the changes are in `x`. Returns false if they
     /// have no solution.
     pub fn linearise(&mut self, midpoint: &Midpoint) -> bool {
         let plan = &self.linkage.plan;
@@ -241,7 +246,8 @@ impl<'a> Linked<'a> {
         self.is_solved
     }
 
-    /// Makes the matrix that of velocities at rest in these frames, and its factors.
+    /// Assembles and factorises the matrix of the velocity constraints at given frames: masses and constraint
+    /// gradients.
     pub fn hold(&mut self, frames: &[Frame], moving: &[Motion]) -> bool {
         let plan = &self.linkage.plan;
         self.matrix.clear(plan);
@@ -274,7 +280,7 @@ impl<'a> Linked<'a> {
             }
             self.diagonals[k] = diagonal * -REDUNDANT;
             if self.joints[k].drive.is_some_and(|drive| !drive.prescribes()) {
-                // A law of force says nothing of velocities.
+                // A force law does not constrain velocities.
                 let mut none = Matrix6::zeros();
                 none[(rank - 1, rank - 1)] = -1.0;
                 self.matrix.add(plan, joint, &none);
@@ -283,8 +289,8 @@ impl<'a> Linked<'a> {
         self.matrix.factorise(plan, &self.diagonals)
     }
 
-    /// Takes out of velocities what joints do not let be, and lets equations whose values are given close within a unit of
-    /// time. The matrix is that of [`Linked::hold`]. Gives the work that drives do in it.
+    /// Projects velocities onto the joint constraints; if `closes`, constraint violations are closed within a unit of
+    /// time. The matrix must be that of [`Linked::hold`]. Returns the work of the drives.
     pub fn project(&mut self, frames: &[Frame], velocities: &mut [Vector6<f64>], closes: bool) -> f64 {
         let mut work = 0.0;
         for _ in 0..if self.has_joints() { PASSES } else { 0 } {
@@ -314,8 +320,8 @@ impl<'a> Linked<'a> {
         work
     }
 
-    /// Adds the impulses in `x` to what joints do to velocities at the end of the step, and gives the work of drives that prescribe
-    /// a rate in them.
+    /// Adds the joint impulses in `x` to the corrections at the end of the step; returns the work of drives that
+    /// prescribe a rate.
     pub fn correct(&mut self) -> f64 {
         for (correction, x) in self.corrections.iter_mut().zip(&self.x[self.bodies.len()..]) {
             *correction -= x;
@@ -327,7 +333,7 @@ impl<'a> Linked<'a> {
         self.joints.iter().enumerate().map(driven).sum()
     }
 
-    /// The energy of what dampers change by from their means over a step to these velocities at its end.
+    /// The energy of the change of damper impulses between the mean velocities and `velocities` at the end of the step.
     pub fn stiffness_of_dampers(&self, midpoint: &Midpoint, velocities: &[Vector6<f64>]) -> f64 {
         let energy = |k: usize| {
             let joint = self.joints[k];
@@ -358,7 +364,7 @@ impl<'a> Linked<'a> {
         (0..self.joints.len()).filter_map(energy).sum()
     }
 
-    /// Solves with the factors for what is in `x`.
+    /// Solves the factorised system for the right-hand side in `x`.
     pub fn respond(&mut self) {
         let plan = &self.linkage.plan;
         if self.linkage.has_loops {
@@ -368,14 +374,14 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Adds the changes of velocities in `x`.
+    /// Adds the velocity changes in `x` to `velocities`.
     pub fn add(&self, velocities: &mut [Vector6<f64>]) {
         for (&body, x) in self.bodies.iter().zip(&self.x) {
             velocities[body as usize] += x;
         }
     }
 
-    /// Adds the changes of the impulses of joints in `x`.
+    /// Adds the joint impulse changes in `x` to the impulses.
     pub fn add_impulses(&mut self) {
         for (impulse, x) in self.impulses.iter_mut().zip(&self.x[self.bodies.len()..]) {
             *impulse -= x;

@@ -1,4 +1,4 @@
-//! The derivative of the equations of joints over a step, with the geometric stiffness of their impulses.
+//! The tangent matrix of the joint equations over a step, including the geometric stiffness of joint impulses.
 //!
 //! With the angular velocity `w` of a body over the step, `s = h w`, a vector `d` of the body has the mean
 //! `d_m = (d + d+)/2 = B d` over the step, `B = (1 - [s]x/2)^-1`, and
@@ -7,7 +7,7 @@
 //! d(d_m) = D dw,    D = -(h/2) B [d_m]x,    d(d+) = 2 D dw
 //! ```
 //!
-//! so that every product `alpha . beta` of an equation, and the wrenches of its impulse, have derivatives in closed form.
+//! so that the product `alpha . beta` of every equation, and the wrenches of its impulse, have closed-form derivatives.
 
 use super::super::joint::Beta;
 use super::super::midpoint::Midpoint;
@@ -15,11 +15,13 @@ use super::super::motion::Motion;
 use super::{Linked, REDUNDANT};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
-/// Rows and columns of velocities and of angular velocities.
+/// The first row or column of velocities.
 const V: usize = 0;
+/// The first row or column of angular velocities.
 const W: usize = 3;
 
-/// Adds the joints to the balances of the bodies, and their equations; false where the step is too long for a drive.
+/// Adds joint impulses to the momentum balances of the bodies, and assembles the joint equations; returns false if the
+/// step is too long for a drive.
 pub fn assemble(linked: &mut Linked<'_>, midpoint: &Midpoint) -> bool {
     (0..linked.joints.len()).all(|k| assemble_joint(linked, midpoint, k))
 }
@@ -31,7 +33,7 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
     let (_, apart_at_end) = joint.arms(end);
     let driving = linked.driving[k];
     let places = linked.linkage.pairs[k].map(|body| body.map(|body| linked.bodies[body as usize] as usize));
-    // D, for a vector of one of the bodies.
+    // The matrix D for a vector fixed in one of the bodies.
     let turning = |side: usize, d: &Vector3<f64>| {
         places[side].map_or_else(Matrix3::zeros, |body| midpoint.turning[body] * d.cross_matrix() * (-0.5 * h))
     };
@@ -40,7 +42,7 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
     let mut wrenches = [Matrix6::<f64>::zeros(); 2];
     let mut gradients = [Matrix6::<f64>::zeros(); 2];
     let mut rests = Vector6::zeros();
-    // The force of all equations between anchors along directions of the world.
+    // The total force of the equations along directions fixed in the world.
     let mut pull = Vector3::zeros();
     let mut add = |at: [usize; 2], row: usize, column: usize, block: &Matrix3<f64>| {
         let mut view = stiffness[at[0]][at[1]].fixed_view_mut::<3, 3>(row, column);
@@ -66,7 +68,7 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
         let back = if turns { alpha.cross(&beta) } else { Vector3::zeros() } - opposite.cross(&alpha);
         put(&mut wrenches[0], i, &force, &lever.cross(&alpha));
         put(&mut wrenches[1], i, &-force, &back);
-        // Over h: 2 D belongs to the change over the step.
+        // Equations are divided by h; 2 D is the derivative at the end of the step.
         let per_time = 2.0 / h;
         let end_force = if is_point { alpha_at_end } else { Vector3::zeros() };
         let mut second = if turns { of_alpha.tr_mul(&beta_at_end) * per_time } else { Vector3::zeros() };
@@ -98,7 +100,8 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
         let i = place_of_drive;
         let mut deviation = -rests[i] * h - drive.offset(driving.reference);
         if of_drive.is_none() {
-            // Along n = 2 p / (l + l+), with p the mean of the difference of the points, whose lengths are l and l+ at the ends.
+            // The direction n = 2 p / (l + l+), with the mean p of the difference of the points and its lengths l and
+            // l+ at both ends of the step.
             let sum = driving.start + apart_at_end.norm();
             let [along, at_end] = [(apart * 2.0, sum), (apart_at_end, apart_at_end.norm())]
                 .map(|(vector, size)| if size > 0.0 { vector / size } else { Vector3::zeros() });
@@ -167,7 +170,7 @@ fn put(matrix: &mut Matrix6<f64>, row: usize, force: &Vector3<f64>, torque: &Vec
     matrix.fixed_view_mut::<1, 3>(row, W).copy_from(&torque.transpose());
 }
 
-/// The diagonal of `G M^-1 G^T` that a body gives to the rows of a joint.
+/// The contribution of a body to the diagonal of `G M^-1 G^T` of a joint.
 pub fn mobilities(rows: &Matrix6<f64>, motion: &Motion) -> Vector6<f64> {
     Vector6::from_fn(|i, _| {
         let row = rows.row(i);

@@ -1,4 +1,4 @@
-//! The end of a step: what happened in it, whom contacts hold there, and the velocities that the bodies have.
+//! The end of a step: events, bodies in sustained contact, velocities, and joint drift.
 
 use super::super::contact::Contact;
 use super::super::frame::Frame;
@@ -7,7 +7,7 @@ use super::MoreauStepping;
 use nalgebra::Vector3;
 
 impl MoreauStepping<'_> {
-    /// Notes what happened between bodies, while the impulses of the step before are at hand.
+    /// Detects events of contacts; must be called before the impulses of the previous step are replaced.
     pub(super) fn follow(&mut self, h: f64) {
         let (mut touches, mut new_events) = (std::mem::take(&mut self.touches), std::mem::take(&mut self.new_events));
         let touched = |contact| Touched {
@@ -20,7 +20,7 @@ impl MoreauStepping<'_> {
         (self.touches, self.new_events) = (touches, new_events);
     }
 
-    /// The gaps at the end of a step `h` with the velocities as they stand.
+    /// Predicts the gaps at the end of a step `h` with the current velocities.
     pub(super) fn foresee(&mut self, h: f64) {
         let moving = &self.moving;
         let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
@@ -29,7 +29,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Notes whom such contacts hold: the bodies that they touch at the end of the step.
+    /// Marks the bodies in sustained contact: those of contacts that satisfy `such` and are closed at the end of the
+    /// step.
     pub(super) fn hold(&mut self, such: impl Fn(&Contact) -> bool) {
         let mut held = std::mem::take(&mut self.held);
         held.fill(false);
@@ -40,8 +41,8 @@ impl MoreauStepping<'_> {
         self.held = held;
     }
 
-    /// Finds the velocities at the end of the step, and notes that contacts pushed all that joints hold together.
-    pub(super) fn arrive(&mut self) {
+    /// Computes the velocities at the end of the step, and extends `pushed` to all bodies of an implicit island.
+    pub(super) fn end_velocities(&mut self) {
         let gravity = self.scene.gravity;
         self.ends.clear();
         self.ends.extend(self.moving.iter().map(|motion| motion.kicked(&(gravity * motion.lag))));
@@ -51,8 +52,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Measures how far joints are off at the end of the step: positions as a part of the size of their bodies, directions
-    /// in radians.
+    /// Measures the constraint violation (drift) of joints at the end of the step: positions relative to the size of
+    /// their bodies, directions in radians.
     pub(super) fn measure_joints(&mut self) {
         let scene = self.scene;
         for (place, joint) in scene.joints.iter().enumerate() {
@@ -63,7 +64,7 @@ impl MoreauStepping<'_> {
             for row in joint.rows([&frames[0], &frames[1]]) {
                 let unit = if row.force == Vector3::zeros() { 1.0 } else { size };
                 let drift = row.value.abs() / unit;
-                // What is not a number is off by more than anything.
+                // NaN counts as infinite drift.
                 if drift > self.report.drift || drift.is_nan() {
                     let drift = if drift.is_nan() { f64::INFINITY } else { drift };
                     (self.report.drift, self.report.drifted) = (drift, place);

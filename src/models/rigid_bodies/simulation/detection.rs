@@ -1,4 +1,4 @@
-//! The contacts of a step: those that may close within it, and those that nobody looked for.
+//! Contact detection of a step: contacts that may close within it, and overlaps at its end that detection has missed.
 
 use super::super::collision::{BroadPhase, ContactPoint, contacts};
 use super::super::contact::Contact;
@@ -8,25 +8,26 @@ use super::{MoreauStepping, StepFailure, overlaps};
 use nalgebra::Vector3;
 use problem::Control;
 
-/// Points within this part of a body's size are contacts, however slow the body: where one contact pushes a body, another
-/// that is near must know of it.
+/// Gaps below this fraction of a body's size are contacts at any velocity: the impulse of one contact may close another
+/// nearby contact.
 pub(in super::super) const NEAR: f64 = 0.01;
 
-/// Pairs of bodies between two looks at whether to stop.
+/// Pairs of bodies processed between two polls of [`Control`].
 const AT_ONCE: usize = 1 << 8;
 
-/// The overlap at the end of a step, in parts of the smaller body's size, that bodies with joints may come to: half of the
-/// thousandth that the verdict allows, as the next step finds it before it is parted. A smaller one makes parts of steps whose
-/// overlap nobody is told of.
+/// Admissible penetration of bodies with joints at the end of a step, relative to the smaller body: half of the
+/// tolerance 1e-3 of the verdict, because the next step measures penetration before resolving it. A smaller value would
+/// halve steps whose penetration is never reported.
 const UNSEEN: f64 = 5e-4;
 
-/// How far around a body contacts are looked for: as far as it comes in a step `h` in which forces make it faster by `fall`.
+/// The detection margin around a body: its largest displacement in a step `h` in which forces change its speed by
+/// `fall`, plus `NEAR` times its size.
 fn margin(motion: &Motion, reach: f64, fall: f64, h: f64) -> f64 {
     h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
 }
 
 impl MoreauStepping<'_> {
-    /// Finds the contacts that may close within `h`.
+    /// Finds the contacts that may close within a step `h`.
     pub(super) fn detect(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         let (scene, moving, places) = (self.scene, &self.moving, &self.places);
         let (load, most) = (&mut self.load, self.most_memory);
@@ -102,8 +103,8 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Whether bodies with joints overlap at the end of a step: by the curvature of their way, or as their joints moved them
-    /// further than contacts were looked for.
+    /// Whether bodies with joints overlap at the end of a step, because of the curvature of their path or because
+    /// joints moved them beyond the detection margin.
     pub(super) fn meets_unseen(&self, start: &[Motion], h: f64, control: &Control) -> Result<bool, StepFailure> {
         if !self.jointed.contains(&true) {
             return Ok(false);

@@ -1,10 +1,10 @@
-//! Forces that are outputs: of contacts, and of joints.
+//! Force outputs of contacts and joints.
 
 use super::super::joint::Joint;
 use super::MoreauStepping;
 
 impl MoreauStepping<'_> {
-    /// Contact forces of the bodies for which they are asked for, and what joints with a name do, in the order of outputs.
+    /// Writes the contact forces of selected bodies and the reactions of named joints, in the order of outputs.
     pub fn forces(&self, out: &mut Vec<f64>) {
         out.clear();
         for (force, torque) in &self.contact_forces {
@@ -18,13 +18,14 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Coordinates of hinges, sliders and springs among those outputs: they go on within a step, and forces are means of it.
+    /// For each of the outputs of [`forces`](Self::forces), whether it is a coordinate of a hinge, slider or spring:
+    /// coordinates vary within a step, forces are averages over a step.
     pub fn coordinates(&self) -> Vec<bool> {
         let contacts = self.contact_forces.iter().flat_map(|_| [false; 6]);
         contacts.chain(self.scene.joints.iter().flat_map(Joint::are_coordinates)).collect()
     }
 
-    /// Adds up what contacts do to the bodies for which that is asked for, in a part of a step.
+    /// Accumulates contact impulses on bodies with contact outputs, over the parts of a step.
     pub(super) fn add_contact_forces(&mut self) {
         let mut forces = std::mem::take(&mut self.contact_forces);
         let told = (0..self.scene.bodies.len()).filter(|&body| self.scene.bodies[body].tells_contacts);

@@ -1,4 +1,4 @@
-//! Bodies that overlap, by what curvature does to a step or from the start, are moved apart without a velocity.
+//! Resolution of overlaps, initial or due to curvature within a step, by displacements that do not change velocities.
 
 use super::super::contact::Contact;
 use super::super::scene::MultibodySystem;
@@ -6,25 +6,26 @@ use super::{MoreauStepping, StepFailure};
 use nalgebra::Vector3;
 use problem::Control;
 
-/// Overlaps that are left alone, and gaps that are none, in parts of the smaller body's size.
+/// Tolerance for gaps and penetration, relative to the smaller body.
 pub(super) const OVERLAP: f64 = 5e-7;
 
-/// Rounds of moving bodies apart within a step, and at the start where they may lie in each other.
+/// Limit on iterations of overlap resolution within a step.
 const ROUNDS: usize = 3;
+/// Limit on iterations of the resolution of initial overlaps, which may be deep.
 const ROUNDS_AT_START: usize = 100;
 
 impl MoreauStepping<'_> {
-    /// Moves bodies apart that overlap, and gives them the velocities that their joints let them have, by the least change
-    /// in the norm of the masses; false if that did not do.
+    /// Resolves initial overlaps and projects initial velocities onto the joint constraints, both by the smallest
+    /// change in the mass norm. Returns false without success.
     ///
     /// # Errors
-    /// If there is no telling.
+    /// If contact detection fails or is interrupted.
     pub fn resolve(&mut self, control: &Control) -> Result<bool, StepFailure> {
         for _ in 0..ROUNDS_AT_START {
             self.detect(0.0, control)?;
             if self.depth(OVERLAP) <= 0.0 {
                 self.group();
-                self.part();
+                self.partition_into_islands();
                 let obeyed = self.solve_each(|island, mechanism, _| island.obey_joints(mechanism)).is_ok();
                 self.ends.clone_from(&self.moving);
                 return Ok(obeyed);
@@ -38,7 +39,7 @@ impl MoreauStepping<'_> {
         Ok(false)
     }
 
-    /// Moves the bodies that overlap at the start of a step `h` apart.
+    /// Resolves overlaps at the beginning of a step `h`.
     pub(super) fn part_overlaps(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
         for _ in 0..ROUNDS {
             if self.depth(OVERLAP) <= 0.0 {
@@ -50,20 +51,21 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// The deepest overlap beyond `fraction` of the smaller body.
+    /// The deepest penetration in excess of `fraction` of the smaller body's size; joint stops count only if `fraction`
+    /// is positive.
     pub(super) fn depth(&self, fraction: f64) -> f64 {
         let excess = |contact: &Contact| -contact.gap - fraction * contact.size;
         let surfaces = self.contacts.iter().filter(|contact| fraction > 0.0 || !contact.is_stop());
         surfaces.map(excess).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// The deepest overlap as a part of the smaller body's size.
+    /// The deepest penetration relative to the smaller body's size.
     pub(super) fn overlap(&self) -> f64 {
         self.contacts.iter().map(|contact| -contact.gap / contact.size).fold(0.0, f64::max)
     }
 
-    /// Takes gaps that are rounding for none. More contacts at rest than there are freedoms cannot all close by such gaps
-    /// at once: velocities `gap/h` that no motion has would drive impulses up without end.
+    /// Rounds tiny gaps to zero. With redundant contacts the targets `-gap/h` are inconsistent, and impulses would grow
+    /// without bound.
     pub(super) fn close(&mut self) {
         for contact in &mut self.contacts {
             if contact.gap < contact.no_gap {
@@ -72,8 +74,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Moves overlapping bodies apart, by the least displacement in the norm of the masses that opens every gap: the
-    /// contact problem without friction whose velocities are displacements and whose free velocities are gaps.
+    /// Resolves overlaps by the smallest displacement in the mass norm that makes all gaps nonnegative: a frictionless
+    /// contact problem with displacements in place of velocities and gaps in place of free velocities.
     fn separate(&mut self, control: &Control) -> Result<(), StepFailure> {
         let kept: Vec<(Vector3<f64>, Vector3<f64>)> = self.moving.iter().map(|m| (m.velocity, m.omega)).collect();
         for motion in &mut self.moving {
@@ -83,7 +85,7 @@ impl MoreauStepping<'_> {
             *contact = contact.of_displacements();
         }
         self.group();
-        self.part();
+        self.partition_into_islands();
         let solved = self.solve_each(|island, mechanism, law| island.displace(mechanism, law, control));
         for (motion, (velocity, omega)) in self.moving.iter_mut().zip(kept) {
             let (by, rotation) = (motion.velocity, motion.omega);

@@ -1,4 +1,4 @@
-//! Islands: what belongs to each is copied out, solved apart from the others, and taken over.
+//! Partition into islands: the data of each island are copied, solved independently, and copied back.
 
 use super::super::contact::Contact;
 use super::super::island::{Island, Mechanism, Unsolved};
@@ -7,11 +7,11 @@ use super::MoreauStepping;
 use contact::islands::solve_apart;
 use contact::law::Law;
 
-/// Contacts of the islands but the largest that are worth another thread.
+/// The number of contacts outside the largest island from which another thread is used.
 const WORTH_A_THREAD: usize = 200;
 
 impl MoreauStepping<'_> {
-    /// Gives every island to `solve`, with a solver of the contact law, and takes over what came of it.
+    /// Calls `solve` on every island, with a solver of the contact law, and copies the results back.
     pub(super) fn solve_each(
         &mut self,
         solve: impl Fn(&mut Island, &Mechanism<'_>, &mut Law) + Sync,
@@ -42,8 +42,8 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Groups contacts, joints and forces that depend on several bodies into islands, and notes which bodies are in one that moves by
-    /// mean velocities.
+    /// Groups contacts, joints and motion-dependent forces into islands, and marks the bodies of implicit islands in
+    /// `jointed`.
     pub(super) fn group(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let of_contact = |contact: &Contact| match contact.bodies {
@@ -60,7 +60,7 @@ impl MoreauStepping<'_> {
         self.islands.group(self.moving.len(), links);
         self.jointed.fill(false);
         for island in (0..self.islands.len()).map(|k| self.islands.links(k)) {
-            // Joints and forces come behind contacts.
+            // Links are sorted: contacts, then joints, then forces.
             if island.last().is_some_and(|&link| link as usize >= contacts.len()) {
                 for &link in island {
                     let link = link as usize;
@@ -76,8 +76,8 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// Copies out what belongs to each island.
-    pub(super) fn part(&mut self) {
+    /// Copies the data of each island.
+    pub(super) fn partition_into_islands(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
         let (cone, impact_law) = (self.scene.cone, self.impact_law);
         self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || Island::new(cone, impact_law));

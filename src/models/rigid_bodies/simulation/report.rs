@@ -1,35 +1,35 @@
-//! What became of a step, and what is to be said of its contacts.
+//! Step failures and the report of a step.
 
 use super::super::island::Work;
 use contact::law;
 use problem::Interrupted;
 use vi::Outcome;
 
-/// What became of a step.
+/// Why a step failed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StepFailure {
     /// A body's motion is no longer finite.
     NotFinite {
-        /// Its place in the scene.
+        /// The index of the body.
         body: usize,
     },
-    /// The joints contradict each other.
+    /// The joint equations have no solution.
     Joints,
     /// The contact law was not solved.
     Unsolved {
-        /// What was left of it.
+        /// The residual of the contact law.
         residual: f64,
     },
-    /// The contacts take more memory than they may.
+    /// The contacts exceed the memory limit.
     TooMuchMemory {
-        /// Those that were found until then.
+        /// The number of contacts found until then.
         contacts: usize,
-        /// The body with the most of them, as its place in the scene, and how many it has.
+        /// The index of the body with the most contacts, and the number of its contacts.
         most_touched: Option<(usize, u32)>,
-        /// The bytes that they would take.
+        /// The estimated bytes for the contacts.
         bytes: usize,
     },
-    /// It was stopped from outside.
+    /// The step was interrupted through [`Control`](problem::Control).
     Interrupted,
 }
 
@@ -39,49 +39,49 @@ impl From<Interrupted> for StepFailure {
     }
 }
 
-/// What is to be said of the contacts of a step.
+/// The report of a step: contacts, energies, joints and solver statistics.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ContactReport {
-    /// Contacts that carried an impulse.
+    /// The number of contacts with an impulse.
     pub closed: usize,
-    /// The deepest overlap at the start of the step, in metres.
+    /// The deepest penetration at the beginning of the step, in metres.
     pub penetration: f64,
     /// The sum of the normal impulses, in newton seconds.
     pub normal_impulse: f64,
-    /// The deepest overlap as a part of the smaller body's size.
+    /// The deepest penetration relative to the smaller body's size.
     pub overlap: f64,
-    /// Work done on normals and on tangents, `r . (u+ + u-) / 2`, in joules.
+    /// The work `r . (u+ + u-) / 2` of contacts by normal and tangential components, in joules.
     pub work: [f64; 2],
-    /// Work done on normals in a step in which every contact that carried an impulse gives all back: it should be zero.
+    /// The normal work of a step in which all contacts with an impulse have restitution one; zero in exact arithmetic.
     pub elastic_work: f64,
     /// The kinetic energy before contacts and joints act, in joules.
     pub kinetic: f64,
-    /// How far the worst joint is off, as a part of the size of its bodies, or in radians.
+    /// The largest joint constraint violation, relative to the size of its bodies or in radians.
     pub drift: f64,
-    /// The place of that joint.
+    /// The index of the joint with the largest violation.
     pub drifted: usize,
-    /// Islands with contacts or joints.
+    /// The number of islands with contacts or joints.
     pub islands: usize,
-    /// The steps in which it was made: more than one where it was too long for the joints.
+    /// The number of parts of the step; more than one if the step was too long for joints.
     pub parts: u64,
-    /// Newton's iterations of bodies on joints, as far as steps were made.
+    /// The number of Newton iterations of implicit islands in solved steps.
     pub newton: u64,
-    /// What drives and forces did.
+    /// The work of drives and forces.
     pub done: Work,
-    /// Contact problems solved.
+    /// The number of contact problems solved.
     pub solves: u64,
-    /// Pivots or iterations in all.
+    /// The total number of pivots or iterations.
     pub iterations: u64,
-    /// The solver that answered last.
+    /// The solver used last.
     pub solver: &'static str,
     /// The largest residual of the contact law.
     pub residual: f64,
-    /// Whether a restitution would have added energy, and was cut.
+    /// Whether a restitution was reduced because it would have added energy.
     pub is_limited: bool,
 }
 
 impl ContactReport {
-    /// Takes over how one island was solved.
+    /// Adds the report of the contact law of one island.
     pub(super) fn take(&mut self, law: &law::Report) {
         self.solves += law.solves;
         self.iterations += law.iterations;

@@ -1,4 +1,4 @@
-//! The stops of joints, as contacts of the bodies that they join.
+//! Joint stops, as contacts between the bodies of a joint.
 
 use super::super::collision::ContactPoint;
 use super::super::contact::{Contact, STOPS};
@@ -8,7 +8,7 @@ use super::super::scene::Law;
 use super::{MoreauStepping, overlaps};
 
 impl MoreauStepping<'_> {
-    /// Adds the stops of all joints that have any to the contacts.
+    /// Adds the stops of all joints with finite limits to the contacts.
     pub(super) fn add_stops(&mut self) {
         for (linkage, carried) in self.mechanism.linkages.iter().zip(&self.carried) {
             for (&place, state) in linkage.joints.iter().zip(&carried.states) {

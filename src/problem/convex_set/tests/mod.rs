@@ -17,12 +17,12 @@ fn shapes() -> impl Strategy<Value = (usize, Shape)> {
         (1_usize..6, 0.0..3.0_f64).prop_map(|(n, radius)| (n, Shape::Ball { radius })),
         (1_usize..6).prop_map(|n| (n, Shape::SecondOrderCone)),
         (1_usize..6).prop_map(|n| (n, Shape::Simplex)),
-        // With zero inside, it is not empty.
+        // The polyhedron contains zero: it is not empty.
         polyhedron.prop_map(|(n, a, b)| (n, Shape::Polyhedron(Polyhedron::new(n, &a, &b).expect("zero is inside")))),
     ]
 }
 
-/// A shape with points of its space, some of them far out.
+/// A shape and points of its space, some of them far from the origin.
 fn shape_and_points(count: usize) -> impl Strategy<Value = (Shape, Vec<Vec<f64>>)> {
     shapes().prop_flat_map(move |(n, shape)| {
         let point = (proptest::collection::vec(-1.0..1.0_f64, n), prop_oneof![Just(0.3), Just(1.0), Just(10.0)])

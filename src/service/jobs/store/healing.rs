@@ -1,4 +1,4 @@
-//! A store that could not be written, and is well again.
+//! Recovery of a store that could not be written.
 
 use super::Store;
 use crate::jobs::change::Change;
@@ -7,29 +7,29 @@ use crate::jobs::job::Job;
 use std::sync::Arc;
 
 impl Store {
-    /// Whether the disk, if there is one, takes changes, and has all that it is to have.
+    /// Whether the disk, if there is one, accepts changes, and has all ends of durable jobs.
     pub fn is_writable(&self) -> bool {
         !self.disk.as_ref().is_some_and(|disk| disk.has_failed() || !self.unsaved.is_empty())
     }
 
-    /// How often the database was built anew.
+    /// The number of times the database was rebuilt.
     pub fn rebuilds(&self) -> u64 {
         self.disk.as_ref().map_or(0, |disk| disk.rebuilds())
     }
 
-    /// How many ends of jobs wait for room on the disk.
+    /// The number of ended jobs whose ends wait for room on the disk.
     pub fn unsaved(&self) -> usize {
         self.unsaved.len()
     }
 
-    /// Tries to write again where the last change could not be made, and what could not be written where it could. Gives
-    /// the jobs that are to be solved again.
+    /// If the last change could not be made, tries to write again; if the disk accepts changes, writes the ends kept in
+    /// memory. Returns the jobs that are to be solved again.
     pub async fn heal(&self) -> Vec<Arc<Job>> {
         let Some(disk) = &self.disk else { return Vec::new() };
         if disk.has_failed()
             && let Ok(place) = disk.place().await
         {
-            // What comes of it shows.
+            // An empty change: its outcome shows in `has_failed`.
             let _ = place.send(Change::default(), drop).written().await;
         }
         if disk.has_failed() {

@@ -1,4 +1,4 @@
-//! Whole problems with answers known otherwise.
+//! Whole problems with known solutions.
 
 use super::super::{Coulomb, CoulombProblem, Limits, Method};
 use super::{Random, problem};
@@ -66,7 +66,7 @@ fn an_answer_handed_back_costs_nothing() {
 
 #[test]
 fn a_problem_without_a_solution_ends_at_the_limit_and_tells_what_was_tried() {
-    // A body squeezed by two walls that close on it.
+    // A body squeezed by two closing walls.
     let jacobian =
         DMatrix::from_row_slice(6, 3, &[1., 0., 0., 0., 1., 0., 0., 0., 1., -1., 0., 0., 0., 1., 0., 0., 0., 1.]);
     let q = vec![Vector3::new(-1.0, 0.0, 0.0); 2];
@@ -75,7 +75,7 @@ fn a_problem_without_a_solution_ends_at_the_limit_and_tells_what_was_tried() {
     let limits = Limits { iterations: 2_000, ..Limits::default() };
     let report = Coulomb::new(limits).solve(&problem, &mut r, &Control::new());
     assert_eq!(report.outcome, Outcome::Limit, "{r:?} {report:?}");
-    // Impulses may have grown until the relative measure is small; Signorini's condition tells.
+    // Impulses may have grown until the relative measure is small; Signorini's condition shows the failure.
     assert!(report.evidence.signorini > 0.1, "{report:?}");
     for method in [Method::GaussSeidel, Method::ProximalNewton, Method::Admm] {
         assert!(report.attempts.iter().any(|attempt| attempt.method == method), "{report:?}");

@@ -1,4 +1,4 @@
-//! Coulomb's law against answers from outside: closed forms, statics, another solver.
+//! Coulomb's law against independent solutions: closed forms, statics, another solver.
 
 mod closed_forms;
 mod local;

@@ -1,5 +1,6 @@
 //! Stacks of unit cubes, four contacts a face: twice as many unknowns as degrees of freedom, and a load that may be a
-//! million times the weight of what carries it. Statics tells the sum of the normal impulses at every face.
+//! million times the weight of the cubes that carry it. Statics determines the sum of the normal impulses at every
+//! face.
 
 use super::super::{Coulomb, CoulombProblem};
 use super::{Random, problem};

@@ -1,4 +1,4 @@
-//! Rigid bodies in space: spheres that are dropped and thrown on a floor, boxes that land flat, pendulums on a ball joint.
+//! Rigid bodies in space: spheres dropped and thrown on a floor, boxes that land flat, and pendulums on a ball joint.
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -19,7 +19,7 @@ struct Body {
     mass: f64,
     position: [f64; 3],
     velocity: [f64; 3],
-    /// The point of the world that it hangs on.
+    /// The fixed point in space from which the body hangs.
     joint: Option<[f64; 3]>,
 }
 
@@ -29,7 +29,7 @@ pub fn generate(random: &mut Random) -> Bodies {
     let speed = size / time;
     let body = |random: &mut Random, k: usize| {
         let radius = 0.1 * size;
-        // Side by side, so that none meets another.
+        // Side by side, so that no bodies meet.
         let position = [10.0 * size * k as f64, 0.0, radius + size * random.uniform(0.0, 1.0)];
         let is_box = random.chance(0.25);
         let hangs = !is_box && random.chance(0.3);
@@ -87,7 +87,7 @@ impl Problem for Bodies {
     fn fields(&self) -> Vec<Field> {
         let of_body = |k: usize| ["x", "z", "y"].map(|axis| Field::sized(format!("b{k}.{axis}")));
         let all: Vec<Field> = (0..self.bodies.len()).flat_map(of_body).collect();
-        // Those whose starts are changed come first.
+        // Fields whose initial values are perturbed come first.
         let (first, rest): (Vec<Field>, Vec<Field>) = all.into_iter().partition(|field| !field.name.ends_with(".y"));
         first.into_iter().chain(rest).collect()
     }

@@ -1,5 +1,6 @@
-//! Circuits with ideal diodes: detectors and clampers that remember for long, bridges and voltage multipliers in which several
-//! diodes switch at once, coils with and without a path for their current, and ladders of random parts.
+//! Circuits with ideal diodes: detectors and clampers with long time constants, bridges and voltage multipliers in
+//! which several diodes switch at the same time, coils with and without a freewheeling path, and ladders of random
+//! components.
 
 use super::growth_by_energy;
 use super::network::{Network, Part};
@@ -17,7 +18,7 @@ pub struct Circuit {
     amplitude: f64,
 }
 
-/// What the sizes of parts are chosen by.
+/// The scales from which component values are drawn.
 struct Scales {
     ohms: f64,
     period: f64,
@@ -29,7 +30,7 @@ impl Scales {
         Part::Resistor(self.ohms * random.scale(low, high))
     }
 
-    /// A capacitor that discharges through the typical resistance in so many periods.
+    /// A capacitor whose time constant with the typical resistance is `low` to `high` periods.
     fn capacitor(&self, random: &mut Random, low: f64, high: f64, volts: f64) -> Part {
         Part::Capacitor(random.scale(low, high) * self.period / self.ohms, volts)
     }
@@ -59,7 +60,7 @@ pub fn generate(random: &mut Random) -> Circuit {
     Circuit { network, end: period * random.scale(4.0, 60.0), amplitude }
 }
 
-/// A sine wave, and maybe another of a frequency far from it.
+/// A sine wave, possibly with another one of a very different frequency.
 fn source(random: &mut Random, amplitude: f64, period: f64) -> Signal {
     let mut waves = vec![Wave { amplitude, omega: TAU / period, phase: random.uniform(0.0, TAU) }];
     if random.chance(0.4) {
@@ -70,7 +71,7 @@ fn source(random: &mut Random, amplitude: f64, period: f64) -> Signal {
     Signal { constant: if random.chance(0.3) { amplitude * random.uniform(-0.5, 0.5) } else { 0.0 }, waves }
 }
 
-/// A source, with a resistor in series or ideal, at the node that is given back; the next free node follows.
+/// Adds a source, with or without a series resistor, and returns the node that it feeds; the next node is free.
 fn fed(random: &mut Random, scales: &Scales, network: &mut Network) -> usize {
     network.add(Part::Voltage(scales.source.clone()), 1, 0);
     if random.chance(0.5) {
@@ -89,7 +90,7 @@ fn detector(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     network.add(scales.capacitor(random, 0.3, 300.0, volts), held, 0);
     network.add(scales.resistor(random, 1.0, 100.0), held, 0);
     if random.chance(0.3) {
-        // A second detector that follows the first.
+        // A second detector, fed by the first.
         network.add(Part::Diode, held, held + 1);
         network.add(scales.capacitor(random, 0.3, 300.0, volts + 0.01 * amplitude), held + 1, 0);
         network.add(scales.resistor(random, 1.0, 100.0), held + 1, 0);
@@ -126,7 +127,7 @@ fn bridge(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     network
 }
 
-/// One or two stages after Cockcroft and Walton.
+/// A voltage multiplier of one or two stages (Cockcroft and Walton).
 fn multiplier(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     let mut network = Network::default();
     let from = fed(random, scales, &mut network);
@@ -167,7 +168,7 @@ fn choke(random: &mut Random, scales: &Scales) -> Network {
     network
 }
 
-/// A coil before a detector.
+/// A rectifier that feeds a coil, with or without a freewheeling diode.
 fn filter(random: &mut Random, scales: &Scales, amplitude: f64) -> Network {
     let mut network = Network::default();
     network.add(Part::Voltage(scales.source.clone()), 1, 0);
@@ -226,13 +227,13 @@ impl Problem for Circuit {
         Way::Stages
     }
 
-    /// Currents are smaller than voltages by the resistance.
+    /// The scale of currents, if there are coils: that of voltages divided by the resistance.
     fn smallest(&self) -> f64 {
         let coil = self.network.parts.iter().any(|(part, _, _)| matches!(part, Part::Inductor(..)));
         self.amplitude * if coil { 1e-4 } else { 1e-2 }
     }
 
-    /// Such networks are passive: the energy stored in a difference of two solutions does not grow.
+    /// The networks are passive: the stored energy of the difference of two solutions does not grow.
     fn is_unique(&self) -> bool {
         true
     }

@@ -1,5 +1,5 @@
-//! Linear complementarity systems: passive ones, with `D` zero, singular or regular; those whose `D` is a P-matrix; and
-//! reflections, in which `D` is zero and `C B` an M-matrix.
+//! Linear complementarity systems: passive ones, with `D` zero, singular or regular; systems whose `D` is a P-matrix;
+//! and reflections, in which `D` is zero and `C B` is an M-matrix.
 
 use super::{LinearProblem, dissipative, faster, positive_definite, rescaled};
 use crate::differential::linear::{Linear, Shape, transposed, zeros};
@@ -20,7 +20,7 @@ pub fn generate(random: &mut Random) -> LinearProblem {
     system.gap = (0..m).map(|_| Signal::random(random, 0.5, omega, 1)).collect();
     system.set = vec![(Shape::Nonnegative, m)];
     system.initial = random.vector(n);
-    // Where `D` is not regular the states must start with `G >= 0`: a constant makes room for it.
+    // If `D` is singular, the initial states must satisfy `G >= 0`: a constant is added to ensure it.
     for i in 0..m {
         let at_start: f64 =
             system.c[i].iter().zip(&system.initial).map(|(c, x)| c * x).sum::<f64>() + system.gap[i].at(0.0);
@@ -49,14 +49,14 @@ fn passive(random: &mut Random, n: usize, m: usize) -> Linear {
             d
         }
     };
-    // The kernel of `B` must be determined by `D`, or `z` is not; the states are all the same.
+    // `z` is determined on the kernel of `B` by `D` only; the states do not depend on it.
     if m > n {
         (0..m).for_each(|i| d[i][i] += 0.3);
     }
     Linear { a, c: transposed(&b), b, d, ..Linear::default() }
 }
 
-/// `D` a P-matrix that dominates by its diagonal; everything else at random, with losses.
+/// `D` is a diagonally dominant P-matrix; all else is random, with dissipation.
 fn p_matrix(random: &mut Random, n: usize, m: usize) -> Linear {
     let mut a = dissipative(random, n, 100.0);
     (0..n).for_each(|i| a[i][i] -= 0.5);
@@ -68,7 +68,7 @@ fn p_matrix(random: &mut Random, n: usize, m: usize) -> Linear {
     Linear { a, b: random.matrix(n, m), c: random.matrix(m, n), d, ..Linear::default() }
 }
 
-/// Each variable pushes a state of its own away from zero, and may push others nearer to theirs, less in all.
+/// Each variable pushes one state away from zero, and may push others towards zero, by less in total.
 #[expect(clippy::needless_range_loop, reason = "columns of a matrix by rows")]
 fn reflection(random: &mut Random, n: usize, m: usize) -> Linear {
     let a = dissipative(random, n, 30.0);

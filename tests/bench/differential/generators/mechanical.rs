@@ -1,5 +1,5 @@
-//! Mechanical scenes: an oscillator beside a stop, a ball that bounces and slides, a block on a rough floor that a spring pulls,
-//! a pendulum on a joint, two bodies on a spring that strike each other.
+//! Mechanical systems: an oscillator with a stop, a ball that bounces and slides, a block on a rough floor pulled by a
+//! spring, a pendulum on a joint, and two bodies on a spring that collide.
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 struct Mechanical {
     scene: MultibodySystem,
     end: f64,
-    /// The step of time stepping.
+    /// The step size of time stepping.
     step: Option<f64>,
 }
 
@@ -75,7 +75,7 @@ pub fn generate(random: &mut Random, stepped: bool) -> Box<dyn Problem> {
 }
 
 impl Mechanical {
-    /// A quantity in powers of the units of size and time.
+    /// A quantity in the units of `view`, given its powers of size and time.
     fn in_units(view: &View, value: f64, size: i32, time: i32) -> f64 {
         value / (view.size.powi(size) * view.time.powi(time))
     }
@@ -150,7 +150,7 @@ impl Problem for Mechanical {
                     }],
                 });
                 if let Some((distance, restitution)) = wall {
-                    // On the side away from the start.
+                    // The wall is on the side away from the initial position.
                     let side = if *angle > 0.0 { "x" } else { "-x" };
                     let gap = format!("{side} + ({:?})", Self::in_units(view, *distance, 1, 0));
                     scene["contacts"] = json!([{"name": "wall", "gap": gap, "restitution": restitution}]);
@@ -197,7 +197,7 @@ impl Problem for Mechanical {
             MultibodySystem::Pendulum { length, .. } => *length,
             MultibodySystem::Pair { rest, .. } => *rest,
         };
-        // Where a unit of time is long, velocities are large numbers, and the reverse.
+        // If the unit of time is long, velocities are large numbers, and conversely.
         0.1 * size * (1.0 / self.end).min(1.0)
     }
 

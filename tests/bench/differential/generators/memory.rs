@@ -1,4 +1,4 @@
-//! Problems with memory: fractional kernels of order at most one and exponential ones, over boxes and orthants.
+//! Problems with memory: fractional kernels of order at most one and exponential kernels, over boxes and orthants.
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -6,7 +6,7 @@ use crate::differential::signal::Signal;
 use serde_json::{Value, json};
 
 pub struct Memory {
-    /// The fractional exponent, or the rate of an exponential kernel.
+    /// A fractional kernel with its exponent, or an exponential kernel with its rate.
     kernel: Kernel,
     q: Vec<Signal>,
     /// A symmetric positive definite matrix.
@@ -29,7 +29,7 @@ pub fn generate(random: &mut Random) -> Memory {
         Kernel::Exponential(random.scale(0.1, 10.0))
     };
     let mut q: Vec<Signal> = (0..m).map(|_| Signal::random(random, 1.0, omega, 2)).collect();
-    // At the start there is no past: `q` must be in the dual cone there, or the solution begins with an impulse.
+    // There is no past at the start: unless `q` is in the dual cone there, the solution begins with an impulse.
     for q in &mut q {
         q.constant += random.uniform(0.05, 0.5) - q.at(0.0);
     }

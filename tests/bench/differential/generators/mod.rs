@@ -1,4 +1,4 @@
-//! Random problems of each kind. Most are well-posed by construction, and each knows whether it is.
+//! Random problems of each kind. Most are well-posed by construction, and each states whether it is.
 
 mod bodies;
 mod circuits;
@@ -16,7 +16,7 @@ use super::random::Random;
 use super::reference::{Values, by_modes, by_projection};
 use serde_json::Value;
 
-/// A problem of this kind.
+/// A random problem of a kind.
 pub fn generate(kind: Kind, random: &mut Random) -> Box<dyn Problem> {
     match kind {
         Kind::Complementarity => Box::new(complementarity::generate(random)),
@@ -31,19 +31,19 @@ pub fn generate(kind: Kind, random: &mut Random) -> Box<dyn Problem> {
     }
 }
 
-/// A linear system with what is known of it.
+/// A linear system with its known properties.
 #[derive(Clone, Debug)]
 pub struct LinearProblem {
     pub system: Linear,
     pub end: f64,
     pub is_unique: bool,
-    /// Written as matrices, or as expressions.
+    /// Written as matrices; otherwise as expressions.
     pub as_matrices: bool,
-    /// The weights of the states in an energy that the difference of two solutions does not gain, if there is one.
+    /// The weights of the states in an energy that does not grow for the difference of two solutions, if there is one.
     pub energy: Option<Vec<f64>>,
 }
 
-/// Steps of the coarsest run of the reference by projections.
+/// The number of steps of the coarsest run of the reference by projections.
 const COARSE: usize = 2_000;
 
 impl Problem for LinearProblem {
@@ -82,7 +82,8 @@ impl Problem for LinearProblem {
     }
 }
 
-/// A matrix `A` with `A + A^T` negative semidefinite: what oscillates and what decays, over scales of time up to `stiffness`.
+/// A matrix `A` with `A + A^T` negative semidefinite: oscillation and decay, with time scales up to a ratio of
+/// `stiffness`.
 fn dissipative(random: &mut Random, n: usize, stiffness: f64) -> Vec<Vec<f64>> {
     let root = random.matrix(n, n);
     let square = product(&root, &transposed(&root));
@@ -97,7 +98,7 @@ fn dissipative(random: &mut Random, n: usize, stiffness: f64) -> Vec<Vec<f64>> {
     (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
 }
 
-/// A matrix with a positive definite symmetric part of the size of one, and maybe a skew one.
+/// A matrix with a positive definite symmetric part of order one, and possibly a skew-symmetric part.
 fn positive_definite(random: &mut Random, n: usize) -> Vec<Vec<f64>> {
     let root = random.matrix(n, n);
     let square = product(&root, &transposed(&root));
@@ -108,19 +109,19 @@ fn positive_definite(random: &mut Random, n: usize) -> Vec<Vec<f64>> {
     (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect()
 }
 
-/// What keeps a random square away from being singular.
+/// A diagonal shift that keeps a random Gram matrix away from singularity.
 fn random_free(n: usize) -> f64 {
     0.1 * n as f64
 }
 
-/// The most by which a change of states of these sizes grows in the norm in which each size is one, where its energy with
-/// these weights does not grow.
+/// The largest growth factor of a perturbation, in the norm in which each state is divided by its size, if the energy
+/// with these weights does not grow.
 fn growth_by_energy(weights: &[f64], sizes: &[f64]) -> f64 {
     let energies = || weights.iter().zip(sizes).map(|(weight, size)| weight * size * size);
     (energies().sum::<f64>() / energies().fold(f64::INFINITY, f64::min)).sqrt()
 }
 
-/// Writes a passive system in other units of each state, so that its energy is no longer the square of the norm.
+/// Writes a passive system in other units for each state, so that its energy is no longer the square of the norm.
 fn rescaled(mut system: Linear, factors: &[f64]) -> Linear {
     for (i, factor) in factors.iter().enumerate() {
         system.initial[i] *= factor;
@@ -138,7 +139,7 @@ fn rescaled(mut system: Linear, factors: &[f64]) -> Linear {
     system
 }
 
-/// Lets everything go faster.
+/// Speeds up the dynamics by a factor.
 fn faster(mut system: Linear, factor: f64) -> Linear {
     for matrix in [&mut system.a, &mut system.b] {
         matrix.iter_mut().flatten().for_each(|entry| *entry *= factor);

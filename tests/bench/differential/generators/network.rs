@@ -1,6 +1,6 @@
 //! Networks of resistors, capacitors, inductors, sources and ideal diodes: written as a `circuit`, and reduced by nodal
-//! analysis to a linear complementarity system in which every capacitor is a source of voltage, every inductor and every diode
-//! one of current. Where a node has no other way than those, there is no such form.
+//! analysis to a linear complementarity system, in which capacitors are voltage sources, and inductors and diodes are
+//! current sources. The reduction fails if a node is connected to such components only.
 
 use crate::differential::linear::{Linear, Shape};
 use crate::differential::problem::View;
@@ -8,21 +8,21 @@ use crate::differential::signal::Signal;
 use nalgebra::{DMatrix, DVector};
 use serde_json::{Value, json};
 
-/// A leak, in parts of the largest resistance: little beside it, and far above what rounding leaves.
+/// The leakage resistance, relative to the largest resistance: with little effect, and far above rounding errors.
 const LEAK: f64 = 1e7;
 
 #[derive(Clone, Debug)]
 pub enum Part {
     Resistor(f64),
-    /// Farads, volts at the start.
+    /// Capacitance in farads, initial voltage in volts.
     Capacitor(f64, f64),
-    /// Henries, amperes at the start.
+    /// Inductance in henries, initial current in amperes.
     Inductor(f64, f64),
     Voltage(Signal),
     Diode,
 }
 
-/// Parts between nodes; node 0 is the ground.
+/// Components between nodes; node 0 is the ground.
 #[derive(Clone, Debug, Default)]
 pub struct Network {
     pub parts: Vec<(Part, usize, usize)>,
@@ -37,7 +37,7 @@ impl Network {
         self.parts.iter().map(|(_, a, b)| *a.max(b)).max().unwrap_or(0)
     }
 
-    /// The names of the states, in the order of the parts.
+    /// The names of the states, in the order of the components.
     pub fn states(&self) -> Vec<String> {
         let name = |(k, (part, _, _)): (usize, &(Part, usize, usize))| match part {
             Part::Capacitor(..) => Some(format!("v(C{k})")),
@@ -47,7 +47,7 @@ impl Network {
         self.parts.iter().enumerate().filter_map(name).collect()
     }
 
-    /// The weights of the states in the energy that is stored.
+    /// The weights of the states in the stored energy.
     pub fn energy(&self) -> Vec<f64> {
         let weight = |(part, _, _): &(Part, usize, usize)| match part {
             Part::Capacitor(capacity, _) => Some(*capacity),
@@ -84,7 +84,8 @@ impl Network {
         json!({"circuit": {"components": components}})
     }
 
-    /// The system with every node leaking to the ground, where there is none without; and how much that changes, beside one.
+    /// The system with leakage from every node to the ground, if it cannot be reduced without; and the relative change
+    /// by it.
     pub fn leaking(&self) -> Option<(Linear, f64)> {
         let resistance =
             |(part, _, _): &(Part, usize, usize)| if let Part::Resistor(ohms) = part { *ohms } else { 0.0 };
@@ -94,7 +95,8 @@ impl Network {
         Some((network.system()?, 100.0 / LEAK))
     }
 
-    /// In capacitor voltages, inductor currents and diode currents; `None` where nodal analysis does not determine it.
+    /// The system in capacitor voltages, inductor currents and diode currents; `None` if nodal analysis does not
+    /// determine it.
     pub fn system(&self) -> Option<Linear> {
         let (nodes, parts) = (self.nodes(), &self.parts);
         let place =
@@ -102,7 +104,7 @@ impl Network {
         let states = place(|part| matches!(part, Part::Capacitor(..) | Part::Inductor(..)));
         let diodes = place(|part| matches!(part, Part::Diode));
         let sources = place(|part| matches!(part, Part::Voltage(_)));
-        // Unknown: the node voltages, and the currents through what has a given voltage.
+        // Unknowns: the node voltages, and the currents through components with a given voltage.
         let given = place(|part| matches!(part, Part::Capacitor(..) | Part::Voltage(_)));
         let unknowns = nodes + given.len();
         let columns = states.len() + diodes.len() + sources.len();
@@ -180,7 +182,7 @@ impl Network {
             system.d.push(d);
             system.gap.push(gap);
         }
-        // What elimination leaves of zero would be taken for a small resistance.
+        // Rounding errors of the elimination are set to zero: they would act as small resistances.
         for matrix in [&mut system.a, &mut system.b, &mut system.c, &mut system.d] {
             for row in matrix.iter_mut() {
                 let largest = row.iter().fold(0.0_f64, |largest, x| largest.max(x.abs()));

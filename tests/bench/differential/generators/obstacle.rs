@@ -1,4 +1,4 @@
-//! Parabolic obstacle problems on an interval: driven by sources that come and go, between one obstacle or two.
+//! Parabolic obstacle problems on an interval: driven by time-dependent sources, with one obstacle or two.
 
 use crate::differential::problem::{Field, Problem, View, Way};
 use crate::differential::random::Random;
@@ -12,12 +12,12 @@ pub struct Obstacle {
     advection: f64,
     reaction: f64,
     source: Signal,
-    /// The part of the source that varies along the interval.
+    /// The variation of the source along the interval.
     bulge: f64,
     lower: f64,
     upper: Option<f64>,
     initial: f64,
-    /// Held at zero on the left, or on both sides.
+    /// Whether the membrane is fixed at zero on the left and on the right.
     held: [bool; 2],
     end: f64,
 }
@@ -42,7 +42,7 @@ pub fn generate(random: &mut Random) -> Obstacle {
 }
 
 impl Problem for Obstacle {
-    /// The length of the interval is a unit of its own, and stays.
+    /// The length of the interval has a unit of its own, which is not changed.
     fn document(&self, view: &View) -> Value {
         let (time, size) = (view.time, view.size);
         let mut problem = json!({
@@ -90,7 +90,7 @@ impl Problem for Obstacle {
         0.1
     }
 
-    /// By the maximum principle the largest difference of two solutions does not grow.
+    /// By the maximum principle, the largest difference of two solutions does not grow.
     fn most_growth(&self, sizes: &[f64]) -> f64 {
         sizes[0] / sizes.iter().fold(f64::INFINITY, |least, size| least.min(*size))
     }
@@ -99,7 +99,7 @@ impl Problem for Obstacle {
         true
     }
 
-    /// How advection is discretised is a choice, and so only what has none is compared.
+    /// Advection can be discretised in many ways, so that only problems without it have a reference.
     fn reference(&self, change: &[f64], times: &[f64]) -> Option<Values> {
         let membrane = (self.advection == 0.0).then(|| Membrane {
             elements: self.elements,

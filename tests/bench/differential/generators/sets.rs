@@ -1,5 +1,5 @@
-//! Variational inequalities over sets of all kinds: with `D` positive definite, and with `D` zero and `C = B^T`, both of which
-//! have unique states over any convex set.
+//! Variational inequalities over sets of all kinds: with `D` positive definite, and with `D` zero and `C = B^T`. In
+//! both cases the states are unique over any convex set.
 
 use super::{LinearProblem, dissipative, faster, positive_definite, variables};
 use crate::differential::linear::{Linear, Shape, transposed, zeros};
@@ -12,7 +12,7 @@ pub fn generate(random: &mut Random) -> LinearProblem {
     let m = variables(&set);
     let n = m.max(random.whole(1, 4));
     let omega = random.scale(0.5, 5.0);
-    // Without `D` an unbounded set needs a start inside what it allows; bounded ones take any start.
+    // With `D` zero, an unbounded set needs feasible initial states; a bounded set admits any.
     let regular = !bounded || random.chance(0.6);
     let a = dissipative(random, n, 50.0);
     let (b, c, d) = if regular {
@@ -62,7 +62,7 @@ fn factor(random: &mut Random) -> (Shape, usize) {
         3 => (Shape::Ball(random.scale(0.1, 2.0)), random.whole(2, 3)),
         4 => (Shape::Simplex, random.whole(2, 3)),
         5 => {
-            // A box cut by half planes that leave the origin inside.
+            // A box cut by half planes that contain the origin.
             let mut a = vec![vec![1.0, 0.0], vec![-1.0, 0.0], vec![0.0, 1.0], vec![0.0, -1.0]];
             let mut b = vec![1.0; 4];
             for _ in 0..random.whole(0, 2) {

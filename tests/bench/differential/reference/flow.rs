@@ -1,6 +1,6 @@
-//! A linear system driven by sine waves is a linear system without drive in more unknowns: the states, one, and the sine and
-//! cosine of every wave. Its flow is a matrix exponential, and a linear function of the states has derivatives of all orders
-//! in closed form.
+//! The flow of a linear system with sinusoidal forcing, written as an autonomous linear system in more unknowns: the
+//! states, one, and the sine and cosine of every wave. The flow is a matrix exponential, and a linear function of the
+//! states has derivatives of all orders in closed form.
 
 use crate::differential::signal::{Signal, Wave};
 use nalgebra::{DMatrix, DVector, RowDVector};
@@ -27,7 +27,7 @@ impl Driven {
         self.states + 1 + 2 * self.waves.len()
     }
 
-    /// A row of coefficients of the states and a signal, as a function of all unknowns.
+    /// A linear function of the states plus a signal, as a row over all unknowns.
     pub fn row(&self, of_states: &[f64], signal: &Signal) -> RowDVector<f64> {
         let mut row = RowDVector::zeros(self.unknowns());
         of_states.iter().enumerate().for_each(|(j, x)| row[j] = *x);
@@ -39,7 +39,7 @@ impl Driven {
         row
     }
 
-    /// The rates of all unknowns; `rows` are those of the states.
+    /// The matrix of the rates of all unknowns; `rows` are the rates of the states.
     pub fn rates(&self, rows: &[RowDVector<f64>]) -> DMatrix<f64> {
         let mut m = DMatrix::zeros(self.unknowns(), self.unknowns());
         rows.iter().enumerate().for_each(|(i, row)| m.set_row(i, row));
@@ -50,7 +50,7 @@ impl Driven {
         m
     }
 
-    /// All unknowns from the states at the start.
+    /// All unknowns at the start, from the initial states.
     pub fn start(&self, x: &[f64]) -> DVector<f64> {
         let waves = self.waves.iter().flat_map(|wave| [wave.phase.sin(), wave.phase.cos()]);
         DVector::from_iterator(self.unknowns(), x.iter().copied().chain([1.0]).chain(waves))
@@ -61,7 +61,7 @@ fn is_same(a: &Wave, b: &Wave) -> bool {
     a.omega == b.omega && a.phase == b.phase
 }
 
-/// `y' = M y`, with the flow over one step of a size that resolves its fastest motion.
+/// `y' = M y`, with the flow over one step that resolves the fastest motion.
 #[derive(Clone, Debug)]
 pub struct Flow {
     pub m: DMatrix<f64>,
@@ -69,7 +69,8 @@ pub struct Flow {
     over_step: DMatrix<f64>,
 }
 
-/// A step times the norm of the system, after it is balanced: the cubic between two steps is then right to about 1e-5.
+/// The step size times the norm of the balanced matrix: the cubic interpolant over a step then has an error of about
+/// 1e-5.
 const STEP: f64 = 0.1;
 
 impl Flow {
@@ -90,13 +91,13 @@ impl Flow {
         &self.over_step * y
     }
 
-    /// The flow over a part of a step.
+    /// The flow over a fraction of a step.
     pub fn advance(&self, y: &DVector<f64>, s: f64) -> DVector<f64> {
         advance(&self.m, y, s)
     }
 }
 
-/// `exp(M s) y` by its series, for steps that make it short.
+/// `exp(M s) y` by its Taylor series, for short steps.
 fn advance(m: &DMatrix<f64>, y: &DVector<f64>, s: f64) -> DVector<f64> {
     let (mut sum, mut term) = (y.clone(), y.clone());
     for k in 1..=16 {
@@ -106,7 +107,7 @@ fn advance(m: &DMatrix<f64>, y: &DVector<f64>, s: f64) -> DVector<f64> {
     sum
 }
 
-/// The largest row sum of `M` in units of the unknowns that balance its rows and columns (Osborne 1960).
+/// The largest row sum of `M` after balancing of its rows and columns (Osborne 1960).
 fn balanced_norm(m: &DMatrix<f64>) -> f64 {
     let n = m.nrows();
     let mut a = m.abs();
@@ -120,22 +121,22 @@ fn balanced_norm(m: &DMatrix<f64>) -> f64 {
             }
         }
     }
-    // A drive enters its rows and is entered by none: in large enough units it has no size.
+    // Forcing terms act on states, and not conversely: in large enough units they have no norm.
     let is_state = |i: usize| a.column(i).sum() > 0.0 && a.row(i).sum() > 0.0;
     let rows = (0..n).filter(|&i| is_state(i)).map(|i| (0..n).filter(|&j| is_state(j)).map(|j| a[(i, j)]).sum::<f64>());
     rows.fold(f64::MIN_POSITIVE, f64::max)
 }
 
-/// A function of the unknowns that must not be negative.
+/// A monitor: a function of the unknowns that must not be negative.
 #[derive(Clone, Debug)]
 pub struct Monitor {
     pub row: RowDVector<f64>,
     rate: RowDVector<f64>,
 }
 
-/// Below this part of its terms a monitor is zero: what rounding and bisection leave of it.
+/// The relative zero tolerance of a monitor: the error of rounding and bisection.
 pub const ZERO: f64 = 1e-9;
-/// Between events it may be negative by this part.
+/// The relative tolerance by which a monitor may be negative between events.
 const SLACK: f64 = 1e-12;
 
 impl Monitor {
@@ -147,7 +148,8 @@ impl Monitor {
         SLACK * terms(&self.row, sizes)
     }
 
-    /// The first time within a step at which the monitor is negative, by a factor of its slack; none if it stays above.
+    /// The first time within a step at which the monitor is below minus `factor` times its slack; `None` if there is
+    /// none.
     pub fn leaves(
         &self,
         flow: &Flow,
@@ -160,7 +162,8 @@ impl Monitor {
         let at = |y: &DVector<f64>| (self.row.clone() * y)[0] + slack;
         let rate = |y: &DVector<f64>| (self.rate.clone() * y)[0] * h;
         let (p, q, dp, dq) = (at(y), at(next), rate(y), rate(next));
-        // The least coefficient in Bernstein's form bounds the cubic; a part of them covers what it lacks.
+        // The least Bernstein coefficient bounds the cubic interpolant; a fraction of the coefficients covers its
+        // error.
         let (second, third) = (p + dp / 3.0, q - dq / 3.0);
         let range = dp.abs() + dq.abs();
         if q >= 0.0 && second.min(third) > 1e-4 * range {
@@ -187,13 +190,13 @@ impl Monitor {
     }
 }
 
-/// The size of the terms of a row.
+/// The sum of the magnitudes of the terms of a row.
 pub fn terms(row: &RowDVector<f64>, sizes: &DVector<f64>) -> f64 {
     row.iter().zip(sizes.iter()).map(|(c, size)| (c * size).abs()).sum()
 }
 
-/// The sign of the first derivative of `row y` that is above a part `zero` of its terms along `y' = M y`, from the function
-/// itself on; zero if there is none.
+/// The sign of the first derivative along `y' = M y`, from order zero, of the function `row y` that exceeds the
+/// fraction `zero` of its terms; zero if there is none.
 pub fn lexicographic_sign(
     row: &RowDVector<f64>,
     m: &DMatrix<f64>,

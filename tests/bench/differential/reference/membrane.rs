@@ -1,5 +1,6 @@
-//! A membrane on an interval between two flat obstacles: `u_t = a u_xx - c u + f(t, x)`, in linear elements with lumped masses,
-//! by implicit Euler and projected sweeps. Steps of three sizes tell how far the finest is off; their extrapolation is given.
+//! A membrane on an interval between two flat obstacles: `u_t = a u_xx - c u + f(t, x)`, by linear elements with lumped
+//! masses, implicit Euler and projected Gauss-Seidel sweeps. Runs with three step sizes estimate the error of the
+//! finest; the result is their extrapolation.
 
 use super::Values;
 use crate::differential::signal::Signal;
@@ -16,17 +17,17 @@ pub struct Membrane {
     pub bounds: (f64, f64),
     /// `u = initial sin(pi x)` at the start.
     pub initial: f64,
-    /// Whether it is held at zero on the left and on the right; else nothing flows there.
+    /// Whether the membrane is fixed at zero on the left and on the right; otherwise there is no flux.
     pub held: [bool; 2],
 }
 
 const COARSE: usize = 4_000;
 const SWEEPS: usize = 2_000;
-/// The steps between two outputs are at least this part of those that there would be were outputs evenly spaced.
+/// The number of steps between two outputs is at least one in `LEAST` of the number for evenly spaced outputs.
 const LEAST: f64 = 8.0;
 
 impl Membrane {
-    /// The values at `probes` and the integral, at `times`.
+    /// The values at `probes` and the integral over the interval, at `times`.
     pub fn solve(&self, probes: &[f64], times: &[f64]) -> Option<Values> {
         let coarse = self.run(probes, times, COARSE)?;
         let fine = self.run(probes, times, 2 * COARSE)?;
@@ -38,7 +39,8 @@ impl Membrane {
             if second > 0.75 * first && second > 1e-9 {
                 return None;
             }
-            // The extrapolation is better where the error is smooth in the step, and no worse than this where it is not.
+            // The extrapolation is more accurate if the error is smooth in the step size, and within this bound
+            // otherwise.
             accuracy.push(2.0 * second);
             finest.iter_mut().zip(fine).for_each(|(x, before)| *x += *x - before);
         }
@@ -51,7 +53,8 @@ impl Membrane {
         let x = |i: usize| i as f64 * dx;
         let mut u: Vec<f64> = (0..=n).map(|i| self.initial * (std::f64::consts::PI * x(i)).sin()).collect();
         let mass: Vec<f64> = (0..=n).map(|i| if i == 0 || i == n { dx / 2.0 } else { dx }).collect();
-        // The mesh is given, and so is how the source is integrated on it: by its value at the centre of each element.
+        // The mesh and the quadrature of the source are part of the problem: the source is evaluated at element
+        // centres.
         let mut load = vec![0.0; n + 1];
         for i in 0..n {
             let half = 0.5 * dx * (1.0 + self.bulge * (std::f64::consts::PI * (i as f64 + 0.5) * dx).cos());
@@ -59,7 +62,8 @@ impl Membrane {
             load[i + 1] += half;
         }
         let mut columns = vec![Vec::with_capacity(times.len()); probes.len() + 1];
-        // Each interval between outputs has the same parts, times the refinement, so that the three runs differ in each.
+        // The number of steps of each output interval is a multiple of the refinement, so that the runs differ in each
+        // interval.
         let (h, refinement) = (times.last()? / COARSE as f64, (steps / COARSE) as f64);
         let least = COARSE as f64 / (LEAST * times.len() as f64);
         let (mut t, mut before) = (0.0, 0.0);

@@ -1,10 +1,11 @@
-//! Independent answers, which share no code with what they are compared with.
+//! Independent reference solutions, which share no code with the solvers under test.
 //!
-//! - [`modes`] solves a linear complementarity system, a relay or a system between constant bounds mode by mode: the flow of
-//!   each mode is a matrix exponential, the mode is found by enumeration and by the signs of derivatives of all orders.
-//! - [`stop`] does so for an oscillator that strikes a stop.
-//! - [`projected`] solves over any set by small steps of one size and projections, at two sizes.
-//! - [`membrane`] does so for an obstacle problem on an interval.
+//! - [`modes`] solves a linear complementarity system, a relay or a system between constant bounds mode by mode: the
+//!   flow of each mode is a matrix exponential, and the mode is found by enumeration, from the signs of derivatives of
+//!   all orders.
+//! - [`stop`] solves an oscillator that strikes a stop in the same way.
+//! - [`projected`] solves problems over any set by small fixed steps and projections, with several step sizes.
+//! - [`membrane`] solves an obstacle problem on an interval, with three step sizes.
 
 mod flow;
 mod membrane;
@@ -17,11 +18,11 @@ pub use modes::solve as by_modes;
 pub use projected::solve as by_projection;
 pub use stop::Stop;
 
-/// Fields over time, and how far each may be off.
+/// The values of fields over time, and their error estimates.
 #[derive(Clone, Debug)]
 pub struct Values {
-    /// Of each field the values.
+    /// The values of each field.
     pub columns: Vec<Vec<f64>>,
-    /// Of each field its uncertainty.
+    /// The error estimate of each field.
     pub accuracy: Vec<f64>,
 }

@@ -1,29 +1,30 @@
 //! Linear complementarity systems and relays, mode by mode.
 //!
-//! In a mode every variable rests on its lower bound, on its upper one, or is inside with `G = 0`. Where `D` does not determine
-//! the variables inside, the derivative of what it leaves does: with `W` a basis of the left null space of `D_JJ`,
-//! `W (C_J x + g_J + ..) = 0` is kept by the states, and `W C_J x' = ..` holds besides. At the start and at each event the
-//! modes are enumerated, and that one is taken in which every monitor is positive right after, judged by the first derivative
-//! that does not vanish. If two lead on in different directions there is no unique answer, and none is given.
+//! In a mode, each variable is at its lower bound, at its upper bound, or inactive with `G = 0`. If `D` does not
+//! determine the inactive variables, the derivative of the remaining constraints does: with `W` a basis of the left
+//! null space of `D_JJ`, the states satisfy `W (C_J x + g_J + ..) = 0`, and `W C_J x' = ..` holds in addition. At the
+//! start and at each event the modes are enumerated, and the mode is chosen in which every monitor is positive
+//! immediately afterwards, judged by its first derivative that does not vanish. If two modes lead in different
+//! directions, the solution is not unique, and none is returned.
 //!
-//! What counts as zero decides at events, and an accumulation of them ends by it. Two runs, one with thresholds far below those
-//! of the other, differ by what that does to the answer.
+//! The zero tolerances decide at events, and end an accumulation of events. Two runs, one with much smaller tolerances,
+//! show the effect of the tolerances on the solution.
 
 use super::Values;
 use super::flow::{Driven, Flow, Monitor, ZERO, lexicographic_sign, terms};
 use crate::differential::linear::{Linear, Shape};
 use nalgebra::{DMatrix, DVector, RowDVector};
 
-/// More steps are not worth the time, and more events are likely to accumulate.
+/// The largest numbers of steps and of events: more steps take too long, and more events are likely to accumulate.
 const MOST_STEPS: f64 = 3e6;
 const MOST_EVENTS: usize = 20_000;
-/// More pairs make too many modes.
+/// The largest number of variables: more of them have too many modes.
 const MOST_VARIABLES: usize = 4;
-/// What rounding leaves of a constraint that holds, as a part of its terms.
+/// The relative rounding error of a constraint that holds.
 const HOLDS: f64 = 1e-8;
-/// The thresholds of the finer of two runs, in parts of those of the coarser.
+/// The tolerances of the finer of two runs, relative to those of the coarser.
 const FINER: f64 = 1e-2;
-/// What is determined at all has singular values above this part of the largest.
+/// The smallest singular value of a determined system, relative to the largest.
 const RANK: f64 = 1e-10;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,12 +34,12 @@ enum Place {
     Inside,
 }
 
-/// A mode that the states allow.
+/// A mode that the states admit.
 struct Mode {
     flow: DMatrix<f64>,
-    /// What must not become negative.
+    /// The functions that must not become negative.
     monitors: Vec<RowDVector<f64>>,
-    /// What the states keep at zero.
+    /// The functions that the states keep at zero.
     kept: Vec<RowDVector<f64>>,
 }
 
@@ -50,11 +51,12 @@ struct Modes<'a> {
     gaps: Vec<RowDVector<f64>>,
     bounds: Vec<(f64, f64)>,
     driven: Driven,
-    /// What counts as zero, in parts of `HOLDS` and `ZERO`.
+    /// The zero tolerances, relative to `HOLDS` and `ZERO`.
     part: f64,
 }
 
-/// The states at `times`; `None` where the set is not of bounds alone, modes are many, or the answer is not unique.
+/// The states at `times`; `None` if the set is not given by bounds, there are too many modes, or the solution is not
+/// unique.
 pub fn solve(system: &Linear, initial: &[f64], times: &[f64]) -> Option<Values> {
     let mut bounds = Vec::new();
     for (shape, size) in &system.set {
@@ -76,7 +78,7 @@ pub fn solve(system: &Linear, initial: &[f64], times: &[f64]) -> Option<Values> 
     let (rates, gaps) = (rows(&system.a, &system.drive), rows(&system.c, &system.gap));
     let coarse = Modes { system, rates, gaps, bounds, driven, part: 1.0 };
     let values = coarse.run(initial, times)?;
-    // Thresholds that rounding reaches have no finer run; then their own estimate stands alone.
+    // If the finer tolerances are below rounding, there is no finer run, and the run's own error estimate is used.
     let Some(mut finer) = (Modes { part: FINER, ..coarse }).run(initial, times) else { return Some(values) };
     for (k, accuracy) in finer.accuracy.iter_mut().enumerate() {
         let apart = finer.columns[k].iter().zip(&values.columns[k]).map(|(a, b)| (a - b).abs());
@@ -112,7 +114,7 @@ impl Modes<'_> {
                     next += 1;
                 }
                 if next == times.len() {
-                    // What counts as zero at an event may be another mode, until the next.
+                    // The tolerance at an event may select another mode, until the next event.
                     let part = 1e-9 + self.part * HOLDS * events as f64;
                     let accuracy = sizes.iter().take(n).map(|size| part * size).collect();
                     return Some(Values { columns, accuracy });
@@ -133,12 +135,12 @@ impl Modes<'_> {
         None
     }
 
-    /// What the unknowns are large beside: themselves, and for states that begin at zero what they are driven to.
+    /// The scales of the unknowns: their magnitudes.
     fn sizes(&self, y: &DVector<f64>) -> DVector<f64> {
         y.map(|x| x.abs().max(f64::MIN_POSITIVE))
     }
 
-    /// The mode that leads on from `y`; none if there is none, or several that lead elsewhere.
+    /// The mode that continues from `y`; `None` if there is none, or if several continue differently.
     fn choose(&self, y: &DVector<f64>, sizes: &DVector<f64>) -> Option<Mode> {
         let m = self.bounds.len();
         let mut found: Option<(Mode, DVector<f64>)> = None;
@@ -153,7 +155,7 @@ impl Modes<'_> {
             match &found {
                 None => found = Some((mode, direction)),
                 Some((first, other)) => {
-                    // Modes that differ in nothing but what is not determined are one.
+                    // Modes that differ only in undetermined variables are equivalent.
                     let scale = |i: usize| {
                         terms(&mode.flow.row(i).clone_owned(), sizes)
                             .max(terms(&first.flow.row(i).clone_owned(), sizes))
@@ -167,11 +169,11 @@ impl Modes<'_> {
         found.map(|(mode, _)| mode)
     }
 
-    /// A mode, if the states allow it and it determines the variables as far as the states feel them.
+    /// A mode, if the states admit it and it determines the variables as far as they act on the states.
     fn mode(&self, places: &[Place], y: &DVector<f64>, sizes: &DVector<f64>) -> Option<Mode> {
         let (n, unknowns, one) = (self.system.states(), self.driven.unknowns(), self.system.states());
         let inside: Vec<usize> = (0..places.len()).filter(|&i| places[i] == Place::Inside).collect();
-        // The variables as functions of the unknowns: those on a bound first.
+        // The variables as functions of the unknowns, first those at a bound.
         let mut z = DMatrix::zeros(places.len(), unknowns);
         for (i, place) in places.iter().enumerate() {
             let (lower, upper) = self.bounds[i];
@@ -196,7 +198,7 @@ impl Modes<'_> {
             let rows: Vec<RowDVector<f64>> = inside.iter().map(|&i| &self.gaps[i] + d.row(i) * &z).collect();
             let r = DMatrix::from_rows(&rows);
             let left = left_null_space(&d_inside);
-            // What the states keep, and its rate.
+            // The constraints kept by the states, and their rates.
             let kept = left.transpose() * &r;
             for row in kept.row_iter() {
                 let row = row.clone_owned();
@@ -248,7 +250,7 @@ impl Modes<'_> {
         Some(Mode { flow: self.flow(&z), monitors, kept: at_zero })
     }
 
-    /// The rates of all unknowns where the variables are these functions of them.
+    /// The rates of all unknowns, with the variables as functions `z` of the unknowns.
     fn flow(&self, z: &DMatrix<f64>) -> DMatrix<f64> {
         let row = |(i, rate): (usize, &RowDVector<f64>)| {
             self.system.b[i].iter().enumerate().fold(rate.clone(), |sum, (j, b)| sum + z.row(j) * *b)
@@ -258,8 +260,8 @@ impl Modes<'_> {
 }
 
 impl Mode {
-    /// Moves the states to where the mode keeps them, by the least change in units of their sizes: what location leaves of a
-    /// constraint would stay for as long as the mode lasts.
+    /// Projects the states onto the constraints of the mode, by the least change relative to their scales: an error of
+    /// event location would otherwise persist as long as the mode.
     fn project(&self, y: &mut DVector<f64>, sizes: &DVector<f64>, n: usize) {
         if self.kept.is_empty() {
             return;
@@ -297,8 +299,8 @@ fn left_null_space(a: &DMatrix<f64>) -> DMatrix<f64> {
     if null.is_empty() { DMatrix::zeros(n, 0) } else { DMatrix::from_columns(&null) }
 }
 
-/// The least solution `z` of `stack z + known = 0` in the sense of least squares, and a basis of what it leaves open. Rows are
-/// scaled to one, so that those of `D` and those of rates weigh alike.
+/// The least-squares solution `z` of `stack z + known = 0` of least norm, and a basis of the null space. Rows are
+/// scaled to one, so that rows of `D` and of rates have equal weight.
 fn least_squares(stack: &DMatrix<f64>, known: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
     let (mut stack, mut known) = (stack.clone(), known.clone());
     for i in 0..stack.nrows() {

@@ -1,16 +1,17 @@
-//! Systems over any set by small steps of one size: the rule of Runge and Kutta where `D` is positive definite, so that `z` is a
-//! Lipschitz function of time and states, else implicit Euler. `z` is found by projecting again and again. Two sizes of steps
-//! tell how far the finer one is off, and their extrapolation is better where the error is smooth in the step.
+//! Systems over any set by small fixed steps: a Runge-Kutta method if `D` is positive definite, so that `z` is a
+//! Lipschitz function of time and states, and implicit Euler otherwise. `z` is found by a projected fixed-point
+//! iteration. Runs with several step sizes estimate the error of the finest, and their extrapolation is more accurate
+//! if the error is smooth in the step size.
 
 use super::Values;
 use crate::differential::linear::{Linear, Shape, product};
 use nalgebra::{DMatrix, DVector};
 
 const ROUNDS: usize = 20_000;
-/// Increments of `z`, beside its size, at which it is found.
+/// The relative increment of `z` at which the iteration has converged.
 const FOUND: f64 = 1e-13;
 
-/// The states at `times`; `None` where a set has no projection here, or projecting does not converge.
+/// The states at `times`; `None` if a set has no projection here, or the iteration does not converge.
 pub fn solve(system: &Linear, initial: &[f64], times: &[f64], steps: usize) -> Option<Values> {
     let solver = Solver::new(system)?;
     let [coarse, fine, finest] = [1, 2, 4].map(|factor| solver.run(initial, times, factor * steps));
@@ -20,7 +21,8 @@ pub fn solve(system: &Linear, initial: &[f64], times: &[f64], steps: usize) -> O
     for ((coarse, fine), finest) in coarse.iter().zip(&fine).zip(&mut finest) {
         let (first, second) = (far(coarse, fine), far(fine, finest));
         let size = finest.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
-        // Of first order the finest is off by the last distance; where distances do not shrink nothing is known.
+        // For a first-order method, the last difference estimates the error; if differences do not decrease, it is
+        // unknown.
         if second > 0.75 * first && second > 1e-9 * size {
             return None;
         }
@@ -65,7 +67,7 @@ impl<'a> Solver<'a> {
         let mut columns = vec![Vec::with_capacity(times.len()); initial.len()];
         let (mut t, mut before) = (0.0, 0.0);
         let h = end / steps as f64;
-        // Steps end at the times asked for, so that nothing is interpolated.
+        // Steps end at the output times, so that nothing is interpolated.
         for &time in times {
             let parts = ((time - before) / h).ceil().max(1.0);
             let h = (time - before) / parts;
@@ -116,7 +118,7 @@ impl<'a> Solver<'a> {
     }
 }
 
-/// Implicit Euler with one step size: `x+ = inverse (x + h a) + response z`.
+/// Implicit Euler with a fixed step size: `x+ = inverse (x + h a) + response z`.
 struct Implicit {
     inverse: DMatrix<f64>,
     response: DMatrix<f64>,
@@ -133,7 +135,7 @@ impl Implicit {
     }
 }
 
-/// The step of a contraction: one over the norm where `D` is symmetric, else shorter by how far it is from that.
+/// The step of a contracting iteration: one over the norm if `D` is symmetric, and shorter according to its asymmetry.
 fn step_of(d: &DMatrix<f64>) -> f64 {
     let norm = d.norm();
     let skew = (d - d.transpose()).norm() / 2.0;
@@ -141,7 +143,7 @@ fn step_of(d: &DMatrix<f64>) -> f64 {
     if skew <= 1e-12 * norm { 1.0 / norm } else { least / (norm * norm) }
 }
 
-/// Solves `z in K`, `<D z + q, z~ - z> >= 0` from the last `z`, for a positive definite `D`.
+/// Solves `z in K`, `<D z + q, z~ - z> >= 0` from the previous `z`, for a positive definite `D`.
 fn solve_inequality(
     set: &[(Shape, usize)],
     (d, gamma): (&DMatrix<f64>, f64),
@@ -162,7 +164,7 @@ fn solve_inequality(
     None
 }
 
-/// The nearest point of `K`.
+/// The projection of `z` on `K`.
 fn projection(set: &[(Shape, usize)], z: &DVector<f64>) -> Option<DVector<f64>> {
     let mut out = z.clone();
     let mut first = 0;

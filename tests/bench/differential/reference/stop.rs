@@ -1,5 +1,5 @@
-//! A driven oscillator beside a stop, from impact to impact: `q'' = -k q - c q' + f(t)`, `q >= wall`, and `v+ = -e v-` where it
-//! strikes. It rests on the stop while the force presses it there.
+//! A driven oscillator with a stop, from impact to impact: `q'' = -k q - c q' + f(t)`, `q >= wall`, and `v+ = -e v-` at
+//! an impact. It rests at the stop while the force presses it there.
 
 use super::Values;
 use super::flow::{Driven, Flow, Monitor, ZERO, lexicographic_sign};
@@ -14,14 +14,14 @@ pub struct Stop {
     pub force: Signal,
     pub wall: f64,
     pub restitution: f64,
-    /// Position and velocity at the start.
+    /// The initial position and velocity.
     pub initial: [f64; 2],
 }
 
 const MOST_EVENTS: usize = 20_000;
 const MOST_STEPS: f64 = 3e6;
-/// A rebound this slow, beside the fastest motion so far, ends in rest where the force presses the body to the stop: it is as
-/// high as this squared.
+/// A rebound slower than this fraction of the largest speed so far ends in rest, if the force presses the body to the
+/// stop: the relative height of the rebound is the square of this fraction.
 const REST: f64 = 1e-6;
 
 impl Stop {
@@ -45,7 +45,7 @@ impl Stop {
                 || (gap.clone() * &y)[0] <= 1e-12 * (self.wall.abs() + sizes[0])
                     && y[1] == 0.0
                     && lexicographic_sign(&pull, &flows[1].m, &y, &sizes, ZERO) <= 0.0;
-            // Either the gap would close at once, or the body rests there and is pressed.
+            // Either the gap would close at once, or the body rests at the stop and is pressed to it.
             if touches {
                 y[0] = self.wall;
                 y[1] = -self.restitution * y[1].min(0.0);

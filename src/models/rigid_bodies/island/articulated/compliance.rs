@@ -1,4 +1,4 @@
-//! What impulses of contacts do to the velocities of bodies on joints.
+//! The response of the velocities of bodies with joints to contact impulses.
 
 use super::super::super::contact::Contact;
 use super::super::super::linkage::Linked;
@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 use problem::Control;
 use vi::coulomb::BlockMatrix;
 
-/// Solves for the changes of velocities by these impulses of contacts.
+/// Solves for the velocity changes caused by contact impulses; the result is in the `x` of the linkages.
 pub(super) fn respond(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], impulses: &[Vector3<f64>]) {
     linked.iter_mut().for_each(|linked| linked.x.fill(Vector6::zeros()));
     for (contact, impulse) in contacts.iter().zip(impulses) {
@@ -22,15 +22,15 @@ pub(super) fn respond(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[
     linked.iter_mut().for_each(Linked::respond);
 }
 
-/// `J A^-1 J^T` with the factors that the linkages have, and its symmetric part: `A` is symmetric but for rotations within a
-/// step.
+/// The compliance (Delassus operator) `J A^-1 J^T`, with the factorised matrices `A` of the linkages, and its symmetric
+/// part. `A` is symmetric except for rotations within a step.
 pub(super) struct Compliance {
     pub whole: BlockMatrix,
     pub symmetric: BlockMatrix,
 }
 
 impl Compliance {
-    /// That of these contacts; nothing if `control` asks to stop.
+    /// The compliance of the given contacts; `None` if `control` asks to stop.
     pub fn new(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], control: &Control) -> Option<Self> {
         let mut touching = vec![Vec::new(); linked.len()];
         for (k, contact) in contacts.iter().enumerate() {

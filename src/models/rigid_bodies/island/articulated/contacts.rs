@@ -1,4 +1,4 @@
-//! Steps of an island with joints whose contacts push.
+//! Steps of an island with joints and closed contacts.
 
 use super::super::super::contact::Contact;
 use super::super::super::linkage::Linked;
@@ -13,7 +13,8 @@ use vi::Outcome;
 use vi::coulomb::BlockMatrix;
 
 impl Island {
-    /// A step with these contacts, and with others that turn out to close.
+    /// Makes a step with the contacts marked in `closing`; repeats it with additional contacts that close. Returns
+    /// whether it was solved.
     #[expect(clippy::too_many_arguments, reason = "the parts of an island")]
     pub(super) fn step_with_contacts(
         &mut self,
@@ -55,7 +56,7 @@ impl Island {
         is_solved
     }
 
-    /// A step with contacts.
+    /// Makes a step with all contacts of the island; returns false if the step is too long.
     fn advance(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -122,8 +123,9 @@ impl Island {
         are_replaced
     }
 
-    /// The impulses of the law, with velocities that change with them by a compliance which is not symmetric, from those of
-    /// the impulses `p`: its symmetric part takes the law, and the rest is found by iteration.
+    /// Solves the contact law for a nonsymmetric compliance, starting from the impulses `p` with contact velocities
+    /// from `velocities`. The contact law is solved with the symmetric part; the skew part is treated by fixed-point
+    /// iteration.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn position_impulses(
         &mut self,
@@ -147,7 +149,7 @@ impl Island {
             if self.report.is_some_and(|report| report.outcome != Outcome::Solved) {
                 return None;
             }
-            // Redundant contacts have impulses that are not unique: what they do to velocities is.
+            // Impulses of redundant contacts are not unique, but their velocity changes are: compare these.
             let changes: Vec<Vector3<f64>> = impulses.iter().zip(&next).map(|(a, b)| a - b).collect();
             let change = (0..p.len()).map(|k| compliance.whole.row_product(k, &changes).norm()).fold(0.0, f64::max);
             next = impulses;
@@ -162,7 +164,7 @@ impl Island {
         Some(next)
     }
 
-    /// Velocities at the contacts but for the impulses.
+    /// The contact velocities without the impulses.
     pub(super) fn free_velocities(
         &self,
         velocities: &[Vector6<f64>],
@@ -176,7 +178,8 @@ impl Island {
         self.contacts.iter().enumerate().map(free).collect()
     }
 
-    /// Replaces the impulses `p` by those of the law of impact; contacts that are open at the end keep theirs.
+    /// Replaces the impulses `p` by those of the impact law, for contacts that are closed at the end of the step or
+    /// have an impulse. Returns false on interruption.
     #[expect(clippy::too_many_arguments, reason = "both stages meet here")]
     fn replace_impulses(
         &mut self,
@@ -189,7 +192,7 @@ impl Island {
         law: &mut Law,
         control: &Control,
     ) -> bool {
-        // A contact that neither pushed nor is closed has nothing to say.
+        // Skip contacts that are open and without an impulse.
         let all = std::mem::take(&mut self.contacts);
         let (mut kept, mut places) = (Vec::new(), Vec::new());
         for (place, contact) in all.iter().enumerate() {
@@ -205,7 +208,7 @@ impl Island {
         let mut r = p.clone();
         if let Some(matrix) = &matrix {
             let free = self.free_velocities(velocities, matrix, &p);
-            // Closed at the end of the step: no gap is left.
+            // The contacts are closed at the end of the step: gaps are zero.
             let gaps = vec![0.0; p.len()];
             r = self.impulses(matrix, free, &gaps, true, h, p.clone(), law, control);
         }

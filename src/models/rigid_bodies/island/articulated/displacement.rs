@@ -1,4 +1,4 @@
-//! Displacements and velocities that joints let be, without a step.
+//! Displacements and velocities admitted by the joints, without a time step.
 
 use super::super::super::frame::Frame;
 use super::super::super::linkage::Linked;
@@ -10,8 +10,8 @@ use nalgebra::{Vector3, Vector6};
 use problem::Control;
 
 impl Island {
-    /// The displacements that part overlapping bodies and close the joints, by the least change in the norm of the masses:
-    /// velocities over a unit of time.
+    /// Computes the displacements that resolve overlaps and close the joints, with the smallest change in the mass
+    /// norm, as velocities over a unit of time.
     pub fn displace(&mut self, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         if !self.is_implicit() {
             self.solve(1.0, mechanism, law, control);
@@ -34,7 +34,7 @@ impl Island {
         self.take(&velocities);
     }
 
-    /// Takes out of the velocities what the joints do not let be, by impulses of theirs alone.
+    /// Projects the velocities onto the joint constraints, by joint impulses alone.
     pub fn obey_joints(&mut self, mechanism: &Mechanism<'_>) {
         let (mut linked, _) = self.linked(mechanism);
         if let Some(velocities) = self.obeying(&mut linked, mechanism, false) {

@@ -1,4 +1,4 @@
-//! Small solves, which are answered without a worker where no job waits.
+//! Inline solves: small problems are solved without a worker if no job waits.
 
 use crate::harness::{Call, DECAY, Gate, Site, halving, one_worker};
 use axum::http::StatusCode;
@@ -9,7 +9,7 @@ use dvi::specification::Specification;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
-/// A solver that is held by the gate, except for what is labelled as light.
+/// A solver held by the gate, except for specifications labelled as light.
 fn light_or_held(gate: &Arc<Gate>) -> Solver {
     let held = gate.solver();
     Arc::new(move |specification, control| match specification.label() {
@@ -68,7 +68,7 @@ async fn the_same_text_of_the_same_client_is_answered_with_the_same_bytes_unless
     assert_eq!((first.headers.get("dvi-repeated"), again.header("dvi-repeated")), (None, "true"));
     assert_eq!((&again.body, again.header("dvi-trusted")), (&first.body, first.header("dvi-trusted")));
     assert_eq!(solves.load(Relaxed), 1);
-    // A job of its own all the same.
+    // Each response has a job of its own.
     assert_ne!(first.header("link"), again.header("link"));
     let job = again.header("link").trim_start_matches('<').split('>').next().unwrap().to_owned();
     let state = Call::new("GET", &job).client(1).send(&site).await.json();
@@ -76,7 +76,7 @@ async fn the_same_text_of_the_same_client_is_answered_with_the_same_bytes_unless
         (&state["status"], &state["progress"], &state["trusted"]),
         (&"successful".into(), &100.into(), &true.into())
     );
-    // Another client learns nothing of the first, and one that asks for a solve is given one.
+    // Another client does not get the stored solution, and `no-cache` demands a solve.
     let other = light().client(2).send(&site).await;
     let anew = light().client(1).header("cache-control", "max-age=0, no-cache").send(&site).await;
     for reply in [&other, &anew] {
@@ -109,7 +109,7 @@ async fn answers_to_other_numbers_are_those_of_a_specification_that_is_read_anew
             assert_eq!(found[part], anew[part], "{part} of {m}, {f}");
         }
     }
-    // Errors are told as by who reads them.
+    // Errors are reported as for a specification read for the first time.
     let problem = Call::solve(belt(0.0, 1.0)).send(&site).await.problem(400, "invalid-specification");
     assert!(problem["errors"].as_array().is_some_and(|errors| !errors.is_empty()), "{problem}");
 }

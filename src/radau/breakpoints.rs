@@ -1,10 +1,10 @@
-//! The [breaks](hybrid::Breaks) of a run: a step ends before one, and the next begins behind it with a face of its own.
+//! The [breakpoints](hybrid::Breaks) of a run: a step ends before each, and the next begins behind it with a new face.
 
 use super::settings::{StepError, Switches};
 use super::stepper::Radau;
 
 impl Radau<'_> {
-    /// The part of a step of size `h` up to the first break.
+    /// Cuts a step of size `h` at the first breakpoint and returns its size.
     pub(super) fn up_to_break(&mut self, h: f64) -> f64 {
         if self.settings.switches == Switches::StepOver {
             return h;
@@ -12,10 +12,10 @@ impl Radau<'_> {
         self.breaks.up_to_break(self.system.problem(), self.clock.t, h)
     }
 
-    /// Begins anew behind a break.
+    /// Restarts behind a breakpoint, from time `after`.
     ///
     /// # Errors
-    /// If the variational inequality has no solution there.
+    /// If the variational inequality has no solution at that time.
     pub(super) fn pass_break(&mut self, after: f64) -> Result<(), StepError> {
         self.breaks.pass(after);
         self.clock.set(after);
