@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 /// The longest that anything on the page may take: the machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-const LAUNCH: &str = r#"exec "$0" --headless --no-sandbox --disable-gpu --enable-unsafe-swiftshader --disable-dev-shm-usage --no-first-run \
+const LAUNCH: &str = r#"exec "$0" --headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader --disable-dev-shm-usage --no-first-run \
     --disable-extensions --disable-background-networking --remote-debugging-pipe --user-data-dir="$1" \
     --window-size=1360,1000 about:blank 3<&0 4>&1 0</dev/null 1>/dev/null 2>/dev/null"#;
 
@@ -131,7 +131,7 @@ impl Page {
     /// Presses Tab until the element has the focus.
     #[track_caller]
     pub fn tab_to(&self, selector: &str) {
-        for _ in 0..60 {
+        for _ in 0..250 {
             if self.value(&format!("document.activeElement.matches({selector:?})")) == true {
                 return;
             }

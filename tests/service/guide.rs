@@ -74,12 +74,9 @@ async fn every_key_field_and_code_stands_in_the_guide() {
     for name in ["Solution", "Trajectory", "Diagnostics", "Verdict", "StatusInfo", "Event"] {
         properties(&description["components"]["schemas"][name], &mut keys);
     }
-    // An alternative with one key stands as `{"key": ..}`.
-    let missing: Vec<&String> = keys
-        .iter()
-        .filter(|key| !named(key) && !all.contains(&format!("{{&quot;{key}&quot;: ..}}")))
-        .filter(|key| !all.contains(&format!("{{\"{key}\": ..}}")))
-        .collect();
+    // An alternative without a name stands as `{"key": ..}`.
+    let missing: Vec<&String> =
+        keys.iter().filter(|key| !named(key) && !all.contains(&format!("\"{key}\": .."))).collect();
     assert!(missing.is_empty(), "{missing:?}");
     let missing: Vec<&str> =
         dvi::explanation::pages().iter().map(|page| page.code).filter(|code| !named(code)).collect();

@@ -158,7 +158,11 @@ fn kind(schema: &Value) -> String {
             let value = schema.pointer(&format!("/properties/{key}")).map(kind).unwrap_or_default();
             format!("<code>{{\"{}\": ..}}</code> {value}", escaped(key))
         }
-        (Some("object"), _) => match schema.get("additionalProperties").filter(|one| one.is_object()) {
+        (Some("object"), [_, ..]) => {
+            let keys: Vec<String> = keys.iter().map(|key| format!("\"{}\": ..", escaped(key))).collect();
+            format!("<code>{{{}}}</code>", keys.join(", "))
+        }
+        (Some("object"), []) => match schema.get("additionalProperties").filter(|one| one.is_object()) {
             Some(each) => format!("names, each with {}", kind(each)),
             None => "object".to_owned(),
         },

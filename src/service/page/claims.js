@@ -26,6 +26,8 @@ const CHECKS = {
   derivatives: ["Derivatives agree", "derivatives against a difference of two runs, in units of its uncertainty"],
   return_residual: ["It comes back", "where the run ends against where it began, in units of atol + rtol |x|"],
   accumulation_passed: ["Accumulations were passed closely", "how far an accumulation of events was from its limit"],
+  fit_distance: ["The minimum was reached", "how far the estimates are from the minimum that the derivatives predict, in standard errors"],
+  untrusted_members: ["Members can be relied upon", "members of the table that are not trusted"],
   not_at_end: ["The end was reached", "time that is missing to the end"],
 };
 

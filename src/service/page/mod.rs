@@ -2,7 +2,7 @@
 //!
 //! The content security policy lets it run the scripts and styles of this service alone, none of them inline, and talk
 //! to nobody else: what is in a label or a message can never become code. Plots are drawn by uPlot, bodies in space by three.js, which is
-//! fetched only then, and the text is written in CodeMirror (`vendor/`; the latter two are made by `vendor/bundle`).
+//! fetched only then, and the text is written in `CodeMirror` (`vendor/`; the latter two are made by `vendor/bundle`).
 
 use super::context::address;
 use super::http::{Kind, Problem};

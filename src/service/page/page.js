@@ -298,6 +298,7 @@ async function show(status, text) {
 function forgetShown() {
   shown = null;
   [other, ghost] = [null, null];
+  clock.reset();
   byId("chosen").hidden = true;
   byId("empty").hidden = true;
   stage.clear();

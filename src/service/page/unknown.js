@@ -9,7 +9,8 @@ const KNOWN = new Set([
 const ROWS = 200;
 
 export function unknownParts(run) {
-  return Object.entries(run)
+  const moment = run.t?.length === 1 ? { values: Object.fromEntries(Object.entries(run.fields ?? {}).map(([name, [value]]) => [name, value])) } : {};
+  return Object.entries({ ...run, ...moment })
     .filter(([key, value]) => !KNOWN.has(key) && value !== null && value !== undefined)
     .map(([key, value]) => {
       const shown = tableOf(value) ?? element("pre", {}, JSON.stringify(value, null, 2).slice(0, 20000));
@@ -26,6 +27,7 @@ function tableOf(value) {
     return rows(columns, value.slice(0, ROWS).map((row) => columns.map((name) => row[name] ?? null)), value.length);
   }
   if (Array.isArray(value) || typeof value !== "object") return null;
+  if (value.columns !== null && typeof value.columns === "object" && !Array.isArray(value.columns)) return tableOf(value.columns);
   const entries = Object.entries(value);
   const lists = entries.filter(([, one]) => Array.isArray(one));
   if (lists.length === entries.length && lists.length > 0 && lists.every(([, one]) => one.length === lists[0][1].length)) {
