@@ -10,7 +10,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
-use vi::{AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SolverKind, SparseVi, certificate, start};
+use vi::{
+    AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SolverKind, SparseVi, Worst, certificate, start,
+};
 
 /// The most variables of a problem that is solved again from other starts to find other solutions, and the starts.
 const MOST_SEARCHED: usize = 60;
@@ -105,14 +107,15 @@ pub fn solve_static(model: &StaticModel, plan: &Plan, asked: StaticPlan, control
     let mut search = Search { model, problem, portfolio, asked, control };
     let at = search.at(&z);
     record(model, &z, &at, asked, found, &mut solution.diagnostics);
-    if found.report.outcome == Outcome::Solved && solution.status == Status::Completed {
+    let is_finite = at.g.iter().all(|g| g.is_finite());
+    if found.report.outcome == Outcome::Solved && is_finite && solution.status == Status::Completed {
         let names = &model.equations.variable_names;
         let certificate = search.certify(&z, &at, &mut solution.diagnostics);
         let by_name = |values: &[f64]| names.iter().cloned().zip(values.iter().copied()).collect();
         solution.solution =
-            Some(StaticSolution { z: by_name(&z), G: by_name(&at.g), residual: at.residual, certificate });
+            Some(StaticSolution { z: by_name(&z), G: by_name(&at.g), residual: at.worst.largest, certificate });
     } else if solution.status == Status::Completed {
-        let (status, code, message) = search.why_not(&z, &at, found);
+        let (status, code, message) = search.why_not(&at, found);
         let failure = Failure { code: code.into(), message, time: plan.start, state: Vec::new() };
         (solution.status, solution.error) = (status, Some(failure));
     }
@@ -126,7 +129,7 @@ struct At {
     derivatives: Vec<f64>,
     /// `|G| + |J| |z|`.
     terms: Vec<f64>,
-    residual: f64,
+    worst: Worst,
 }
 
 /// Takes the evidence into the diagnostics.
@@ -135,20 +138,18 @@ fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Fou
     let solver = found.method;
     diagnostics.method = solver;
     diagnostics.newton_iterations = found.iterations as u64;
-    let largest_residual = if at.residual.is_finite() { at.residual } else { f64::MAX };
+    let residual = at.worst.largest;
+    let largest_residual = if residual.is_finite() { residual } else { f64::MAX };
     let solves = found.starts as u64 + 1;
     diagnostics.vi = Some(ViCounts { solver, solves, largest_residual, ..ViCounts::default() });
     let bounded: Vec<usize> = (0..z.len()).filter(|&k| !set.is_free(k) || set.block_of(k).is_some()).collect();
-    if !bounded.is_empty() && at.residual.is_finite() {
+    if !bounded.is_empty() && residual.is_finite() {
         diagnostics.complementarity.get_or_insert_default().observe(set, &bounded, z, &at.g, false);
     }
-    let terms = at.terms.iter().chain(z).fold(0.0_f64, |most, x| most.max(x.abs()));
-    let allowed = asked.tolerance * terms.max(f64::MIN_POSITIVE);
-    diagnostics.checks.record(CheckCode::LawResidual, at.residual, allowed, || {
-        format!(
-            "the residual of the natural map is {:.1e}, where the terms of the inequality are up to {terms:.1e}",
-            at.residual
-        )
+    let Worst { component, residual, terms, .. } = at.worst;
+    diagnostics.checks.record(CheckCode::LawResidual, residual, asked.tolerance * terms, || {
+        let name = model.equations.variable_names.get(component).map_or("?", String::as_str);
+        format!("the residual of the natural map is {residual:.1e} at `{name}`, where its terms are up to {terms:.1e}")
     });
 }
 
@@ -172,8 +173,8 @@ impl Search<'_> {
         for (&(i, j), a) in structure.pattern.iter().zip(&derivatives) {
             terms[i] += (a * z[j]).abs();
         }
-        let residual = structure.set.natural_residual(z, &g);
-        At { g, derivatives, terms, residual }
+        let worst = Worst::of(&structure.set, (z, &g), &terms);
+        At { g, derivatives, terms, worst }
     }
 
     fn jacobian(&self, at: &At) -> DMatrix<f64> {
@@ -220,6 +221,9 @@ impl Search<'_> {
                     format!("there are infinitely many solutions near this one: {moves} may be changed together");
                 diagnostics.checks.caveat("many_solutions", message.clone());
                 return format!("one of many: {message}");
+            }
+            Certificate::Isolated(_, 0, 0) => {
+                "the only solution near: all variables rest on a bound, and no inequality is zero there".to_owned()
             }
             Certificate::Isolated(least, inside, undecided) => {
                 let also =
@@ -285,7 +289,7 @@ impl Search<'_> {
     }
 
     /// Why no solution was found: a proof that there is none, where there is one.
-    fn why_not(&mut self, z: &[f64], at: &At, found: Found) -> (Status, &'static str, String) {
+    fn why_not(&mut self, at: &At, found: Found) -> (Status, &'static str, String) {
         if let Some(stop) = self.control.poll() {
             let (code, message) = match stop {
                 problem::Stop::Cancelled => ("cancelled", "cancelled before a solution was found".to_owned()),
@@ -298,11 +302,6 @@ impl Search<'_> {
         if let Some(why) = self.impossible(at, found) {
             return (Status::Failed, "no_solution", format!("there is no solution: {why}"));
         }
-        let worst = (0..z.len()).max_by(|&a, &b| {
-            let set = self.problem.set();
-            let r = |i: usize| (z[i] - set.project(i, z[i] - at.g[i])).abs();
-            r(a).total_cmp(&r(b))
-        });
         let broken = at.g.iter().position(|g| !g.is_finite());
         let message = match broken {
             Some(i) => format!(
@@ -314,8 +313,8 @@ impl Search<'_> {
                 "no solution was found, and none was proven not to exist: from {} starts the residual came down to {:.1e}, most \
                  of it in the inequality of `{}`. Begin nearer with `initial`, give bounds, or look at its sign",
                 found.starts + 1,
-                at.residual,
-                self.name(worst.unwrap_or(0))
+                at.worst.largest,
+                self.name(at.worst.component)
             ),
         };
         (Status::Failed, "vi_unsolved", message)

@@ -60,7 +60,8 @@ impl OfNumber {
             let place = part * (count - 1.0);
             let below = place as usize;
             let (low, high) = (numbers[below], numbers[(below + 1).min(numbers.len() - 1)]);
-            low + (place - below as f64) * (high / unit - low / unit) * unit
+            let part = place - below as f64;
+            (1.0 - part) * low + part * high
         };
         let quantiles = QUANTILES.map(|(name, part)| (name.to_owned(), quantile(part)));
         let (min, max) = (numbers[0], numbers[numbers.len() - 1]);

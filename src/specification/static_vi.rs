@@ -35,8 +35,8 @@ pub struct ViProblem {
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, TableOfPoints>)]
     pub tables: Ordered<TableOfPoints>,
-    /// Expressions by name, in variables, parameters and each other, without circular references. Each is a column of the
-    /// answer, and can be used by its name in other expressions.
+    /// Expressions by name, in variables, parameters and each other, without circular references. Each can be reported
+    /// as a column, and used by its name in other expressions.
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub definitions: Ordered<Expression>,
@@ -105,7 +105,9 @@ impl Written for ViProblem {
         }
         let LoweredSet { set, moving, moving_pointers, parametric } =
             set::lower(self.set.as_deref(), 0, &names, place, pointer, &mut lowering);
-        for pointer in &moving_pointers {
+        let mut told: Vec<&String> = moving_pointers.iter().collect();
+        told.dedup();
+        for pointer in told {
             let error =
                 SpecificationError::new(pointer.clone(), "depends_on_time", "a bound of a static problem is constant");
             lowering.errors.push(error.expected("an expression in the parameters"));

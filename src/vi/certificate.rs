@@ -16,6 +16,8 @@ const ZERO: f64 = 1e-11;
 /// A component rests on an end, and its `G` is zero, to this part of their terms: solutions of nonlinear problems are known to
 /// half their digits where they are degenerate.
 const REST: f64 = 1e-7;
+/// A component that is off an end by less than this part of its size is on it.
+const ROUNDING: f64 = 1e-14;
 /// The most components in `b`: all principal minors are looked at.
 const MOST_UNDECIDED: usize = 12;
 /// The most variables: values and vectors of full matrices.
@@ -59,11 +61,16 @@ pub fn certificate(
     }
     let (mut inside, mut undecided) = (Vec::new(), Vec::new());
     for i in 0..m {
-        let at_end = |end: f64| (z[i] - end).abs() <= REST * (1.0 + z[i].abs());
-        let is_fixed = set.lower[i] == set.upper[i];
-        match (at_end(set.lower[i]) || at_end(set.upper[i]), g[i].abs() <= REST * terms[i].max(f64::MIN_POSITIVE)) {
-            _ if is_fixed => {}
+        let distance = (z[i] - set.lower[i]).abs().min((z[i] - set.upper[i]).abs()) / (1.0 + z[i].abs());
+        let is_zero = g[i].abs() <= REST * terms[i].max(f64::MIN_POSITIVE);
+        match (distance <= REST, is_zero) {
+            _ if set.lower[i] == set.upper[i] => {}
             (false, _) => inside.push(i),
+            (true, true) if distance > ROUNDING => {
+                return Certificate::Nothing(
+                    "a variable is so near to an end, with G = 0 there, that it may be on it or off it",
+                );
+            }
             (true, true) => undecided.push(i),
             (true, false) => {}
         }
@@ -88,11 +95,13 @@ pub fn certificate(
     if undecided.len() > MOST_UNDECIDED {
         return Certificate::Nothing("many variables are at an end with G = 0 there");
     }
-    let correction = part(&inside, &inside).lu().solve(&part(&inside, &undecided));
-    let Some(correction) = correction.or_else(|| inside.is_empty().then(|| DMatrix::zeros(0, undecided.len()))) else {
-        return Certificate::Nothing("the derivative by the variables inside is singular");
-    };
-    let schur = part(&undecided, &undecided) - part(&undecided, &inside) * correction;
+    let mut schur = part(&undecided, &undecided);
+    if !inside.is_empty() && !undecided.is_empty() {
+        let Some(correction) = part(&inside, &inside).lu().solve(&part(&inside, &undecided)) else {
+            return Certificate::Nothing("the derivative by the variables inside is singular");
+        };
+        schur -= part(&undecided, &inside) * correction;
+    }
     if !is_p_matrix(&schur) {
         return Certificate::Nothing("variables at an end have G = 0 there, and may leave it in several ways");
     }
@@ -132,6 +141,9 @@ mod tests {
         // z1 + z2 = 2.
         let Certificate::Continuum(v) = of(&[1.0; 4], true, &[1.5, 0.5], &[0.0; 2]) else { panic!("a continuum") };
         assert!((v[0] + v[1]).abs() < 1e-12 && v[0].abs() > 0.5);
+        // All variables at an end, with G = 0 there.
+        assert!(matches!(of(&[0.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
+        assert_eq!(of(&[1.0, 2.0, 2.0, 1.0], false, &[0.0; 2], &[3.0; 2]), Certificate::Isolated(f64::INFINITY, 0, 0));
         // w = -z at z = 0: any step leaves it, as z = 0 is one end of nothing; not certified.
         assert!(matches!(of(&[-1.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
     }

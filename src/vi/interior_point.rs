@@ -10,8 +10,8 @@
 //! chapter 11; Ralph and Wright 2000, *Superlinear convergence of an interior-point method despite dependent constraints*);
 //! elsewhere it is a try.
 
-use super::sparse_jacobian::{Fit, SparseJacobian, SparseVi};
-use super::{Outcome, Report};
+use super::sparse_jacobian::SparseJacobian;
+use super::{Outcome, Report, SparseVi, Worst};
 use problem::{Control, ConvexSet};
 
 /// Steps; problems take 15 to 50, hardly more where they are large.
@@ -66,7 +66,7 @@ impl InteriorPoint {
             return Report::UNSUITABLE;
         }
         self.begin(vi, z);
-        let mut best: Option<(Fit, Vec<f64>)> = None;
+        let mut best: Option<(Worst, Vec<f64>)> = None;
         let mut first = 0.0;
         let mut outcome = Outcome::Limit;
         let mut iterations = 0;
@@ -76,7 +76,7 @@ impl InteriorPoint {
                 break;
             }
             self.jacobian.scales(&mut self.scale);
-            let fit = Fit::of(&self.jacobian, vi.set(), (z, &self.f), &self.scale);
+            let fit = self.jacobian.worst(vi.set(), (z, &self.f));
             if best.as_ref().is_none_or(|(best, _)| fit.relative() < best.relative()) {
                 best = Some((fit, z.to_vec()));
             }
@@ -97,7 +97,7 @@ impl InteriorPoint {
         }
         let Some((fit, point)) = best else { return Report { iterations, ..Report::BREAKDOWN } };
         z.copy_from_slice(&point);
-        Report { outcome, residual: fit.residual, iterations }
+        Report { outcome, residual: fit.largest, iterations }
     }
 
     /// A point inside all intervals, with multipliers of the size of `F`.

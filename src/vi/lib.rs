@@ -29,6 +29,7 @@ mod sparse_newton;
 mod splitting;
 #[cfg(test)]
 mod tests;
+mod worst;
 
 pub use active_set::{ActiveSet, DenseActiveSet, Unsuitable};
 pub use auto::{Attempt, Auto, SolverKind};
@@ -41,6 +42,7 @@ pub use portfolio::{Found, Portfolio, start};
 pub use semismooth_newton::SemismoothNewton;
 pub use sparse_jacobian::SparseVi;
 pub use sparse_newton::SparseNewton;
+pub use worst::Worst;
 
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};

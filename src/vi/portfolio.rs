@@ -5,7 +5,7 @@
 
 use super::auto::SolverKind;
 use super::interior_point::InteriorPoint;
-use super::{JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi};
+use super::{JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Worst};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
@@ -211,17 +211,20 @@ impl Portfolio {
         let mut report = Report::BREAKDOWN;
         let mut iterations = 0;
         for _ in 0..ROUNDS {
-            let allowed = tolerance * terms(vi, z);
-            if report.residual <= allowed {
-                break;
-            }
+            let allowed = tolerance * worst(vi, z).terms;
             report = dense.solve(&mut Dense(vi, vec![0.0; entries]), allowed, z, control);
             iterations += report.iterations;
-            if report.outcome != Outcome::Solved {
+            if report.outcome != Outcome::Solved || worst(vi, z).relative() <= tolerance {
                 break;
             }
         }
-        report.iterations = iterations;
+        let reached = worst(vi, z);
+        // False also where G is not finite.
+        let is_near = reached.relative() <= tolerance;
+        if report.outcome == Outcome::Solved && !is_near {
+            report.outcome = Outcome::Limit;
+        }
+        report = Report { residual: reached.largest, iterations, ..report };
         *ray |=
             report.outcome != Outcome::Solved && dense.attempts().iter().any(|attempt| attempt.outcome == Outcome::Ray);
         if report.outcome == Outcome::Solved && self.kind == SolverKind::Auto && !vi.set().has_blocks() {
@@ -236,17 +239,17 @@ impl Portfolio {
     }
 }
 
-/// The largest of the terms of `F`, `|F| + |F'| |z|`, and of `z`.
-fn terms(vi: &mut dyn SparseVi, z: &[f64]) -> f64 {
+/// How far a point is from a solution.
+fn worst(vi: &mut dyn SparseVi, z: &[f64]) -> Worst {
     let mut f = vec![0.0; z.len()];
     let mut derivatives = vec![0.0; vi.pattern().len()];
     vi.evaluate(z, &mut f);
     vi.derivatives(z, &mut derivatives);
-    f.iter_mut().for_each(|f| *f = f.abs());
+    let mut terms: Vec<f64> = f.iter().map(|f| f.abs()).collect();
     for (&(i, j), a) in vi.pattern().iter().zip(&derivatives) {
-        f[i] += (a * z[j]).abs();
+        terms[i] += (a * z[j]).abs();
     }
-    f.iter().chain(z).fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()))
+    Worst::of(vi.set(), (z, &f), &terms)
 }
 
 /// Start number `number`, from one: around the one given, ever farther, by multiples of the golden ratio.

@@ -1,6 +1,7 @@
 //! The sparse derivative of a nonlinear variational inequality, `F'(z)`, and factors of it with rows scaled and a diagonal added:
 //! of one pattern, which is analysed once.
 
+use super::Worst;
 use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::Triplet;
 use problem::{Control, ConvexSet};
@@ -87,6 +88,15 @@ impl SparseJacobian {
         self.matrix.symbolic().row_idx_of_col_raw(j).iter().zip(self.matrix.val_of_col(j))
     }
 
+    /// How far a point `z` with `F(z)` is from a solution, where the Jacobian is that there.
+    pub fn worst(&self, set: &ConvexSet, (z, f): (&[f64], &[f64])) -> Worst {
+        let mut terms: Vec<f64> = f.iter().map(|f| f.abs()).collect();
+        for (j, z) in z.iter().enumerate() {
+            self.column(j).for_each(|(&i, a)| terms[i] += (a * z).abs());
+        }
+        Worst::of(set, (z, f), &terms)
+    }
+
     /// Factorises the system whose row `i` is that of `F'` times the first number, with the second added on the diagonal.
     pub fn factorise(&mut self, row: impl Fn(usize) -> (f64, f64), control: &Control) -> bool {
         let (symbolic, values) = self.system.parts_mut();
@@ -102,46 +112,5 @@ impl SparseJacobian {
     /// Solves the system that was factorised, in place; false where the solution is not finite.
     pub fn solve(&mut self, right: &mut [f64]) -> bool {
         self.factors.solve(right)
-    }
-}
-
-/// How well a point solves a problem.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Fit {
-    /// `max |z - P(z - F)|`
-    pub residual: f64,
-    /// `max |z - P(z - S F)|`
-    scaled: f64,
-    /// The largest of the terms that cancel in each.
-    terms: [f64; 2],
-}
-
-impl Fit {
-    /// Of a point `z` with `F(z)`, where the Jacobian is that there.
-    pub fn of(jacobian: &SparseJacobian, set: &ConvexSet, (z, f): (&[f64], &[f64]), scale: &[f64]) -> Self {
-        let mut terms: Vec<f64> = f.iter().map(|f| f.abs()).collect();
-        for (j, z) in z.iter().enumerate() {
-            jacobian.column(j).for_each(|(&i, a)| terms[i] += (a * z).abs());
-        }
-        let mut fit = Self { residual: 0.0, scaled: 0.0, terms: [0.0; 2] };
-        for (i, ((z, f), s)) in z.iter().zip(f).zip(scale).enumerate() {
-            let of = |s: f64| (z - set.project(i, z - s * f)).abs();
-            let (residual, scaled) = (of(1.0), of(*s));
-            if residual.is_nan() {
-                return Self { residual, scaled, terms: [1.0; 2] };
-            }
-            fit.residual = fit.residual.max(residual);
-            fit.scaled = fit.scaled.max(scaled);
-            for (most, s) in fit.terms.iter_mut().zip([1.0, *s]) {
-                *most = most.max(z.abs()).max(s * terms[i]);
-            }
-        }
-        fit
-    }
-
-    /// The residuals beside their terms.
-    pub fn relative(&self) -> f64 {
-        let of = |residual: f64, terms: f64| if residual == 0.0 { 0.0 } else { residual / terms };
-        of(self.residual, self.terms[0]).max(of(self.scaled, self.terms[1]))
     }
 }

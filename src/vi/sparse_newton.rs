@@ -11,8 +11,8 @@
 //! Facchinei and Pang 2003, sections 8.3, 9.1 and 12.1). The factors have one pattern, which is analysed once.
 
 use super::fischer_burmeister::psi;
-use super::sparse_jacobian::{Fit, SparseJacobian};
-use super::{Outcome, Report, SparseVi};
+use super::sparse_jacobian::SparseJacobian;
+use super::{Outcome, Report, SparseVi, Worst};
 use problem::{Control, ConvexSet};
 
 /// Newton steps; practical problems take ten to sixty.
@@ -100,13 +100,13 @@ impl SparseNewton {
         for iterations in 0..ITERATIONS {
             if !self.linearise(vi, z) {
                 let outcome = Outcome::Breakdown;
-                return Report { outcome, residual: self.fit(vi.set(), z).residual, iterations };
+                return Report { outcome, residual: self.fit(vi.set(), z).largest, iterations };
             }
             let fit = self.fit(vi.set(), z);
-            if fit.residual.is_nan() {
+            if fit.largest.is_nan() {
                 return Report { iterations, ..Report::BREAKDOWN };
             }
-            let report = |outcome| Report { outcome, residual: fit.residual, iterations };
+            let report = |outcome| Report { outcome, residual: fit.largest, iterations };
             let is_solved = fit.relative() <= tolerance;
             if is_solved && (fit.relative() <= EXACT || fit.relative() > FAST * before) {
                 return report(Outcome::Solved);
@@ -128,12 +128,12 @@ impl SparseNewton {
         }
         let fit = self.fit(vi.set(), z);
         let outcome = if fit.relative() <= tolerance { Outcome::Solved } else { Outcome::Limit };
-        Report { outcome, residual: fit.residual, iterations: ITERATIONS }
+        Report { outcome, residual: fit.largest, iterations: ITERATIONS }
     }
 
-    /// The residual and its terms at the iterate.
-    fn fit(&self, set: &ConvexSet, z: &[f64]) -> Fit {
-        Fit::of(&self.jacobian, set, (z, &self.f), &self.scale)
+    /// How far the iterate is from a solution.
+    fn fit(&self, set: &ConvexSet, z: &[f64]) -> Worst {
+        self.jacobian.worst(set, (z, &self.f))
     }
 
     /// `F'`, the scales, and `psi` with its derivatives at the iterate; false where a number is not finite.

@@ -206,8 +206,7 @@ fn an_error_in_a_deck_has_its_line_and_column() {
 
 #[test]
 fn subcircuits_that_multiply_are_answered() {
-    let levels: String =
-        (0..15).map(|k| format!(".subckt s{k} a\n{}.ends\n", format!("X1 a s{0}\nX2 a s{0}\n", k + 1))).collect();
+    let levels: String = (0..15).map(|k| format!(".subckt s{k} a\nX1 a s{0}\nX2 a s{0}\n.ends\n", k + 1)).collect();
     let text = format!("{levels}.subckt s15 a\nR1 a 0 1\n.ends\nX1 a s0\nC1 a 0 1");
     let errors = Specification::from_json(netlist(&text).to_string().as_bytes()).unwrap_err();
     assert!(

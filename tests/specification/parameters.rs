@@ -1,7 +1,7 @@
 //! Parameters as inputs: a problem that is bound to other values against the same text read anew, and slopes against closed
 //! forms and differences.
 
-use dvi::models::MechanicalModel;
+use dvi::models::{DviModel, MechanicalModel, StaticModel};
 use dvi::problem::{Constraints, Control};
 use dvi::specification::{EXAMPLES, Specification};
 use nalgebra::DMatrix;
@@ -22,9 +22,15 @@ fn with_numbers(document: &Value, given: &[(&str, f64)]) -> Value {
     document
 }
 
+/// The equations of a problem, with or without time.
+fn equations(specification: &Specification) -> &DviModel {
+    let of_static = || (specification.model() as &dyn Any).downcast_ref().map(|model: &StaticModel| &model.equations);
+    specification.model().dvi().or_else(of_static).expect("a variational inequality")
+}
+
 /// What a problem says at a point: rows, Jacobian, derivatives by time.
 fn told(specification: &Specification, t: f64, y: &[f64]) -> [Vec<f64>; 3] {
-    let model = specification.model().dvi().expect("a differential variational inequality");
+    let model = equations(specification);
     let (structure, mut problem) = (model.structure(), model.problem());
     let mut told = [structure.rows(), structure.pattern.len(), structure.variables].map(|length| vec![0.0; length]);
     problem.evaluate(t, y, &mut told[0]);
@@ -39,7 +45,7 @@ fn assert_same(bound: &Specification, anew: &Specification, what: &str) {
     if let [Some(model), Some(other)] = [bound, anew].map(mechanical) {
         return assert_same_system(model, other, what);
     }
-    let [model, other] = [bound, anew].map(|specification| specification.model().dvi().expect("a problem"));
+    let [model, other] = [bound, anew].map(equations);
     let (structure, expected) = (model.structure(), other.structure());
     assert_eq!(structure.pattern, expected.pattern, "{what}");
     assert_eq!((&structure.mass, &structure.set), (&expected.mass, &expected.set), "{what}");

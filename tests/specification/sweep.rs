@@ -11,12 +11,12 @@ fn swept(sweep: Value) -> Value {
 #[test]
 fn names_that_stand_for_nothing_are_told_with_the_nearest() {
     let errors =
-        errors_of(swept(json!({"over": {"kk": [1], "y.initial": [1], "x.velocity": [1], "m": [1]}})).to_string());
+        errors_of(swept(json!({"over": {"kk": [1], "xx.initial": [1], "x.velocity": [1], "m": [1]}})).to_string());
     let told: Vec<(&str, &str, Option<&str>)> =
         errors.iter().map(|e| (e.pointer.as_str(), e.code, e.did_you_mean.as_deref())).collect();
     assert_eq!(told[0], ("/sweep/over/kk", "unknown_name", Some("k")));
-    assert_eq!(told[1], ("/sweep/over/y.initial", "unknown_name", Some("x.initial")));
-    assert_eq!(told[2].0, "/sweep/over/x.velocity");
+    assert!(told.contains(&("/sweep/over/xx.initial", "unknown_name", Some("x.initial"))), "{told:?}");
+    assert!(told.iter().any(|error| error.0 == "/sweep/over/x.velocity"), "{told:?}");
     assert_eq!(told.len(), 3);
 }
 

@@ -204,8 +204,8 @@ fn loose_coupling_is_mutual_inductance() {
     let solution =
         run("Loosely coupled coils\nV1 in 0 DC 10\nR1 in p 5\nL1 p 0 10m\nL2 s 0 40m\nK12 L1 L2 {k}\nR2 s 0 20\n\
                         .param k = 0.6\n.tran 10u 10m uic\n.end");
-    let (l1, l2) = (10e-3, 40e-3);
-    let m = 0.6 * (l1 * l2 as f64).sqrt();
+    let (l1, l2) = (10e-3_f64, 40e-3);
+    let m = 0.6 * (l1 * l2).sqrt();
     let determinant = l1 * l2 - m * m;
     let rates = |[i1, i2]: [f64; 2]| {
         let (u1, u2) = (10.0 - 5.0 * i1, -20.0 * i2);
@@ -273,10 +273,10 @@ fn a_relaxation_oscillator_has_its_period() {
 fn a_current_switch_closes_at_its_current() {
     let solution = run(
         "Overcurrent\nV1 a 0 PWL(0 0 1 10)\nVs a b 0\nR1 b 0 100\nV2 c 0 5\nRp c d 100\nW1 d 0 Vs RELAY\nC1 d 0 1p IC=5\n\
-                        .model RELAY CSW(IT=50m IH=0 RON=1)\n.tran 1m 1\n.end",
+                        .model RELAY CSW(IT=51.3m IH=0 RON=1)\n.tran 1m 1\n.end",
     );
-    // 50 mA through 100 ohms at 5 V, half way up the ramp.
-    assert_is(&solution, "v(d)", 1e-6, |t| if t < 0.5 { 5.0 } else { 5.0 / 101.0 });
+    // 51.3 mA through 100 ohms at 5.13 V of a ramp of 10 V/s.
+    assert_is(&solution, "v(d)", 1e-6, |t| if t < 0.513 { 5.0 } else { 5.0 / 101.0 });
 }
 
 #[test]

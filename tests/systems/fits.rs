@@ -133,7 +133,7 @@ fn the_capacitor_of_a_rectifier_is_found_through_the_diodes_switch() {
     let (r, c, w) = (1000.0, 1e-4, 100.0 * std::f64::consts::PI);
     let off = (std::f64::consts::PI - (w * r * c).atan()) / w;
     let at = |t: f64| 10.0 * if t <= off { (w * t).sin() } else { (w * off).sin() * (-(t - off) / (r * c)).exp() };
-    let t: Vec<f64> = (1..=18).map(|i| f64::from(i) * 1e-3).collect();
+    let t: Vec<f64> = (1..=18).map(|i| f64::from(i) / 1000.0).collect();
     let v: Vec<f64> = t.iter().map(|&t| at(t)).collect();
     let (_, fit) = fitted(&json!({"problem": {"circuit": {"parameters": {"C": 5e-5}, "components": [
             {"voltage_source": {"name": "V", "nodes": ["in", "0"], "volts": "10*sin(100*pi*t)"}},

@@ -19,10 +19,12 @@ use utoipa::ToSchema;
 const MOST_RUNS: u64 = 100;
 /// The damping at the start, in parts of the scaled matrix, whose diagonal is one.
 const DAMPING: f64 = 1e-3;
+/// The part of the damping that is left at least where a step gained what was predicted: undamped steps converge fast.
+const LESS: f64 = 0.1;
 /// The damping at which steps are shorter than rounding.
 const MOST_DAMPING: f64 = 1e20;
 /// The distance to the minimum, in standard errors of the parameters, at which the search ends.
-const CLOSE: f64 = 1e-4;
+const CLOSE: f64 = 1e-8;
 /// The distance at which estimates still are those of the minimum.
 const ALLOWED: f64 = 1e-2;
 /// The part of what inexact residuals make of the distance to which the search goes on: at that of the tolerance itself their
@@ -166,7 +168,7 @@ impl LeastSquares<'_> {
                     loss -= gain;
                     (point, here) = (next, there);
                     linear = self.linearised(&point, &here);
-                    damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).max(1.0 / 3.0);
+                    damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).max(LESS);
                     growth = 2.0;
                 }
                 // What is left of the way is within the errors of the residuals.

@@ -6,6 +6,7 @@ use super::sobol::{MOST_DIMENSIONS, Sobol};
 use crate::choices::choices;
 use chacha20::ChaCha8Rng;
 use chacha20::rand_core::{Rng, SeedableRng};
+use std::sync::OnceLock;
 
 choices! {
     /// How the members of a sweep are made of the ranges of names.
@@ -34,8 +35,8 @@ enum Kind {
     /// By the seed.
     Random(u64),
     Sobol(Sobol),
-    /// By the seed; of each name the slice of each member.
-    LatinHypercube(u64, Vec<Vec<u32>>),
+    /// By the seed; of each name the slice of each member, found when the first is asked for: a check needs none.
+    LatinHypercube(u64, OnceLock<Vec<Vec<u32>>>),
 }
 
 /// The most dimensions of a design.
@@ -49,10 +50,7 @@ impl Design {
             DesignName::Zip | DesignName::Table => Kind::Zip,
             DesignName::Random => Kind::Random(seed),
             DesignName::Sobol => Kind::Sobol(Sobol::new(ranges.len(), seed)),
-            DesignName::LatinHypercube => {
-                let slices = (0..ranges.len()).map(|d| permutation(members, seed, d as u64)).collect();
-                Kind::LatinHypercube(seed, slices)
-            }
+            DesignName::LatinHypercube => Kind::LatinHypercube(seed, OnceLock::new()),
         };
         Self { kind, ranges, members }
     }
@@ -94,6 +92,9 @@ impl Design {
                 }
             }
             Kind::LatinHypercube(seed, slices) => {
+                let slices = slices.get_or_init(|| {
+                    (0..self.ranges.len() as u64).map(|d| permutation(self.members, *seed, d)).collect()
+                });
                 let mut draws = draws(*seed, k as u64);
                 for ((range, slices), value) in self.ranges.iter().zip(slices).zip(out) {
                     let slice = slices.get(k).copied().unwrap_or(0);
