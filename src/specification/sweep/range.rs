@@ -215,9 +215,9 @@ mod tests {
             let range = Range::Rule(rule);
             assert_eq!((range.points(), range.point(0), range.point(count - 1)), (Some(count), ends.0, ends.1));
         }
-        let ratios: Vec<f64> =
-            (0..19).map(|_| Range::Rule(logarithmic)).map(|range| range.point(1) / range.point(0)).collect();
-        assert!(ratios.iter().all(|ratio| (ratio - 100.0_f64.powf(1.0 / 19.0)).abs() < 1e-14));
+        let range = Range::Rule(logarithmic);
+        let ratios: Vec<f64> = (0..19).map(|k| range.point(k + 1) / range.point(k)).collect();
+        assert!(ratios.iter().all(|ratio| (ratio - 100.0_f64.powf(1.0 / 19.0)).abs() < 1e-13));
     }
 
     #[test]
