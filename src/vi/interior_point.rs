@@ -124,6 +124,7 @@ impl InteriorPoint {
         }
     }
 
+    #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn mean_product(&self, set: &ConvexSet, z: &[f64]) -> f64 {
         let (mut sum, mut count) = (0.0, 0_u32);
         for i in 0..z.len() {
@@ -138,6 +139,7 @@ impl InteriorPoint {
     }
 
     /// One step; false if none lowers the residuals.
+    #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn step(&mut self, vi: &mut dyn SparseVi, z: &mut [f64], mu: f64, control: &Control) -> bool {
         let m = z.len();
         let set = vi.set();
@@ -232,6 +234,7 @@ impl InteriorPoint {
     }
 
     /// How far the step can be taken with all distances and multipliers positive, at most 1.
+    #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn reach(&self, set: &ConvexSet, z: &[f64]) -> f64 {
         let mut reach = 1.0_f64;
         for i in 0..z.len() {

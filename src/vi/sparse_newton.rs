@@ -137,6 +137,7 @@ impl SparseNewton {
     }
 
     /// `F'`, the scales, and `psi` with its derivatives at the iterate; false where a number is not finite.
+    #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
     fn linearise(&mut self, vi: &mut dyn SparseVi, z: &[f64]) -> bool {
         if !self.jacobian.evaluate(vi, z) || !self.f.iter().all(|f| f.is_finite()) {
             return false;
