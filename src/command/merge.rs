@@ -6,7 +6,7 @@ use super::{BAD_SPECIFICATION, UNREADABLE, bytes, verdict};
 use clap::Args;
 use dvi::solution::{Table, encodings};
 use dvi::study;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Join the parts of a sweep
@@ -48,7 +48,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Ok(format) => format,
         Err(code) => return code,
     };
-    let tables: Result<Vec<Table>, ExitCode> = arguments.parts.iter().map(table).collect();
+    let tables: Result<Vec<Table>, ExitCode> = arguments.parts.iter().map(|part| table(part)).collect();
     let merged = match tables.map(study::merge) {
         Ok(Ok(merged)) => merged,
         Ok(Err(why)) => {
@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     exit_code(written, merged.status, &merged.verdict)
 }
 
-fn table(part: &PathBuf) -> Result<Table, ExitCode> {
+fn table(part: &Path) -> Result<Table, ExitCode> {
     let refuse = |why: &str| {
         eprintln!("dvi: {}: {why}", part.display());
         ExitCode::from(UNREADABLE)

@@ -252,7 +252,7 @@ pub fn fit(
 ) -> Solution {
     let began = Instant::now();
     let search = Search { model, plan, fit, settings, analysis, control };
-    let (found, starts) = search.from_all_starts();
+    let (found, starts) = search.best_of_all_starts();
     let start = fit.start(0);
     let point = found.as_ref().map_or(&start, |minimum| &minimum.point);
     let derivatives = Sensitivities { by: fit.parameters.iter().map(|fitted| fitted.by).collect(), ..search.columns() };
@@ -285,7 +285,7 @@ impl Search<'_> {
     }
 
     /// The least of the minima from all starts; where there is none, why the first start has none.
-    fn from_all_starts(&self) -> (Result<Minimum, Failure>, Vec<FitStart>) {
+    fn best_of_all_starts(&self) -> (Result<Minimum, Failure>, Vec<FitStart>) {
         let bounds = self.bounds();
         let problem = self.problem(&bounds);
         let mut best: Result<Minimum, Option<Failure>> = Err(None);

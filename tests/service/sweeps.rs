@@ -11,7 +11,7 @@ const SWEEP: &str = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"
     "time": {"end": 1}, "sweep": {"over": {"k": [0, 1], "x.initial": [1, -1]}}}"#;
 
 fn site() -> Site {
-    let solver: Solver = Arc::new(|specification, control| dvi::solve(specification, control));
+    let solver: Solver = Arc::new(dvi::solve);
     Site::new(one_worker(), solver)
 }
 

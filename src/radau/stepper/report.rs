@@ -75,19 +75,35 @@ impl Radau<'_> {
 
     /// Evaluates `y` at a time within the last accepted step into `out`: the states from the collocation polynomial,
     /// with consistent variables; at the end of a step that is a switch, the variables after it.
+    ///
+    /// A time within the rounding of the clock of an end of the step is that end. There, rows that jump in time may be
+    /// on the other side of their jump than the face, so that constraints and consistent variables are meaningless:
+    /// they would move the states by whatever a jump of a source is worth.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let at_end = t == self.clock.t;
+        let rounding = self.clock.rounding(self.last.h);
+        let at_end = (self.clock.t - t).abs() <= rounding;
+        let at_begin = !at_end && (t - self.last.t).abs() <= rounding;
+        let t = match (at_end, at_begin) {
+            (true, _) => self.clock.t,
+            (false, true) => self.last.t,
+            (false, false) => t,
+        };
         let mut are_found = false;
         if at_end {
             out.copy_from_slice(&self.y);
             are_found = self.find_variables(t, out);
         } else {
-            self.last.at(self.orders.last().tableau, t, out);
             std::mem::swap(&mut self.system.face, &mut self.last.face);
-            if self.last.is_smooth {
-                are_found = self.bring_onto_face(t, out);
+            if at_begin {
+                out.copy_from_slice(&self.last.y);
+                are_found = self.find_variables(t, out);
             } else {
-                inequality::solve(&mut self.system, t, out);
+                self.last.at(self.orders.last().tableau, t, out);
+                if self.last.is_smooth {
+                    are_found = self.bring_onto_face(t, out);
+                } else {
+                    inequality::solve(&mut self.system, t, out);
+                }
             }
         }
         // If variables were found, the bounds are already those at the states.

@@ -4,7 +4,7 @@
 //! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate predicts the tolerance within few sweeps.
 //! 3. Proximal Newton, from the best point so far.
 //! 4. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
-//! state, so that nothing is lost if Newton fails again.
+//!    state, so that nothing is lost if Newton fails again.
 //!
 //! If contacts are too many for a factorisation, sweeps only, up to their limit.
 //!
