@@ -22,7 +22,10 @@ pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &
             Solution { study: Some(study), ..solution }
         }
     };
-    solution.provenance = Some(specification.provenance());
+    // The table of a sweep has its own, which its parts share.
+    if solution.table.is_none() {
+        solution.provenance = Some(specification.provenance());
+    }
     solution
 }
 

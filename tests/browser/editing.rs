@@ -48,7 +48,7 @@ fn the_schema_is_followed_by_keys_indices_and_alternatives() {
             meaningOf(schema, ['problem', 'circuit', 'components', 0, 'diode', 'forward_volts'], value).includes('conducts'),
         ];
     })";
-    let wanted = json!([true, true, ["forward_volts", "name", "nodes"], ["locate", "step_over"], true]);
+    let wanted = json!([true, true, ["comment", "forward_volts", "name", "nodes"], ["locate", "step_over"], true]);
     assert_eq!(page.value(told), wanted);
 }
 

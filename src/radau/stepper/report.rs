@@ -76,13 +76,13 @@ impl Radau<'_> {
     /// Evaluates `y` at a time within the last accepted step into `out`: the states from the collocation polynomial,
     /// with consistent variables; at the end of a step that is a switch, the variables after it.
     ///
-    /// A time within the rounding of the clock of an end of the step is that end. There, rows that jump in time may be
-    /// on the other side of their jump than the face, so that constraints and consistent variables are meaningless:
-    /// they would move the states by whatever a jump of a source is worth.
+    /// If variables are determined by equations, a time within the rounding of the clock of an end of the step is that
+    /// end. There, rows that jump in time may be on the other side of their jump than the face, so that constraints and
+    /// consistent variables are meaningless: they would move the states by whatever a jump of a source is worth.
     pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let rounding = self.clock.rounding(self.last.h);
+        let rounding = if self.consistent.is_some() { self.clock.rounding(self.last.h) } else { 0.0 };
         let at_end = (self.clock.t - t).abs() <= rounding;
-        let at_begin = !at_end && (t - self.last.t).abs() <= rounding;
+        let at_begin = !at_end && rounding > 0.0 && (t - self.last.t).abs() <= rounding;
         let t = match (at_end, at_begin) {
             (true, _) => self.clock.t,
             (false, true) => self.last.t,

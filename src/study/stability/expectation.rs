@@ -12,7 +12,7 @@ use specification::{Specification, SpecificationError};
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Expectation {
     /// Outputs that are known.
-    ExpectedValues(ExpectedValues),
+    Answer(ExpectedValues),
     /// Outputs that stay within a bound at all times.
     Bounded {
         /// Their names.
@@ -29,7 +29,7 @@ pub enum Expectation {
     /// The code of a warning.
     Warning(String),
     /// An end with a code instead of an answer.
-    ExpectedError(ExpectedError),
+    Refusal(ExpectedError),
 }
 
 /// Known outputs.
@@ -105,10 +105,10 @@ impl Expectation {
     pub fn judge(&self, case: &Case, solution: &Result<Solution, Vec<SpecificationError>>) -> Finding {
         let expected = self.words();
         let judged = match (self, solution) {
-            (Self::ExpectedError(refusal), _) => refusal.judge(solution),
+            (Self::Refusal(refusal), _) => refusal.judge(solution),
             (_, Err(errors)) => Err(format!("refused: {}", codes(errors))),
             (_, Ok(solution)) if solution.status != Status::Completed => Err(ended(solution)),
-            (Self::ExpectedValues(answer), Ok(solution)) => answer.judge(case, solution),
+            (Self::Answer(answer), Ok(solution)) => answer.judge(case, solution),
             (Self::Bounded { of, by }, Ok(solution)) => bounded(of, *by, solution),
             (Self::Energy(most), Ok(solution)) => energy(*most, solution),
             (Self::Event(events), Ok(solution)) => events.judge(solution),
@@ -130,7 +130,7 @@ impl Expectation {
 
     fn words(&self) -> String {
         match self {
-            Self::ExpectedValues(ExpectedValues { of, digits, at }) => {
+            Self::Answer(ExpectedValues { of, digits, at }) => {
                 let names: Vec<&str> = of.keys().map(String::as_str).collect();
                 let at = if *at == At::End { " at the end" } else { "" };
                 format!("{} to {digits} digits{at}", names.join(", "))
@@ -147,7 +147,7 @@ impl Expectation {
             }
             Self::Steps(most) => format!("at most {most} steps"),
             Self::Warning(code) => format!("the warning {code}"),
-            Self::ExpectedError(ExpectedError { code, time, .. }) => {
+            Self::Refusal(ExpectedError { code, time, .. }) => {
                 time.map_or_else(|| format!("refused: {code}"), |t| format!("refused: {code} at {t}"))
             }
         }
