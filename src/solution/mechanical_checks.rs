@@ -18,9 +18,9 @@ pub(super) const LARGEST_PART: f64 = 1e-3;
 /// that the scheme has damped away is trusted.
 const STEPS: f64 = 30.0;
 
-/// The part of the largest energy that the order of a scheme may excuse. What lost a fiftieth of its energy has lost a
-/// hundredth of its amplitude, which a picture shows.
-const MOST_EXCUSED: f64 = 0.02;
+/// The part of the largest energy that the order of a scheme may excuse. What lost a twentieth of its energy has lost a
+/// fortieth of its amplitude, which a picture shows.
+const MOST_EXCUSED: f64 = 0.05;
 
 /// Rounding of a joint or a gap, in parts of its terms: what corrections leave.
 const ROUNDING: f64 = 1e-9;
