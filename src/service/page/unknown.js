@@ -6,6 +6,8 @@ import { number } from "./numbers.js";
 const KNOWN = new Set([
   "version", "status", "verdict", "error", "trajectory", "diagnostics", "study", "t", "fields", "events", "id", "label", "text", "specification",
 ]);
+// Of interest when figures are handed on, not while one looks at them.
+const FOLDED = new Set(["provenance"]);
 const ROWS = 200;
 
 export function unknownParts(run) {
@@ -14,7 +16,7 @@ export function unknownParts(run) {
     .filter(([key, value]) => !KNOWN.has(key) && value !== null && value !== undefined)
     .map(([key, value]) => {
       const shown = tableOf(value) ?? element("pre", {}, JSON.stringify(value, null, 2).slice(0, 20000));
-      return element("details", { open: true, class: "part" }, element("summary", {}, key.replaceAll("_", " ")), element("div", { class: "wide", tabindex: "0", role: "region", "aria-label": key.replaceAll("_", " ") }, shown));
+      return element("details", FOLDED.has(key) ? { class: "part" } : { open: true, class: "part" }, element("summary", {}, key.replaceAll("_", " ")), element("div", { class: "wide", tabindex: "0", role: "region", "aria-label": key.replaceAll("_", " ") }, shown));
     });
 }
 
