@@ -19,7 +19,7 @@ use std::thread;
 /// Room for the deepest expression that a specification may hold.
 const STACK_BYTES: usize = 8 << 20;
 
-/// How one file went: what is told on standard error, and the exit code of a solve of it alone.
+/// Result of one file: its lines for standard error, and the exit code that a solve of it alone would have.
 struct Outcome {
     told: String,
     code: u8,

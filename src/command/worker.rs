@@ -43,7 +43,7 @@ fn work(confinement: Confinement) -> io::Result<()> {
     serve(io::stdin().lock(), output, Arc::new(dvi::solve), confinement)
 }
 
-/// Starts the log, on standard error, of which the front keeps the last bytes.
+/// Starts the log on standard error; the front keeps its last bytes.
 fn log() {
     tracing_subscriber::fmt().with_writer(io::stderr).with_ansi(false).without_time().init();
     panic::set_hook(Box::new(|panic| {

@@ -140,7 +140,7 @@ impl Energy {
 
     /// The largest defect that the first order of the steps explains: twice the accumulated error estimates, which are
     /// of leading order only. The estimates are capped at `steps` exchanges of energy, which corresponds to positions
-    /// and velocities that are off by their change over so many steps. Zero if the steps do not resolve the motion.
+    /// and velocities that are off by their change over `steps` steps. Zero if the steps do not resolve the motion.
     pub fn explained(&self, steps: f64) -> f64 {
         let is_resolved = 0.5 * self.exchanged <= MOST_LAG * self.size();
         if is_resolved { 2.0 * self.explained.min(steps * self.exchanged) } else { 0.0 }

@@ -7,6 +7,10 @@ mod quadrature;
 mod root;
 mod shown;
 
+/// Step of a central difference, relative to the size of its argument: the cube root of the rounding of doubles, at
+/// which the errors of truncation and of rounding balance.
+pub const CENTRAL_DIFFERENCE: f64 = 6e-6;
+
 pub use interval::{Interval, between};
 pub use quadrature::kronrod;
 pub use root::Bracket;

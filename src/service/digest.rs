@@ -1,8 +1,8 @@
 //! Digests of stored data (SHA-256, FIPS 180-4), by which corruption is detected.
 
-use crate::jobs::hexadecimal;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use sha2::{Digest as _, Sha256};
+use specification::hexadecimal;
 use std::fmt;
 use std::io;
 

@@ -19,6 +19,7 @@ use intervals::{Intervals, intervals, is_too_large};
 use least_squares::{LeastSquares, Minimum, Residuals};
 use models::DviModel;
 use nalgebra::{DMatrix, DVector};
+use numerics::CENTRAL_DIFFERENCE;
 use problem::Control;
 use radau::Settings;
 use serde::{Deserialize, Serialize};
@@ -30,9 +31,6 @@ use utoipa::ToSchema;
 const FAR_APART: f64 = 100.0;
 /// Directions of parameters are told apart to so many tolerances: derivatives are as exact as a run.
 const TOLERANCES: f64 = 10.0;
-/// The cube root of the rounding of doubles: by this part of its size a parameter is moved for a central difference of a
-/// definition, whose states have derivatives that are exact.
-const MOVED: f64 = 6e-6;
 /// The share of the work that the search makes up; the last run is checked against others.
 const SHARE: f64 = 0.9;
 /// Where the search begins, so that its runs are not heard as that of the answer.
@@ -419,7 +417,7 @@ impl Search<'_> {
                         let x: Vec<f64> = states.iter().map(|state| state[i]).collect();
                         let found = definitions.at(definition, fit.t[i], &x);
                         for (k, fitted) in fit.parameters.iter().enumerate() {
-                            let step = MOVED * size(point[k], fitted);
+                            let step = CENTRAL_DIFFERENCE * size(point[k], fitted);
                             let dx: Vec<f64> =
                                 (0..of.len()).map(|state| step * derivatives[state * p + k][i]).collect();
                             let parameter =

@@ -7,13 +7,12 @@ use super::{CheckCode, Failure, Plan, Status};
 use analysis::Analysis;
 use models::DviModel;
 use nalgebra::DMatrix;
+use numerics::CENTRAL_DIFFERENCE;
 use problem::Control;
 use radau::{Directions, NoDerivative, Radau, Settings, Shifted, Tangents};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The cube root of the rounding of doubles: by this part of its size a parameter is moved for a central difference.
-const MOVED: f64 = 6e-6;
 /// Differences of whole runs are as exact as the tolerances: by the root of them parameters are moved, which leaves half of
 /// their digits. Farther off a phase may have gone round, and both differences agree on what is no derivative.
 const POWER: f64 = 0.5;
@@ -138,7 +137,7 @@ fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
 fn moved(model: &DviModel, parameter: usize) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     let size = if values[parameter] == 0.0 { 1.0 } else { values[parameter].abs() };
-    let by = MOVED * size;
+    let by = CENTRAL_DIFFERENCE * size;
     let at = |by: f64| {
         let mut values = values.to_vec();
         values[parameter] += by;

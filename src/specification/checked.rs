@@ -1,5 +1,6 @@
 //! A specification that has passed every check.
 
+use super::digest::{Digest, digest, hexadecimal};
 use super::document::{Document, Limits, Problem, Time};
 use super::draft::Draft;
 use super::error::{Errors, SpecificationError};
@@ -12,7 +13,6 @@ use super::observables;
 use super::output::{Columns, Output};
 use super::plan::MOST_STEPS;
 use super::pointer::Pointer;
-use super::reading::{Digest, digest};
 use super::repairs::Repairs;
 use super::search::{self, Search};
 use super::study::StudyPlan;
@@ -141,22 +141,19 @@ impl Specification {
             request.check(&*model, (output.global_error, study.is_some()), &mut found);
             let sensitivities =
                 sensitivities.and_then(|asked| asked.check(&*model, &root.key("sensitivities"), &mut found));
-            let others = [
+            let alone = [
                 ("sensitivities", sensitivities.is_some()),
                 ("study", study.is_some()),
                 ("stop", stop.iter().any(|stop| !stop.record)),
                 ("output.global_error", output.global_error),
             ];
-            let search = asked.check(&*model, time, &others, &mut found);
-            let others = [
+            let search = asked.check(&*model, time, &alone, &mut found);
+            let analyses = [
                 ("periodic", periodic.is_some()),
                 ("steady_state", steady_state.is_some()),
                 ("sweep", sweep.is_some()),
-                others[0],
-                others[1],
-                others[2],
-                others[3],
             ];
+            let others = [&analyses[..], &alone].concat();
             let fit = fit.and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
             let search = search.or(fit.map(|fit| Search::Fit(Arc::new(fit))));
             if study.is_some() && is_static {
@@ -302,12 +299,11 @@ impl Specification {
     /// What an answer to it is the answer to.
     pub fn provenance(&self) -> Provenance {
         let atol = self.absolute_tolerances.first().copied();
-        let hexadecimal = |digest: &Digest| digest.iter().map(|byte| format!("{byte:02x}")).collect();
         Provenance {
             program: concat!("dvi ", env!("CARGO_PKG_VERSION")).to_owned(),
             label: self.label.clone(),
             problem: self.problem.to_owned(),
-            digest: self.digest.as_ref().map(hexadecimal),
+            digest: self.digest.as_ref().map(|digest| hexadecimal(digest)),
             rtol: self.method.rtol,
             atol: atol.filter(|atol| self.absolute_tolerances.iter().all(|other| other == atol)),
             step: self.method.step,

@@ -15,6 +15,7 @@ mod circuit;
 mod continuation;
 mod convolution;
 mod deserializer;
+mod digest;
 mod directions;
 mod document;
 mod draft;
@@ -80,6 +81,7 @@ pub use circuit::{
 };
 pub use continuation::{NotContinuable, continued};
 pub use convolution::{ConvolutionProblem, ConvolutionVariable, FractionalKernel, KernelOfTime};
+pub use digest::hexadecimal;
 pub use document::{Document, Limits, Problem, Time};
 pub use draft::Draft;
 pub use dvi::{DviProblem, State, Variable};

@@ -3,6 +3,7 @@
 //! Serde stops at its first error. So the place of each is mended and the document read again, until it can be read;
 //! what was mended is remembered, so that later checks do not complain about it a second time.
 
+use super::digest::{Digest, digest};
 use super::document::Document;
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
@@ -13,19 +14,10 @@ use super::syntax;
 use super::vectors::{self, Vectors};
 use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
-use sha2::{Digest as _, Sha256};
 use std::sync::Arc;
 
 /// Bytes that may be read again in all while mending: it bounds the time that a large and bad document can take.
 const WORK: usize = 64 << 20;
-
-/// What a text is known by.
-pub(super) type Digest = [u8; 32];
-
-/// The SHA-256 (FIPS 180-4) of a text.
-pub(super) fn digest(text: &[u8]) -> Digest {
-    Sha256::digest(text).into()
-}
 
 /// What some editors put before text in UTF-8.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";

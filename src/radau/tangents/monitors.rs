@@ -5,6 +5,7 @@ use super::{NoDerivative, Tangents, changed};
 use crate::face::{ActiveFace, Activity};
 use crate::stepper::Radau;
 use nalgebra::DMatrix;
+use numerics::CENTRAL_DIFFERENCE;
 use problem::{Dvi, Side};
 
 /// A monitor whose rate is below this fraction of its terms touches zero (grazing).
@@ -14,8 +15,6 @@ const TOUCHES: f64 = 1e-9;
 const AGREE: f64 = 1e-6;
 /// Singular values below this fraction of the largest count as zero.
 const SINGULAR: f64 = 1e-10;
-/// Relative shift of a point for a central difference: the cube root of the rounding unit of doubles.
-const MOVED: f64 = 6e-6;
 
 impl Tangents {
     /// The derivatives of the time at which a step ended with respect to the directions; `before` are the unknowns on
@@ -185,10 +184,10 @@ impl Tangents {
         for column in 0..columns {
             let way: Vec<f64> = states.column(column).iter().chain(variables.column(column).iter()).copied().collect();
             let parts = way.iter().zip(sizes).filter(|(way, _)| **way != 0.0).map(|(way, size)| size / way.abs());
-            let mut by = MOVED * parts.fold(f64::INFINITY, f64::min);
+            let mut by = CENTRAL_DIFFERENCE * parts.fold(f64::INFINITY, f64::min);
             let in_time = if column + 1 == columns { 1.0 } else { 0.0 };
             if !by.is_finite() {
-                by = MOVED * t.abs().max(1.0);
+                by = CENTRAL_DIFFERENCE * t.abs().max(1.0);
             }
             let [above, below] = [by, -by].map(|by| {
                 let moved: Vec<f64> = y.iter().zip(&way).map(|(y, way)| y + by * way).collect();
@@ -215,7 +214,7 @@ impl Tangents {
         let mut by_time = vec![0.0; rows];
         self.problem.time_derivative(t, y, &mut by_time[n..unknowns]);
         if rows > unknowns {
-            let by = MOVED * t.abs().max(f64::MIN_POSITIVE.sqrt());
+            let by = CENTRAL_DIFFERENCE * t.abs().max(f64::MIN_POSITIVE.sqrt());
             let mut at = |t: f64| {
                 let mut values = vec![0.0; rows];
                 self.problem.evaluate(t, y, &mut values);
@@ -240,7 +239,7 @@ impl Tangents {
         let first = self.problem.breaks(before).to_vec();
         let changes = |(after, before): (&f64, &f64)| (*after >= 0.0) != (*before >= 0.0);
         let place = self.problem.breaks(after).iter().zip(&first).position(changes)?;
-        let by = MOVED * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
+        let by = CENTRAL_DIFFERENCE * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
         let rate = (self.problem.breaks(after + by)[place] - self.problem.breaks(before - by)[place]) / (2.0 * by);
         let times = self.directions.shifted.iter_mut().map(|shifted| {
             let Some(shifted) = shifted else { return 0.0 };

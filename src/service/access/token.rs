@@ -1,7 +1,7 @@
 //! The text form of a token: `dvi_NUMBER_SECRET`, in hexadecimal digits.
 
-use crate::jobs::hexadecimal;
 use sha2::{Digest, Sha256};
+use specification::hexadecimal;
 use std::fmt;
 use std::io;
 use std::str::FromStr;

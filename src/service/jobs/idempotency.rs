@@ -3,6 +3,7 @@
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
+use specification::hexadecimal;
 
 /// An idempotency key and the digest of the document first posted under it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -17,14 +18,6 @@ impl Key {
     pub fn new(name: impl Into<String>, document: &[u8]) -> Self {
         Self { name: name.into(), digest: hexadecimal(&Sha256::digest(document)) }
     }
-}
-
-/// Bytes as lower-case hexadecimal text.
-pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
-    const DIGITS: [char; 16] = ['0', '1', '2', '3', '4', '5', '6', '7', '8', '9', 'a', 'b', 'c', 'd', 'e', 'f'];
-    let mut text = String::with_capacity(2 * bytes.len());
-    text.extend(bytes.iter().flat_map(|byte| [DIGITS[usize::from(byte >> 4)], DIGITS[usize::from(byte & 15)]]));
-    text
 }
 
 #[cfg(test)]

@@ -54,7 +54,6 @@ pub use bounds::{AdmissionError, Bounds};
 pub use client::Client;
 pub use ended::{Ended, Ending, Fault, Held, Timing};
 pub use idempotency::Key;
-pub(crate) use idempotency::hexadecimal;
 pub use index::{Mismatch, Retention};
 pub use inspection::Inspection;
 pub use job::{Halt, Job, JobId, Moment, Order, State};

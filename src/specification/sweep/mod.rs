@@ -16,6 +16,7 @@ pub(super) use target::{lift, set};
 
 use super::checked::Specification;
 use super::choices::choices;
+use super::digest::{digest, hexadecimal};
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::lowering::Start;
@@ -25,7 +26,6 @@ use super::pointer::Pointer;
 use super::{reading, vectors};
 use problem::Control;
 use serde::Deserialize;
-use sha2::{Digest, Sha256};
 use solution::Reducers;
 use std::sync::Arc;
 use target::{targets, unknown};
@@ -132,8 +132,7 @@ impl SweepRequest {
         if !is_whole || targets.len() != design.ranges().len() {
             return None;
         }
-        let hash = Sha256::digest(source.to_string().as_bytes());
-        let digest: String = hash.iter().map(|byte| format!("{byte:02x}")).collect();
+        let digest = hexadecimal(&digest(source.to_string().as_bytes()));
         Some(SweepPlan { targets, design: Arc::new(design), reducers, digest: digest.into(), source })
     }
 

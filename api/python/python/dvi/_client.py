@@ -78,7 +78,7 @@ class Job:
         while True:
             headers = {"Accept": "text/event-stream", **({"Last-Event-ID": last} if last is not None else {})}
             try:
-                with self._client._open("GET", f"/jobs/{self.id}/events", headers=headers) as stream:
+                with self._client._open(self._client._request("GET", f"/jobs/{self.id}/events", headers=headers)) as stream:
                     for name, number, data in _events(stream):
                         last, failures = number or last, 0
                         yield name, data
@@ -195,21 +195,18 @@ class Client:
             read: dict[str, Any] = json.loads(answer.read())
             return read
 
-    def _open(
-        self,
-        method: str,
-        path: str,
-        body: Optional[bytes] = None,
-        headers: Optional[dict[str, str]] = None,
-        timeout: Optional[float] = None,
-    ) -> Any:
+    def _request(
+        self, method: str, path: str, body: Optional[bytes] = None, headers: Optional[dict[str, str]] = None
+    ) -> urllib.request.Request:
         sent = {"Accept": "application/json", **(headers or {})}
         if body is not None or method == "POST":
             sent["Content-Type"] = "application/json"
             body = body or b""
         if self._token:
             sent["Authorization"] = f"Bearer {self._token}"
-        request = urllib.request.Request(self.url + path, data=body, headers=sent, method=method)
+        return urllib.request.Request(self.url + path, data=body, headers=sent, method=method)
+
+    def _open(self, request: urllib.request.Request, timeout: Optional[float] = None) -> Any:
         return urllib.request.urlopen(request, timeout=timeout or self.timeout)
 
     def _send(
@@ -221,11 +218,12 @@ class Client:
         timeout: Optional[float] = None,
     ) -> Any:
         """Sends a request, and sends it again where that may help."""
+        request = self._request(method, path, body, headers)
         attempt = 0
         while True:
             attempt += 1
             try:
-                return self._open(method, path, body, headers, timeout)
+                return self._open(request, timeout)
             except urllib.error.HTTPError as error:
                 with error:
                     refusal = _refusal(error)
