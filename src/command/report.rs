@@ -10,6 +10,7 @@ use dvi::specification::{EXAMPLES, Example};
 use dvi::study::html;
 use dvi::study::report::{Chapter, chapter, picture};
 use dvi::study::stability::{Stability, parts};
+use jiff::Timestamp;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs;
@@ -37,13 +38,17 @@ pub struct Arguments {
     #[arg(long, conflicts_with = "only")]
     stability: bool,
 
-    /// Python programs that run the same systems, and whose points join the plots
+    /// Python programs that run the same systems, and whose points join the plots (`tests/peers/install` installs them)
     #[arg(long, value_name = "DIR", default_value = "tests/peers")]
     peers: PathBuf,
 
     /// Run again what has been run before
     #[arg(long)]
     fresh: bool,
+
+    /// Leave out run times, machine and date: figures show error against steps, and do not depend on the machine
+    #[arg(long)]
+    fixed: bool,
 }
 
 const HELP: &str = "\
@@ -78,7 +83,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
-    let Arguments { out, only, fresh, .. } = arguments;
+    let Arguments { out, only, fresh, fixed, .. } = arguments;
     let peers = if examples.is_empty() { Peers::default() } else { Peers::in_folder(&arguments.peers) };
     fs::create_dir_all(out)?;
     let with_limits = only.is_empty();
@@ -88,8 +93,10 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     for example in examples {
         progress.next(example.name);
         let found = kept(out, example.name, *fresh, || {
-            let mut chapter: Chapter = chapter(example)?;
-            chapter.peers = peers.solve(example.name);
+            let mut chapter: Chapter = chapter(example, &today())?;
+            if !chapter.is_exact_for_all() {
+                chapter.peers = peers.solve(&chapter);
+            }
             Some(chapter)
         })?;
         if let Some(chapter) = found {
@@ -106,11 +113,16 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     }
     progress.end();
     if !chapters.is_empty() {
-        fs::write(out.join("report.svg"), picture(&chapters))?;
+        fs::write(out.join("report.svg"), picture(&chapters, *fixed))?;
     }
     let page = out.join("report.html");
-    fs::write(&page, html(&chapters, limits.as_ref(), &peers.names()))?;
+    fs::write(&page, html(&chapters, limits.as_ref(), peers.all(), *fixed))?;
     Ok(page)
+}
+
+/// The day, in UTC.
+fn today() -> String {
+    Timestamp::now().strftime("%Y-%m-%d").to_string()
 }
 
 /// The contents of a JSON file of an earlier run, or else a new measurement, which is written to the file.

@@ -10,7 +10,7 @@ mod solve;
 pub mod stability;
 mod sweep;
 
-pub use page::html;
+pub use page::{Peer, html};
 pub use solve::{solve, solve_on};
 pub use sweep::{features, merge, sweep};
 

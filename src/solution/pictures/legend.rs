@@ -90,6 +90,19 @@ pub fn hollow(place: Point, k: usize, r: f64) -> Path {
     Path::new().set("class", format!("hollow {}", colour("line", k))).set("d", shape(place, k, r))
 }
 
+/// A cross in the colour of the `k`-th line.
+pub fn cross((x, y): Point, k: usize, r: f64) -> Path {
+    let (low, high, left, right) = (tenths(y + r), tenths(y - r), tenths(x - r), tenths(x + r));
+    let strokes = format!("M{left},{low}L{right},{high}M{left},{high}L{right},{low}");
+    Path::new().set("class", format!("cross {}", colour("line", k))).set("d", strokes)
+}
+
+/// A thin line in the colour of the `k`-th line.
+pub fn whisker(from: Point, to: Point, k: usize) -> Path {
+    let [a, b, c, d] = [from.0, from.1, to.0, to.1].map(tenths);
+    Path::new().set("class", format!("whisker {}", colour("line", k))).set("d", format!("M{a},{b}L{c},{d}"))
+}
+
 fn shape((x, y): Point, k: usize, r: f64) -> String {
     let [x, y, r] = [x, y, r].map(tenths);
     match round(k) {

@@ -23,7 +23,7 @@ use svg::Document;
 use svg::node::element::{Rectangle, Style, Title};
 
 pub use double_logarithmic::{Curve, double_logarithmic};
-pub use overview::overview;
+pub use overview::{Arrangement, LARGE, SMALL, Words, overview};
 pub use work_precision::{curves, work_precision};
 
 const MOST_PANELS: usize = 8;
