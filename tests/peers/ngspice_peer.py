@@ -7,8 +7,6 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-import numpy as np
-
 from common import LONGEST, main
 
 DIODE = ".model ideal D(IS=1e-12 N=0.001)\n"
@@ -31,6 +29,9 @@ SYSTEMS = {
 
 
 def name():
+    import numpy
+
+    assert numpy
     told = subprocess.run([shutil.which("ngspice"), "--version"], capture_output=True, text=True, check=True).stdout
     return "ngspice " + re.search(r"ngspice-(\S+)", told)[1]
 
@@ -47,6 +48,8 @@ def transient(request, rtol):
         f".control\nset wr_singlescale\nset numdgt=15\noption noinit\ntran {end / 1000:.17g} {end:.17g} 0 {end / 50:.17g} uic\n"
         f"rusage trantime\nwrdata {data} {vectors}\nquit\n.endc\n.end\n"
     )
+
+    import numpy as np
 
     def solve():
         told = subprocess.run(["ngspice", "-b", str(deck)], capture_output=True, text=True, timeout=2 * LONGEST)

@@ -1,21 +1,16 @@
 """Siconos: Moreau's time stepping and implicit Euler with a complementarity problem, or a relay, at each of the fixed steps."""
 
-import numpy as np
-
 from common import main
 
 
 def name():
-    import siconos
+    import subprocess
+
     import siconos.kernel as kernel
 
     assert kernel
-    try:
-        from importlib.metadata import version
-
-        return f"Siconos {version('siconos')} (implicit Euler, Moreau)"
-    except Exception:
-        return "Siconos (implicit Euler, Moreau)"
+    told = subprocess.run(["dpkg-query", "-W", "-f", "${Version} ", "python3-siconos"], capture_output=True, text=True).stdout
+    return f"Siconos {told}(implicit Euler, Moreau)"
 
 
 def constant(text, p):
@@ -26,6 +21,8 @@ def linear(request):
     """A linear complementarity system in matrices."""
     problem = request["specification"]["problem"]["lcs"]
     p = problem.get("parameters", {})
+    import numpy as np
+
     matrix = lambda name: np.array([[constant(entry, p) for entry in row] for row in problem[name]])
     a, b, c = matrix("A"), matrix("B"), matrix("C")
     d = matrix("D") if "D" in problem else None
@@ -34,6 +31,8 @@ def linear(request):
 
 
 def belt(request):
+    import numpy as np
+
     p = request["specification"]["problem"]["dvi"]["parameters"]
     m, c, k, f, v_belt = (p[name] for name in ("m", "c", "k", "f", "v_belt"))
     a = np.array([[0, 1], [-k / m, -c / m]])
@@ -41,6 +40,8 @@ def belt(request):
 
 
 def sliding(request):
+    import numpy as np
+
     a = np.array([[0, 1.0], [0.5, 0]])
     return np.array([1.0, 0.0]), a, None, np.array([[0], [2.0]]), np.array([[1.0, 1.0]]), None, None, ["x1", "x2"]
 
@@ -51,11 +52,13 @@ RELAYS = ("friction_belt", "sliding_mode")
 
 def sample(times, ends, rows, names):
     """Values at the times: of the ends of steps, joined by straight lines."""
+    import numpy as np
     table = np.array(rows)
     return {name: np.interp(times, ends, table[:, k]) for k, name in enumerate(names)}
 
 
 def euler(request, step):
+    import numpy as np
     import siconos.kernel as sk
     import siconos.numerics as sn
 
@@ -91,6 +94,7 @@ def euler(request, step):
 
 
 def ball(request, step):
+    import numpy as np
     import siconos.kernel as sk
 
     end = request["times"][-1]

@@ -41,6 +41,10 @@ pub fn section(page: &mut String, chapter: &Chapter, fixed: bool) {
     if !chapter.solution.is_empty() {
         let _ = write!(page, "<figure>{}<figcaption>The solution.</figcaption></figure>", chapter.solution);
     }
+    if let Some(reported) = &chapter.reported {
+        let (what, title, address) = (escaped(&reported.what), escaped(&reported.title), escaped(&reported.address));
+        let _ = write!(page, "<p><strong>Reported elsewhere.</strong> <a href=\"{address}\">{title}</a>: {what}.</p>");
+    }
     let _ = write!(page, "<p>{}</p>", reference(chapter));
     let _ = write!(page, "<figure>{}<figcaption>{}</figcaption></figure>", chapter_picture(chapter, fixed), caption(chapter));
     if !chapter.meshes.is_empty() {

@@ -1,5 +1,5 @@
 use super::*;
-use crate::report::{Conditions, Errors, Ladder, Outcome, Reference, Run, Source};
+use crate::report::{Conditions, Errors, Ladder, Outcome, Reference, Reported, Run, Source};
 use crate::stability::{Finding, Outcome as Case};
 use serde_json::json;
 
@@ -26,6 +26,11 @@ fn chapter(name: &str, runs: Vec<Run>) -> Chapter {
         specification: json!({"problem": {"dvi": {"parameters": {"mu": 0.5}}}, "time": {"end": 4}}),
         solution: String::new(),
         source: Some(Source { what: "closed form".to_owned(), digits: "all digits".to_owned(), file: None }),
+        reported: Some(Reported {
+            what: "it hangs".to_owned(),
+            title: "Elsewhere 1: it <hangs>".to_owned(),
+            address: "https://example.org/1".to_owned(),
+        }),
         reference: Reference {
             times: vec![4.0],
             names: vec!["x".to_owned()],
@@ -64,6 +69,7 @@ fn a_page_states_its_systems_and_shows_every_run_and_no_markup_of_a_title() {
         "h<sup>0.97</sup>",
         "not installed</span>: apt install python3-siconos",
         "2026-11-23",
+        "<a href=\"https://example.org/1\">Elsewhere 1: it &lt;hangs&gt;</a>",
     ] {
         assert!(page.contains(told), "{told}\n{page}");
     }

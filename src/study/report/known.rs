@@ -25,6 +25,20 @@ pub struct Known {
     pub switches: Vec<f64>,
     /// Whether the values are those of the continuous problem in space, of which the elements leave an error.
     pub mesh: bool,
+    /// A public thread in which another program was reported to fail on it.
+    pub reported: Option<Reported>,
+}
+
+/// A public report of a failure elsewhere.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reported {
+    /// What happens there, in a clause.
+    pub what: String,
+    /// The program, the number and the title of the thread.
+    pub title: String,
+    /// Its address.
+    pub address: String,
 }
 
 /// The origin of values.

@@ -10,7 +10,7 @@ mod pictures;
 mod reference;
 
 pub use conditions::Conditions;
-pub use known::Source;
+pub use known::{Reported, Source};
 pub use measure::{LONG, LONGEST, REPEATS};
 pub use mesh::Mesh;
 pub use peer::{Answer, request};
@@ -52,6 +52,8 @@ pub struct Chapter {
     pub solution: String,
     /// Where the values from outside are from, where there are any.
     pub source: Option<Source>,
+    /// A public thread in which another program was reported to fail on it.
+    pub reported: Option<Reported>,
     /// What errors are measured against.
     pub reference: Reference,
     /// Whether the elements leave an error of which the values here are free: errors are those against the exact solution
@@ -168,8 +170,11 @@ pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
     let mut document: Value = serde_json::from_str(example.text).ok()?;
     let root = document.as_object_mut()?;
     // What ends a run, or is asked for beside it, is no part of the comparison.
-    for key in ["stop", "sensitivities", "output", "study"] {
+    for key in ["sensitivities", "output", "study"] {
         root.remove(key);
+    }
+    if let Some(Value::Array(monitors)) = root.get_mut("stop") {
+        monitors.retain(|monitor| monitor["record"] == true);
     }
     if let Some(end) = known.end {
         document["time"]["end"] = end.into();
@@ -206,6 +211,7 @@ pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
         specification: shown,
         equations: known.equations,
         source: known.source,
+        reported: known.reported,
         reference,
         ladders,
         peers: Vec::new(),
