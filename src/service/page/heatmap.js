@@ -22,6 +22,7 @@ export function nameInSweep({ pointer }, specification) {
   if (section === "parameters" && parts.length === 4) return name;
   if ((section === "states" || section === "coordinates") && parts.length === 5) return `${name}.${key}`;
   if (type === "lcs" && section === "initial") return `${problem.state_names?.[name] ?? `x${Number(name) + 1}`}.initial`;
+  if (/^\d+$/.test(parts.at(-1))) return null;
   const item = problem[section]?.[name];
   const named = item?.[key]?.name ?? item?.name;
   return Array.isArray(problem[section]) && typeof named === "string" ? `${named}.${parts.at(-1)}` : null;

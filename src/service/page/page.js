@@ -100,6 +100,7 @@ function offerKnobs(text) {
   const specification = lenient(text);
   knobs.show(specification);
   byId("sliders").hidden = knobs.count === 0;
+  map.offer(Object.keys(shown?.fields ?? {}));
 }
 
 function tellRefusal(refusal, text) {

@@ -229,7 +229,7 @@ fn drawn(document: &Value) -> String {
     let Ok(specification) = Specification::from_json(document.to_string().as_bytes()) else { return String::new() };
     let solution = solve_once(&specification, &Control::with_deadline(Instant::now() + LONGEST));
     let mut picture = Vec::new();
-    match write_svg(&solution, specification.label(), &mut picture) {
+    match write_svg(&solution, None, &mut picture) {
         Ok(()) => String::from_utf8(picture).unwrap_or_default(),
         Err(_) => String::new(),
     }

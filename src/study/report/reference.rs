@@ -18,12 +18,12 @@ const TIMES: usize = 100;
 /// The distance of times of comparison from switches, as a part of the horizon, and as a part of the mean distance of switches.
 const APART: f64 = 1e-3;
 const BETWEEN: f64 = 0.1;
-/// The longest that the run of reference may take.
-const LONGEST: Duration = Duration::from_secs(120);
-/// Its tolerances, the tightest first: where rounding keeps it from the end, the next one is tried.
-const TOLERANCES: [f64; 3] = [1e-13, 1e-12, 1e-11];
-/// The step of a reference where steps have one size, as a part of the finest that is measured.
-const FINER: f64 = 8.0;
+/// The tolerances of the run of reference, the tightest first, with the seconds that it may take: where rounding or cost keep it
+/// from the end, the next one is tried. Methods of second order have none of the tighter ones.
+const TOLERANCES: [(f64, u64); 3] = [(1e-13, 30), (1e-11, 60), (1e-9, 120)];
+const SECOND_ORDER: [(f64, u64); 2] = [(1e-11, 120), (1e-10, 120)];
+/// Where steps have one size: the step as a part of the finest that is measured, and the seconds.
+const FINER: (f64, u64) = (16.0, 120);
 /// A column this much smaller than the largest is what rounding leaves of zero.
 const ZERO: f64 = 1e-12;
 
@@ -161,16 +161,20 @@ fn kept(times: &[f64], switches: &[f64], horizon: f64) -> Vec<bool> {
 
 /// The run of reference, and what it is.
 fn run(specification: &Specification, times: &[f64], outputs: usize, finest: f64) -> Option<(String, Solution)> {
-    let rungs: Vec<(Rung, String)> = match specification.model().varied().reference {
-        By::Step => {
-            let step = finest / FINER;
-            vec![(Rung::Step(step), format!("steps of {step:.3e}"))]
+    let varied = specification.model().varied();
+    let to = |(rtol, seconds): (f64, u64)| (Rung::Tolerance(rtol), format!("the tolerance {rtol:e}"), seconds);
+    let rungs: Vec<(Rung, String, u64)> = match (varied.tolerance, varied.reference) {
+        (true, By::Tolerance) => TOLERANCES.map(to).to_vec(),
+        (true, By::Step) => SECOND_ORDER.map(to).to_vec(),
+        (false, _) => {
+            let step = finest / FINER.0;
+            vec![(Rung::Step(step), format!("steps of {step:.3e}"), FINER.1)]
         }
-        By::Tolerance => TOLERANCES.map(|rtol| (Rung::Tolerance(rtol), format!("the tolerance {rtol:e}"))).to_vec(),
     };
-    rungs.into_iter().find_map(|(rung, words)| {
+    rungs.into_iter().find_map(|(rung, words, seconds)| {
         let variant = specification.variant(rung, Stages::Auto, times.to_vec(), (0..outputs).collect());
-        let solution = solve_once(&variant.within_steps(MOST_STEPS), &Control::with_deadline(Instant::now() + LONGEST));
+        let control = Control::with_deadline(Instant::now() + Duration::from_secs(seconds));
+        let solution = solve_once(&variant.within_steps(MOST_STEPS), &control);
         (solution.status == Status::Completed).then_some((words, solution))
     })
 }
