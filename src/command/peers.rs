@@ -16,6 +16,9 @@ fn interpreters(folder: &Path) -> [PathBuf; 3] {
     [folder.join("venv/bin/python3"), PathBuf::from("python3"), PathBuf::from("/usr/bin/python3")]
 }
 
+/// What limits the threads of the libraries of linear algebra that peers use.
+const THREADS: [&str; 3] = ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"];
+
 /// The programs of a folder.
 #[derive(Default)]
 pub struct Peers {
@@ -76,6 +79,8 @@ fn ask(program: &Path, script: &Path, request: &str) -> Vec<Answer> {
     let answers = || {
         let mut command = Command::new(program);
         command.arg(script).stdin(Stdio::piped()).stdout(Stdio::piped());
+        // One thread, as here.
+        command.envs(THREADS.map(|name| (name, "1")));
         let mut process = command.spawn().ok()?;
         // Drop the input at once, so that the program reads its end.
         let sent = process.stdin.take().map(|mut input| input.write_all(request.as_bytes()));

@@ -78,6 +78,22 @@ fn a_peer_is_measured_at_the_same_times_in_the_same_norm() {
     assert!(peer(&chapter, json!({"v": nothing}), json!(null)).runs[0].errors.as_ref().expect("errors").end.is_none());
 }
 
+/// A peer that is not installed is named, with the way to get it: that is all it can say without the packages it needs.
+#[test]
+fn every_peer_has_a_name_and_a_way_to_install_it_without_being_installed() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers");
+    let files = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let peers: Vec<_> = files.filter(|path| path.to_string_lossy().ends_with("_peer.py")).collect();
+    assert!(peers.len() >= 7, "{peers:?}");
+    for peer in peers {
+        let told = std::process::Command::new("python3").args(["-S".as_ref(), peer.as_os_str(), "--install".as_ref()]).output();
+        let told = told.expect("python3");
+        let text = String::from_utf8_lossy(&told.stdout);
+        let lines: Vec<&str> = text.trim().lines().collect();
+        assert!(lines.len() == 2 && lines[1].contains("tests/peers/install"), "{peer:?}: {text}{told:?}");
+    }
+}
+
 #[test]
 fn a_mesh_is_measured_apart_from_the_steps() {
     let chapter = of("oxygen_diffusion");

@@ -36,15 +36,14 @@ def chain():
     return "<mujoco>" + OPTION + "<worldbody>" + open_ + close + "</worldbody></mujoco>"
 
 
-def capsule():
-    return ("<mujoco>" + OPTION + '<worldbody>'
-            '<body name="left" pos="-0.01395 0 0"><joint name="l" type="slide" axis="1 0 0" damping="5"/><geom type="box" size="0.01 0.01 0.01" mass="0.1" friction="0.7 0 0" condim="3" ' + STIFF + '/></body>'
-            '<body name="right" pos="0.01395 0 0"><joint name="r" type="slide" axis="1 0 0" damping="5"/><geom type="box" size="0.01 0.01 0.01" mass="0.1" friction="0.7 0 0" condim="3" ' + STIFF + '/></body>'
-            '<body name="held"><freejoint/><geom type="sphere" size="0.004" mass="0.045" friction="0.7 0 0" condim="3" ' + STIFF + '/></body>'
-            "</worldbody></mujoco>")
+PAD = ('<body pos="{place} 0 0"><joint type="slide" axis="1 0 0"/><geom type="box" size="0.01 0.02 0.02" mass="0.1" '
+       'friction="0.7 0 0" condim="3" ' + STIFF + "/></body>")
+CAPSULE = ("<mujoco>" + OPTION + "<worldbody>" + PAD.replace("{place}", "-0.014") + PAD.replace("{place}", "0.014")
+           + '<body name="held" euler="90 0 0"><freejoint/><geom type="capsule" size="0.004 0.01" mass="0.045" friction="0.7 0 0" '
+           'condim="3" ' + STIFF + "/></body></worldbody></mujoco>")
 
-
-MODELS = {"rolling_ball": ROLLING, "heavy_chain": chain(), "pendulum": PENDULUM, "sliding_cube": CUBE}
+MODELS = {"rolling_ball": ROLLING, "heavy_chain": chain(), "pendulum": PENDULUM, "sliding_cube": CUBE, "held_capsule": CAPSULE}
+GRIP = 12.0  # newtons on each pad of the capsule
 
 
 def outputs(system, model, data):
@@ -55,6 +54,8 @@ def outputs(system, model, data):
                 "ball.vy": data.qvel[1], "ball.vz": data.qvel[2]}
     if system == "sliding_cube":
         return {"cube.x": data.qpos[0], "cube.y": data.qpos[1], "cube.z": data.qpos[2]}
+    if system == "held_capsule":
+        return {"held.x": data.qpos[2], "held.y": data.qpos[3], "held.z": data.qpos[4]}
     if system == "pendulum":
         angle, rate = data.qpos[0], data.qvel[0]
         return {"x": math.cos(angle), "y": -math.sin(angle), "u": -math.sin(angle) * rate, "v": -math.cos(angle) * rate}
@@ -79,6 +80,8 @@ def stepping(integrator, impratio):
                 data.qvel[0] = 2.0
             if system == "sliding_cube":
                 data.qvel[0] = 6.0
+            if system == "held_capsule":
+                data.qfrc_applied[:2] = GRIP, -GRIP
             mujoco.mj_forward(model, data)
             rows, at, n, before = [], 0, 0, None
             while at < len(times):
@@ -103,7 +106,7 @@ def stepping(integrator, impratio):
 def systems(request):
     if request["system"] not in MODELS:
         return []
-    if request["system"] in ("rolling_ball", "sliding_cube"):
+    if request["system"] in ("rolling_ball", "sliding_cube", "held_capsule"):
         return [("MuJoCo, implicitfast, elliptic", "step", stepping("implicitfast", 10))]
     return [("MuJoCo, RK4", "step", stepping("RK4", 1)), ("MuJoCo, implicitfast", "step", stepping("implicitfast", 1))]
 

@@ -2,6 +2,7 @@
 //! what was found at the limits.
 
 mod chapters;
+mod comparison;
 mod stability;
 
 use super::report::{Chapter, picture};
@@ -29,10 +30,14 @@ pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &[Peer], fi
             chapters.iter().partition(|chapter| chapter.is_exact_for_all());
         page += &picture(chapters, fixed);
         page += &chapters::summary(telling.iter().copied());
+        if !fixed {
+            page += &comparison::html(telling.iter().copied());
+        }
         if !exact.is_empty() {
             page += include_str!("exact.html");
             page += &chapters::summary(exact.iter().copied());
         }
+        page += include_str!("limits.html");
         telling.iter().chain(&exact).for_each(|chapter| chapters::section(&mut page, chapter, fixed));
     }
     if let Some(limits) = limits {

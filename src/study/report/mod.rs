@@ -14,7 +14,7 @@ pub use known::{Reported, Source};
 pub use measure::{LONG, LONGEST, REPEATS};
 pub use mesh::Mesh;
 pub use peer::{Answer, request};
-pub use pictures::{chapter_picture, picture};
+pub use pictures::{chapter_picture, chosen, first_order, picture};
 pub use reference::Reference;
 
 use crate::solve::solve_once;

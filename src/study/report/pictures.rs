@@ -12,6 +12,20 @@ const LEAST_TIME: f64 = 1e-9;
 const CHOSEN: [&str; 5] = ["stages chosen", "contact, located", "tr_bdf2", "3 stages", "3 stages at fixed steps"];
 const FIRST_ORDER: [&str; 2] = [super::IMPLICIT_EULER, "contact at fixed steps"];
 
+/// The ladder of what is chosen here without being told; none of a system that is solved at fixed steps of first order alone.
+pub fn chosen(chapter: &Chapter) -> Option<&Ladder> {
+    first_of(chapter, &CHOSEN)
+}
+
+/// The ladder of first-order time stepping.
+pub fn first_order(chapter: &Chapter) -> Option<&Ladder> {
+    first_of(chapter, &FIRST_ORDER)
+}
+
+fn first_of<'a>(chapter: &'a Chapter, methods: &[&str]) -> Option<&'a Ladder> {
+    methods.iter().find_map(|method| chapter.ladders.iter().find(|ladder| ladder.method == *method))
+}
+
 /// A kind of error, by its name.
 type Kind = (&'static str, fn(&Errors) -> Option<f64>);
 
@@ -33,7 +47,9 @@ fn cost(run: &Run, fixed: bool) -> f64 {
 
 fn curve(ladder: &Ladder, error: fn(&Errors) -> Option<f64>, fixed: bool) -> Curve {
     let point = |run: &Run| Some((cost(run, fixed), error(run.errors.as_ref()?)?.max(LEAST_ERROR)));
-    let runs = || ladder.runs.iter().filter(|run| run.outcome != Outcome::NotTried);
+    // Not every program counts its steps.
+    let shown = |run: &&Run| run.outcome != Outcome::NotTried && !(fixed && run.steps == 0);
+    let runs = || ladder.runs.iter().filter(shown);
     let wide = |run: &Run| (run.spread.0.max(LEAST_TIME), run.spread.1.max(LEAST_TIME));
     let spread = runs().filter_map(|run| point(run).map(|point| (wide(run).0, wide(run).1, point.1)));
     Curve {
@@ -62,18 +78,19 @@ pub fn chapter_picture(chapter: &Chapter, fixed: bool) -> String {
 /// All systems with an answer from outside that tell methods apart: the first-order time stepping of other programs beside
 /// what is chosen here without being told.
 pub fn picture(chapters: &[Chapter], fixed: bool) -> String {
-    let pick = |chapter: &Chapter, methods: &[&str], name: &str| {
-        let by = |method: &&str| chapter.ladders.iter().find(|ladder| ladder.method == **method);
-        let error = |errors: &Errors| errors.end;
-        let found = methods.iter().find_map(by).map_or_else(Curve::default, |ladder| curve(ladder, error, fixed));
+    let at_end = |ladder: Option<&Ladder>, name: &str| {
+        let found = ladder.map_or_else(Curve::default, |ladder| curve(ladder, |errors| errors.end, fixed));
         Curve { name: name.to_owned(), ..found }
     };
     let panels: Vec<(&str, Vec<Curve>)> = chapters
         .iter()
         .filter(|chapter| chapter.outside() && !chapter.is_exact_for_all())
         .map(|chapter| {
-            let chosen = pick(chapter, &CHOSEN, "tolerances from 1e-3 to 1e-9");
-            (chapter.name.as_str(), vec![chosen, pick(chapter, &FIRST_ORDER, "time stepping of first order")])
+            let curves = [
+                at_end(chosen(chapter), "tolerances from 1e-3 to 1e-9"),
+                at_end(first_order(chapter), "time stepping of first order"),
+            ];
+            (chapter.name.as_str(), curves.into())
         })
         .collect();
     let title = if fixed { "Error against number of steps" } else { "Error against run time" };
