@@ -24,6 +24,8 @@ const TOLERANCES: [(f64, u64); 3] = [(1e-13, 30), (1e-11, 60), (1e-9, 120)];
 const SECOND_ORDER: [(f64, u64); 2] = [(1e-11, 120), (1e-10, 120)];
 /// Where steps have one size: the step as a part of the finest that is measured, and the seconds.
 const FINER: (f64, u64) = (16.0, 120);
+/// Outputs that describe the discretisation and not the solution.
+const OF_DISCRETISATION: [&str; 2] = ["contacts", "penetration"];
 /// A column this much smaller than the largest is what rounding leaves of zero.
 const ZERO: f64 = 1e-12;
 
@@ -101,6 +103,12 @@ impl Reference {
         })
     }
 
+    /// The outputs that are no states.
+    fn of_solution(&self) -> Vec<usize> {
+        let told = |k: &usize| !OF_DISCRETISATION.contains(&self.names[*k].as_str());
+        (self.states..self.names.len()).filter(told).collect()
+    }
+
     /// The errors of values at the times of comparison, in the order of the names; `None` for an output that is not there.
     pub fn errors(&self, columns: &[Option<&[f64]>], switches: Option<&[f64]>) -> Errors {
         let distance = |k: usize, at: usize| {
@@ -109,8 +117,9 @@ impl Reference {
             // What is no number is no small error.
             Some(if value.is_finite() { relative(&self.columns, k, value - exact) } else { f64::INFINITY })
         };
-        let over_time = |fields: std::ops::Range<usize>| {
-            fields.flat_map(|k| (0..self.times.len()).filter_map(move |at| distance(k, at))).reduce(f64::max)
+        let over_time = |fields: Vec<usize>| {
+            let all = fields.into_iter().flat_map(|k| (0..self.times.len()).map(move |at| (k, at)));
+            all.filter_map(|(k, at)| distance(k, at)).reduce(f64::max)
         };
         let last = self.times.len().saturating_sub(1);
         let end = match self.outside.is_empty() {
@@ -123,8 +132,8 @@ impl Reference {
         let finite = |error: Option<f64>| error.filter(|error| error.is_finite());
         Errors {
             end: finite(end),
-            states: finite(over_time(0..self.states)),
-            variables: finite(over_time(self.states..self.names.len())),
+            states: finite(over_time((0..self.states).collect())),
+            variables: finite(over_time(self.of_solution())),
             switches: finite(largest.map(|largest| largest / self.horizon)),
             switches_found: switches.map(<[f64]>::len),
         }
