@@ -9,6 +9,7 @@ a dictionary with `fields` (by the name of the output the values at `request["ti
 import json
 import math
 import signal
+import subprocess
 import sys
 import time
 
@@ -29,7 +30,7 @@ def measure(request, method, key, rungs, prepare):
         if stopped:
             break
         run = {key: rung, "seconds": []}
-        signal.setitimer(signal.ITIMER_REAL, 4 * LONGEST)
+        signal.setitimer(signal.ITIMER_REAL, 1.5 * LONGEST)
         start = time.perf_counter()
         try:
             solve = prepare(request, rung)
@@ -49,7 +50,7 @@ def measure(request, method, key, rungs, prepare):
             run[key] = found.get(key, rung)  # Where the program has rungs of its own.
             run["fields"] = {name: [finite(x) for x in values] for name, values in found["fields"].items()}
             run["switches"] = found.get("switches")
-        except Stopped:
+        except (Stopped, subprocess.TimeoutExpired):
             run["seconds"], run["message"], stopped = [time.perf_counter() - start], f"stopped after {LONGEST} s", True
         except Exception as error:  # A run that fails is a mark in the figure, and the next one may succeed.
             run["seconds"], run["message"] = [time.perf_counter() - start], f"{type(error).__name__}: {error}"[:200]
@@ -70,6 +71,7 @@ def main(name, install, systems):
     elif "--name" in sys.argv:
         print(name())
     else:
+        name()  # Packages are loaded before anything is timed.
         signal.signal(signal.SIGALRM, stop)
         request = json.load(sys.stdin)
         ladders = systems(request)

@@ -21,7 +21,7 @@ ROLLING = ("<mujoco>" + OPTION + "<worldbody>" + GROUND + '<body name="ball" pos
 CUBE = ("<mujoco>" + OPTION + "<worldbody>" + GROUND + '<body name="cube" pos="0 0 0.05"><freejoint/><geom type="box" '
         'size="0.05 0.05 0.05" mass="1" friction="0.5 0 0" condim="3" ' + STIFF + "/></body></worldbody></mujoco>")
 PENDULUM = ("<mujoco>" + OPTION + '<worldbody><body><joint name="pivot" type="hinge" axis="0 1 0"/>'
-            '<geom type="sphere" size="1e-6" pos="1 0 0" mass="1" contype="0" conaffinity="0"/></body></worldbody></mujoco>')
+            '<inertial pos="1 0 0" mass="1" diaginertia="1e-12 1e-12 1e-12"/></body></worldbody></mujoco>')
 
 
 def chain():
@@ -88,6 +88,9 @@ def stepping(integrator, impratio):
                 before = outputs(system, model, data)
                 start = n * step
                 mujoco.mj_step(model, data)
+                # It starts anew where it becomes unstable, and would go on as if nothing had been.
+                if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or data.warning[mujoco.mjtWarning.mjWARN_BADQPOS].number:
+                    raise RuntimeError(f"unstable at t = {n * step:.3g}")
                 mujoco.mj_kinematics(model, data)
                 n += 1
                 after = None

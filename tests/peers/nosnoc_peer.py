@@ -2,7 +2,8 @@
 program with complementarity constraints in each element by a homotopy of nonlinear programs (CasADi, Ipopt)."""
 
 import contextlib
-import os
+import io
+import warnings
 
 from common import main
 
@@ -12,6 +13,7 @@ def name():
 
     import nosnoc
 
+    warnings.simplefilter("ignore")
     assert nosnoc
     return f"nosnoc {version('nosnoc')} (FESD)"
 
@@ -59,11 +61,11 @@ def fesd(stages):
         options.terminal_time = end / intervals
         options.comp_tol, options.sigma_N, options.print_level = 1e-11, 1e-11, 0
         model = NosnocModel(x=x, F=[rates], S=[np.array([[1], [-1]])], c=[surface], x0=np.array(x0))
-        with contextlib.redirect_stdout(open(os.devnull, "w")):
+        with contextlib.redirect_stdout(io.StringIO()):
             solver = NosnocSolver(options, model)
 
         def solve():
-            with contextlib.redirect_stdout(open(os.devnull, "w")):
+            with contextlib.redirect_stdout(io.StringIO()):
                 looper = NosnocSimLooper(solver, np.array(x0), intervals)
                 looper.run()
             found = looper.get_results()

@@ -21,7 +21,7 @@ y0 = [{initial}]; atol = [{atol}]; times = [0, {times}];
 warning("off", "all");
 function [y, steps] = solve(method, y0, times, rtol, atol)
   if strcmp(method, "ode15s")
-    options = odeset("RelTol", rtol, "AbsTol", atol, "Jacobian", @jacobian);
+    options = odeset("RelTol", rtol, "AbsTol", atol, "Jacobian", @jacobian, "InitialStep", 1e-9);
     [t, y] = ode15s(@rates, times, y0, options);
     if numel(t) < numel(times) error("ended at t = %g", t(end)); end
     steps = 0;
@@ -70,7 +70,7 @@ def session(method):
         def solve():
             # One session does all repeats; its median is their time.
             if not kept:
-                told = subprocess.run(["octave-cli", "--norc", "--eval", text], capture_output=True, text=True, timeout=2 * LONGEST)
+                told = subprocess.run(["octave-cli", "--norc", "--eval", text], capture_output=True, text=True, timeout=1.5 * LONGEST)
                 if not told.stdout.startswith("{"):
                     raise RuntimeError(told.stderr.strip()[:150].replace("\n", " ") or "no answer")
                 kept.update(json.loads(told.stdout))

@@ -69,7 +69,7 @@ def compiled(request, rtol):
 
     def solve():
         if not kept:
-            told = subprocess.run(["Rscript", "--vanilla", str(script)], capture_output=True, text=True, timeout=2 * LONGEST)
+            told = subprocess.run(["Rscript", "--vanilla", str(script)], capture_output=True, text=True, timeout=1.5 * LONGEST)
             if not told.stdout.startswith("{"):
                 raise RuntimeError((told.stderr or told.stdout).strip()[-150:].replace("\n", " "))
             kept.update(json.loads(told.stdout), folder=folder)

@@ -7,6 +7,7 @@ from common import main
 
 def name():
     import scipy
+    import scipy.integrate
 
     import smooth  # SymPy is needed too.
 
@@ -37,7 +38,8 @@ def follow(phase, state, times, rtol, atol, method, breaks=()):
             event = lambda t, y, function=function: function(t, y)
             event.terminal, event.direction = True, direction
             functions.append(event)
-        jacobian = {"jac": phase.jacobian} if phase.jacobian is not None else {}
+        implicit = phase.jacobian is not None and method != "DOP853"
+        jacobian = {"jac": phase.jacobian} if implicit else {}
         found = solve_ivp(phase.rates, (t, until), state, method=method, rtol=rtol, atol=atol, dense_output=True,
                           events=functions or None, **jacobian)
         if not found.success:
@@ -78,13 +80,15 @@ def belt(p):
                      lambda t, y: {"x": y[0], "v": y[1], "F": s * f}, jacobian)
 
     def arrive(y):
-        load = -(k * y[0] + c * v_belt)
-        y[1] = v_belt
+        return (stick(), [y[0], v_belt]) if abs(k * y[0] + c * v_belt) <= f else tear(y)
+
+    def tear(y):
+        way = math.copysign(1, -(k * y[0] + c * v_belt))
         # Beyond the edge, so that the event is not met again at once.
-        return (stick(), y) if abs(load) <= f else (slip(math.copysign(1, load)), y + [0, math.copysign(1e-14, load)])
+        return slip(way), [y[0], v_belt + way * 1e-14]
 
     def stick():
-        event = (lambda t, y: abs(k * y[0] + c * v_belt) - f, 1, lambda t, y: arrive(y))
+        event = (lambda t, y: abs(k * y[0] + c * v_belt) - f, 1, lambda t, y: tear(y))
         return Phase(lambda t, y: [v_belt, 0.0], [event],
                      lambda t, y: {"x": y[0], "v": y[1], "F": -(k * y[0] + c * v_belt)}, [[0, 0], [0, 0]])
 
