@@ -11,7 +11,7 @@ use svg::node::element::{Group, Rectangle, Style, Title};
 /// The base line of the title and of the first row of the legend, and room from there to the names of the first panels.
 const TITLE: f64 = 30.0;
 const LEGEND: f64 = 54.0;
-const NAMES: f64 = 36.0;
+const NAMES: f64 = 44.0;
 const BETWEEN: f64 = 30.0;
 const GAP: f64 = 14.0;
 const FOOT: f64 = 64.0;
@@ -80,7 +80,8 @@ pub fn overview(panels: &[(&str, Vec<Curve>)], words: Words<'_>, arrangement: Ar
         let (left, down) = ((k % columns) as f64 * (width + GAP), (k / columns) as f64 * row);
         let lowest = k + columns >= panels.len();
         let place = format!("translate({}, {})", tenths(LEFT + left), tenths(top + down));
-        let group = panel(name, curves, (&x, &y), (k % columns == 0, lowest), (arrangement.radius, lost));
+        let last = k % columns == columns - 1 || k + 1 == panels.len();
+        let group = panel(name, curves, (&x, &y), (k % columns == 0, lowest, last), (arrangement.radius, lost));
         picture = picture.add(group.set("transform", place));
     }
     picture
@@ -90,12 +91,13 @@ pub fn overview(panels: &[(&str, Vec<Curve>)], words: Words<'_>, arrangement: Ar
         .to_string()
 }
 
-/// A panel with its origin at the upper left; labels only where it is the first of its row, or the last of its column.
+/// A panel with its origin at the upper left; labels only where it is the first of its row, or the last of its column, and none
+/// that would run into the panel to its right.
 fn panel(
     name: &str,
     curves: &[Curve],
     (x, y): (&Decades, &Decades),
-    (first, lowest): (bool, bool),
+    (first, lowest, last): (bool, bool, bool),
     (radius, lost): (f64, f64),
 ) -> Group {
     let mut group = Group::new().add(text(plain(name, (x.to / CHARACTER) as usize), "", 0.0, -6.0 - lost));
@@ -109,7 +111,7 @@ fn panel(
     for decade in grid(x, LABEL) {
         let at = x.place(10f64.powi(decade));
         group = group.add(line("grid", (at, 0.0), (at, y.from)));
-        if lowest {
+        if lowest && (last || at < x.to - 0.5 * LABEL) {
             group = group.add(text(power(decade), "middle", at, y.from + 16.0));
         }
     }

@@ -29,18 +29,22 @@ const OF_DISCRETISATION: [&str; 2] = ["contacts", "penetration"];
 /// A column this much smaller than the largest is what rounding leaves of zero.
 const ZERO: f64 = 1e-12;
 
-/// Values to compare with.
+/// Values to compare with. The values themselves are needed while a chapter is made, and are not kept with it.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Reference {
     /// The times of comparison; the last is the end.
+    #[serde(skip)]
     pub times: Vec<f64>,
     /// The names of the outputs, those of the states first.
+    #[serde(skip)]
     pub names: Vec<String>,
     /// How many of them are states.
     pub states: usize,
     /// The values of each output at the times.
+    #[serde(skip)]
     pub columns: Vec<Vec<f64>>,
     /// The outputs with values from outside at the end, as places in `names`, with these values.
+    #[serde(skip)]
     pub outside: Vec<(usize, f64)>,
     /// The times of switches.
     pub switches: Vec<f64>,
