@@ -345,8 +345,8 @@ fn output_fields_are_states_and_variables() {
     assert_errors(
         &document,
         &[
-            ("/output/fields/2", "unknown_name", "`k` is no output: neither a state, a variable nor a definition"),
-            ("/output/fields/3", "duplicate_name", "`x` is kept already"),
+            ("/output/fields/2", "unknown_name", "`k` is not an output: neither a state, a variable nor a definition"),
+            ("/output/fields/3", "duplicate_name", "`x` is named already"),
         ],
     );
 }
