@@ -105,7 +105,7 @@ pub fn integrate_convolution(
         let mut run = Run::new(plan, control, diagnostics.clone());
         if steps > convolution.most {
             let message = format!(
-                "{steps} steps, all of which are remembered, take more memory than a run may have: {} are possible",
+                "{steps} steps, all kept as history, take more memory than a run may have: {} are possible",
                 convolution.most
             );
             let failure =

@@ -33,7 +33,7 @@ fn every_wrong_value_of_a_static_problem_is_told_at_its_place() {
         (
             "/problem/vi/set",
             json!([{"box": {"of": ["x", "y"], "lower": 0, "upper": "t"}}]),
-            ("/problem/vi/set/0/box/upper", "depends_on_time", "a bound of a static problem is constant"),
+            ("/problem/vi/set/0/box/upper", "depends_on_time", "a bound of a static problem must be constant"),
         ),
         ("/method", json!({"step": 0.1}), ("/method/step", "conflict", "no steps")),
         ("/method", json!({"name": "radau"}), ("/method/name", "conflict", "no steps")),
@@ -42,7 +42,7 @@ fn every_wrong_value_of_a_static_problem_is_told_at_its_place() {
         (
             "/sensitivities",
             json!({"to": ["c"]}),
-            ("/sensitivities", "conflict", "derivatives are followed by Radau IIA alone"),
+            ("/sensitivities", "conflict", "derivatives are computed only for problems that Radau IIA solves"),
         ),
     ] {
         assert_errors(&with(market(), pointer, value), &[expected]);

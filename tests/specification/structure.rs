@@ -21,7 +21,7 @@ fn a_syntax_error_gives_line_and_column() {
         "{\"time\": {\"end\": 1}",
         &[("", "syntax", "the end of the text where `{` at line 1 column 1 is open at line 1 column 20")],
     );
-    assert_text("{} {}", &[("", "syntax", "text behind the end of the document at line 1 column 4")]);
+    assert_text("{} {}", &[("", "syntax", "text after the end of the document at line 1 column 4")]);
 }
 
 #[test]

@@ -140,7 +140,7 @@ fn what_is_wrong_with_a_vector_is_told_where_it_is_declared_and_once() {
     let shadowed = json!({
         "problem": {"dvi": {"parameters": {"i": 2}, "states": {"x[1..3]": {"initial": "i", "rate": 0}}}}, "time": {"end": 1}
     });
-    let detail = "the index `i` of `x[1..3]` has the name of something else";
+    let detail = "the index `i` of `x[1..3]` has a name that is in use already";
     assert_errors(&shadowed, &[("/problem/dvi/states/x[1..3]", "duplicate_name", detail)]);
     let document = json!({
         "problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "sum(1 for i in 1..1e9)"}}}}, "time": {"end": 1}
