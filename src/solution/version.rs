@@ -1,9 +1,9 @@
-//! The version of the form in which answers are written.
+//! The version of the format of answers.
 
 use serde::de::{Deserialize, Deserializer, Error};
 use serde::{Serialize, Serializer};
 
-/// The first one, which may gain members but loses none and changes the meaning of none.
+/// The first version, to which members may be added, but none removed or changed in meaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Version;
 
@@ -21,7 +21,7 @@ impl<'de> Deserialize<'de> for Version {
         match u64::deserialize(deserializer)? {
             NUMBER => Ok(Self),
             other => Err(D::Error::custom(format!(
-                "the answer has version {other}, and this program reads version {NUMBER}: use one as recent as what wrote it"
+                "the answer has version {other}, and this program reads version {NUMBER}: use a version at least as recent as the one that wrote it"
             ))),
         }
     }
