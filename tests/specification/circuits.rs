@@ -1,4 +1,4 @@
-//! Circuits that are wrong, and what is said of them, by the names of their components.
+//! Error messages for faulty circuits, by the names of their components.
 
 use crate::documents::*;
 use dvi::specification::Specification;
@@ -18,7 +18,7 @@ fn circuit() -> Value {
     })
 }
 
-/// The circuit with one more component.
+/// The circuit with an additional component.
 fn and(kind: &str, component: Value) -> Value {
     let mut document = circuit();
     let components = document.pointer_mut(PLACE).and_then(Value::as_array_mut).expect("components");
@@ -117,7 +117,7 @@ fn a_start_that_contradicts_itself_is_told_by_how_much() {
         "V1 a 0 2\nL1 a b 1 IC=1\nL2 b c 1 IC=4\nR1 c 0 1",
         &[("inconsistent_start", "`L1` starts from 1, but the other components leave only 4: off by -3e0")],
     );
-    // One start that is given settles that of the other.
+    // One given initial value determines the other.
     let text = netlist("C1 a 0 1u\nC2 a 0 1u IC=3\nR1 a 0 1k").to_string();
     assert_eq!(Specification::from_json(text.as_bytes()).unwrap().model().initial(), [3.0]);
 }
@@ -243,7 +243,7 @@ fn what_a_law_names_and_the_circuit_does_not_have_is_told_with_what_it_has() {
     assert_eq!(errors[0].did_you_mean.as_deref(), Some("v(out)"));
 }
 
-/// Decks with words and lines lost, doubled, swapped and put in from elsewhere.
+/// Decks with words and lines deleted, duplicated, swapped and inserted from other decks.
 #[test]
 fn mangled_decks_are_answered_at_a_line_they_have() {
     let decks = [

@@ -1,4 +1,4 @@
-//! Problems with memory that are wrong, and what is said of them.
+//! Error messages for faulty problems with memory.
 
 use crate::documents::*;
 use dvi::specification::Specification;

@@ -1,4 +1,4 @@
-//! Scenes of rigid bodies that are not right: each fault at its place.
+//! Error messages for faulty rigid-body problems, each at its place.
 
 use crate::documents::*;
 use dvi::problem::Control;
@@ -111,7 +111,7 @@ fn bodies_that_overlap_are_refused_by_name_or_moved_apart_as_asked() {
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
     let field = |name: &str| solution.trajectory.field(name).unwrap();
-    // The box is hinged about z and stands on the ground: the ball gives way, and no speed comes of it.
+    // The box is hinged about z and stands on the ground: the ball is moved away, without gaining velocity.
     assert!((field("ball.z")[0] - 1.1).abs() < 1e-6, "{}", field("ball.z")[0]);
     assert!(field("kinetic_energy").iter().all(|energy| *energy < 1e-3));
 }
@@ -132,7 +132,7 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0; 3], hinge.clone()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 1.5, 2.0], [0.0; 3], hinge);
     assert_errors(&document, &[(&torn("hinge"), "interpenetration", "1.5 rad/s")]);
-    // About an axis 2 m away the centre must go at w x r.
+    // About an axis at a distance of 2 m, the centre must have the velocity w x r.
     let aside = || json!({"hinge": on([1.0, 0.0, 0.5])});
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0, 4.0, 0.0], aside()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 0.0, 2.0], [0.0; 3], aside());
@@ -174,7 +174,7 @@ fn too_many_bodies_are_refused_before_they_are_looked_at() {
 
 const PROBLEM: &str = "/problem/rigid_bodies";
 
-/// The scene with this joint alone.
+/// The problem with this joint alone.
 fn hinged(members: &Value) -> Value {
     let mut hinge = json!({"bodies": ["box"], "at": [3, 0, 0.5], "axis": [0, 0, 1]});
     hinge.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
@@ -204,7 +204,7 @@ fn motors_springs_and_limits_say_what_cannot_be() {
     refused(json!({"limits": {}}), "limits", "empty", "limit");
     refused(json!({"limits": {"lower": 0.1}}), "limits/lower", "out_of_range", "0.1");
     refused(json!({"limits": {"lower": 0, "upper": 0}}), "limits", "out_of_range", "0");
-    // What is zero but for rounding is no mismatch, and parameters may stand in all of it.
+    // Zero up to rounding is not a mismatch, also with parameters involved.
     let document = hinged(&json!({"motor": {"position": "6*(t + 0.1*(exp(-10*t) - 1))"}}));
     Specification::from_json(document.to_string().as_bytes()).unwrap();
 }
@@ -246,7 +246,7 @@ fn motions_parts_and_groups_say_what_cannot_be() {
     let at = |k: usize, key: &str| format!("{BODIES}/{k}/{key}");
     let moved = json!({"position": ["t", 0, 1]});
     let mut document = bodies(1, "motion", moved);
-    // A mass and a position of its own contradict it.
+    // A mass and a position in addition to a motion contradict it.
     assert_errors(&document, &[(&at(1, "motion"), "conflict", "position"), (&at(1, "motion"), "conflict", "mass")]);
     let ball = document["problem"]["rigid_bodies"]["bodies"][1].as_object_mut().unwrap();
     ball.remove("mass");

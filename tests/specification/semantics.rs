@@ -1,4 +1,4 @@
-//! Documents of the right form that mean nothing: names, expressions, sets, times, ranges.
+//! Well-formed documents that are meaningless: names, expressions, sets, times, ranges.
 
 use crate::documents::*;
 use dvi::specification::Specification;

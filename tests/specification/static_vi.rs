@@ -1,4 +1,4 @@
-//! What is wrong with a static problem, each at its place.
+//! Error messages for faulty static problems, each at its place.
 
 use crate::documents::{assert_errors, with, without};
 use serde_json::{Value, json};

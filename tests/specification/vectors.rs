@@ -1,11 +1,11 @@
-//! Vectors and sums, against the same problem written out, and what is said of those that are wrong.
+//! Vectors and sums, compared with the same problem written out, and error messages for faulty ones.
 
 use crate::documents::{assert_errors, errors_of};
 use dvi::problem::Control;
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// Masses with dry friction between springs, with vectors.
+/// Masses with dry friction, connected by springs, as vectors.
 fn chain() -> Value {
     json!({
         "problem": {"dvi": {
@@ -29,7 +29,7 @@ fn chain() -> Value {
     })
 }
 
-/// The same, with a name for each element: `x3` for `x[3]`.
+/// The chain with a name for each element: `x3` for `x[3]`.
 fn written_out() -> Value {
     let n = 5;
     let (mut parameters, mut states, mut set) = (json!({"m": 1, "k": 10}), json!({}), Vec::new());
