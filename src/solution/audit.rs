@@ -42,8 +42,9 @@ impl<'p> Audit<'p> {
             let name = &self.plan.names[state];
             self.checks.record(CheckCode::LocalError, defect, 1.0, || {
                 format!(
-                    "before t = {t:?} the change of `{name}` over a step differs from the integral of its rate by {defect:.1e} times \
-                     what the tolerances allow: the rates have kinks or infinite slopes there; write them as a set"
+                    "before t = {t:?} the change of `{name}` over a step differs from the integral of its rate by \
+                     {defect:.1e} times what the tolerances allow: the rates have kinks or infinite slopes there; \
+                     write them as a set"
                 )
             });
         }
@@ -73,8 +74,8 @@ impl<'p> Audit<'p> {
                 let (t, open) = (radau.t(), self.open);
                 self.checks.record(CheckCode::EventsUnproven, f64::from(open), 0.0, || {
                     format!(
-                        "{open} steps, the last before t = {t:?}, are not proven free of events, and an event that begins and \
-                         ends within one would not be seen; a smaller `max_step` may help"
+                        "{open} steps, the last before t = {t:?}, are not proven free of events, and an event that \
+                         begins and ends within one would not be seen; a smaller `max_step` may help"
                     )
                 });
             }
@@ -134,8 +135,8 @@ impl<'p> Audit<'p> {
             self.checks.caveat(
                 "rates_not_proven",
                 format!(
-                    "in {} steps functions of the states may vary more than their values at the stages show: a feature much \
-                     narrower than a step may have been missed; a smaller `max_step` may help",
+                    "in {} steps functions of the states may vary more than their values at the stages show: a feature \
+                     much narrower than a step may have been missed; a smaller `max_step` may help",
                     self.hidden
                 ),
             );
@@ -153,8 +154,8 @@ impl<'p> Audit<'p> {
             if largest > rounding {
                 self.checks.record(CheckCode::LocalError, SMALL * atol / largest, 1.0, || {
                     format!(
-                        "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` \
-                         far below the values of interest"
+                        "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an \
+                         `atol` far below the values of interest"
                     )
                 });
             }

@@ -69,15 +69,16 @@ pub fn integrate_contact(
     judge_located(&mut located, model, (clock.start, radau), &mut run.diagnostics);
     if located.accumulations > 0 {
         let message = format!(
-            "impacts accumulated ({} times); the run continued after each accumulation with an impact without restitution",
+            "impacts accumulated ({} times); the run continued after each accumulation with an impact without \
+             restitution",
             located.accumulations
         );
         run.diagnostics.warnings.push(Warning { code: "impacts_accumulate", message });
     }
     if located.passes > 0 {
         let message = format!(
-            "in {} steps smooth motion could not be continued (a slip in space that ends, a paradox of friction, or events that \
-             are too close); time stepping was used there, at first order",
+            "in {} steps smooth motion could not be continued (a slip in space that ends, a paradox of friction, or \
+             events that are too close); time stepping was used there, at first order",
             located.passes
         );
         run.diagnostics.warnings.push(Warning { code: "time_stepping_went_on", message });
@@ -146,8 +147,8 @@ impl<'p> Outputs<'p> {
                 self.model.coordinates[component]
             ),
             ContactError::Gradient { contact, t } => format!(
-                "the gap of `{}` has no gradient where it closes, at t = {t:?}, so that its impulse has no direction: write \
-                 it as a distance, or set `impacts` to `time_stepping`",
+                "the gap of `{}` has no gradient where it closes, at t = {t:?}, so that its impulse has no direction: \
+                 write it as a distance, or set `impacts` to `time_stepping`",
                 self.model.contacts[contact]
             ),
             _ => error.to_string(),
@@ -355,8 +356,8 @@ fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, 
         diagnostics.warnings.push(Warning {
             code: "painleve",
             message: format!(
-                "at t = {:?} friction presses `{}` into the surface that it slides on (the paradox of Painleve): forces alone have no \
-                 solution there, or several; the run continued with impulses, which have one",
+                "at t = {:?} friction presses `{}` into the surface that it slides on (the paradox of Painleve): \
+                 forces alone have no solution there, or several; the run continued with impulses, which have one",
                 ahead + t,
                 model.contacts[contact]
             ),

@@ -145,9 +145,7 @@ pub fn integrate_convolution(
             (Ok(_), Mesh::Fixed(_)) => Ok(()),
             (Err((status, mut failure)), _) => {
                 if status == Status::Stopped && halvings > 0 {
-                    failure
-                        .message
-                        .push_str("; the run with twice the step was completed: a fixed `step` returns it");
+                    failure.message.push_str("; the run with twice the step was completed: a fixed `step` returns it");
                 }
                 Err((status, failure))
             }
@@ -324,7 +322,8 @@ impl Stepper for ConvolutionRun<'_> {
         let (residual, t) = self.convolution.residual;
         diagnostics.checks.record(CheckCode::LawResidual, residual, self.tolerance, || {
             format!(
-                "the inequalities of the step to t = {t:?} were solved to {residual:.1e} of their terms: give another                  `vi_solver`, or a smaller `step`"
+                "the inequalities of the step to t = {t:?} were solved to {residual:.1e} of their terms: give another \
+                 `vi_solver`, or a smaller `step`"
             )
         });
     }

@@ -317,7 +317,11 @@ impl Search<'_> {
             match failure.code.as_ref() {
                 "cancelled" | "wall_time" => failure,
                 _ => {
-                    let at = if self.fit.starts > 1 { "at any starting point of the fit" } else { "at the starting point of the fit" };
+                    let at = if self.fit.starts > 1 {
+                        "at any starting point of the fit"
+                    } else {
+                        "at the starting point of the fit"
+                    };
                     let message = format!("the problem cannot be solved {at}: {}", failure.message);
                     Failure { message, ..failure }
                 }
@@ -436,8 +440,7 @@ impl Search<'_> {
         }
         // Check finiteness of the squares, since these are summed.
         if !(values.norm_squared().is_finite() && jacobian.norm_squared().is_finite() && noise.is_finite()) {
-            let message =
-                "a residual or its derivative, divided by the standard deviation and squared, is not finite";
+            let message = "a residual or its derivative, divided by the standard deviation and squared, is not finite";
             return Err(self.failure(message.to_owned()));
         }
         Ok(Residuals { values, jacobian, noise: noise.sqrt() })
@@ -508,8 +511,9 @@ impl Search<'_> {
         for parts in &answer.undetermined {
             let parts: Vec<String> = parts.iter().map(|(name, part)| format!("{part:.3} for `{name}`")).collect();
             let message = format!(
-                "the data do not determine one combination of the parameters: relative changes in the proportion {} leave everything \
-                 that was measured unchanged; fix one of them, or measure a quantity that distinguishes them",
+                "the data do not determine one combination of the parameters: relative changes in the proportion {} \
+                 leave everything that was measured unchanged; fix one of them, or measure a quantity that \
+                 distinguishes them",
                 parts.join(", ")
             );
             checks.caveat("undetermined", message);

@@ -223,8 +223,8 @@ impl RadauRun<'_> {
         let worst = states.max_by(|a, b| excess(a).total_cmp(&excess(b)));
         match worst.filter(|worst| excess(worst) > 1.0) {
             Some(((name, atol), largest)) => format!(
-                "; the absolute tolerance {atol:e} of `{name}` is below the rounding of its values, which reached {largest:e}: \
-                 give an `atol` of `rtol` times the values of interest"
+                "; the absolute tolerance {atol:e} of `{name}` is below the rounding of its values, which reached \
+                 {largest:e}: give an `atol` of `rtol` times the values of interest"
             ),
             None => String::new(),
         }
@@ -283,23 +283,24 @@ pub(super) fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: 
             let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
             if linear {
                 format!(
-                    "the variational inequality has no solution at t = {t:?}: the inequality of `{name}` is violated for all values of the \
-                     variables. `G` must increase with `{name}` (D or CB positive definite): check its sign, and whether \
-                     the initial values satisfy it"
+                    "the variational inequality has no solution at t = {t:?}: the inequality of `{name}` is violated \
+                     for all values of the variables. `G` must increase with `{name}` (D or CB positive definite): \
+                     check its sign, and whether the initial values satisfy it"
                 )
             } else {
                 format!(
-                    "no solution of the variational inequality was found at t = {t:?}: the linearised inequality of `{name}` \
-                     is violated for all values of the variables. Either there is none (check the sign of the inequality, and \
-                     whether the states satisfy it), or Newton's method started too far from it: write the inequality so that \
-                     it is closer to linear in `{name}`"
+                    "no solution of the variational inequality was found at t = {t:?}: the linearised inequality of \
+                     `{name}` is violated for all values of the variables. Either there is none (check the sign of the \
+                     inequality, and whether the states satisfy it), or Newton's method started too far from it: write \
+                     the inequality so that it is closer to linear in `{name}`"
                 )
             }
         }
         StepError::Unresolved { t, variable } => format!(
-            "`{}` switches repeatedly from t = {t:?} on, while the values that decide it stay below the resolution of the tolerances: an \
-             accumulation of switches that could not be stepped over. Choose another `stages`, or an `rtol` and `atol` for which the states \
-             that decide the switch and those that it drives are resolved equally well",
+            "`{}` switches repeatedly from t = {t:?} on, while the values that decide it stay below the resolution of \
+             the tolerances: an accumulation of switches that could not be stepped over. Choose another `stages`, or \
+             an `rtol` and `atol` for which the states that decide the switch and those that it drives are resolved \
+             equally well",
             plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
         ),
         StepError::Chattering { t, kink } => {
@@ -314,8 +315,8 @@ pub(super) fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: 
                 }
             };
             format!(
-                "{name} makes the rates jump where its argument changes sign; from t = {t:?} on the solution slides along \
-                 the jump, and the steps chatter across it: {instead}"
+                "{name} makes the rates jump where its argument changes sign; from t = {t:?} on the solution slides \
+                 along the jump, and the steps chatter across it: {instead}"
             )
         }
         StepError::InconsistentStart { state, jump } => format!(
@@ -337,8 +338,9 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
         ..Diagnostics::default()
     };
     if structure.has_impulses() && analysis.unbounded_index == Some(2.0) && !structure.constant_jacobian {
-        let message = "the index at the start is 2 (CB = 0): a state may cross a bound, but where it reaches one and stays on \
-                       it, other states jump; only implicit Euler handles that (`\"stages\": 1` with a fixed `step`)";
+        let message = "the index at the start is 2 (CB = 0): a state may cross a bound, but where it reaches one and \
+                       stays on it, other states jump; only implicit Euler handles that (`\"stages\": 1` with a fixed \
+                       `step`)";
         diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });
     }
     let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());
@@ -386,8 +388,8 @@ fn warn_of_small_states(plan: &Plan, atol: &[f64], largest: &[f64], diagnostics:
         diagnostics.warnings.push(Warning {
             code: "below_tolerance",
             message: format!(
-                "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` far \
-                 below the values of interest"
+                "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` \
+                 far below the values of interest"
             ),
         });
     }

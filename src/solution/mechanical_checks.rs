@@ -79,8 +79,8 @@ pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Che
     let lacking = energy.lacking();
     checks.record(CheckCode::EnergyBalance, lacking, allowed, || {
         format!(
-            "the energy balance has a defect of {lacking:.1e} at worst, compared with {size:.1e}, the largest energy met with all work and \
-             dissipation: the motion gains or loses energy without a source or sink; {remedy}"
+            "the energy balance has a defect of {lacking:.1e} at worst, compared with {size:.1e}, the largest energy \
+             met with all work and dissipation: the motion gains or loses energy without a source or sink; {remedy}"
         )
     });
     let lost = energy.lost_beyond_restitution;
@@ -91,8 +91,8 @@ pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Che
     };
     checks.record(CheckCode::EnergyBalance, lost.abs(), allowed, || {
         format!(
-            "impacts with restitution 1 changed the energy by {:.1e}, compared with {size:.1e}, the largest energy met: they should \
-             conserve it; {remedy}, or set `impact_law` to `sequential`",
+            "impacts with restitution 1 changed the energy by {:.1e}, compared with {size:.1e}, the largest energy \
+             met: they should conserve it; {remedy}, or set `impact_law` to `sequential`",
             -lost
         )
     });
@@ -116,8 +116,8 @@ pub(super) fn check_violations(violations: &Violations, names: &[String], accura
         checks.record(CheckCode::JointDrift, seen.by, allowed(seen), || {
             let Violation { by, t, length, .. } = seen;
             format!(
-                "joint {k} (counted from 0) is violated by {by:.1e} at t = {t:?}, compared with {length:.1e}, the largest length that it \
-                 met: {remedy}"
+                "joint {k} (counted from 0) is violated by {by:.1e} at t = {t:?}, compared with {length:.1e}, the \
+                 largest length that it met: {remedy}"
             )
         });
     }
@@ -125,8 +125,8 @@ pub(super) fn check_violations(violations: &Violations, names: &[String], accura
         checks.record(CheckCode::ConstraintResidual, seen.by, allowed(seen), || {
             let Violation { by, t, length, .. } = seen;
             format!(
-                "the gap of `{name}` is violated by {by:.1e} at t = {t:?}, where it is closed or must not be negative, compared with \
-                 {length:.1e}, the largest length that it met: {remedy}"
+                "the gap of `{name}` is violated by {by:.1e} at t = {t:?}, where it is closed or must not be negative, \
+                 compared with {length:.1e}, the largest length that it met: {remedy}"
             )
         });
     }
@@ -136,9 +136,9 @@ pub(super) fn check_violations(violations: &Violations, names: &[String], accura
 pub(super) fn check_grazed(grazed: &Grazed, name: &str, checks: &mut Checks) {
     checks.record(CheckCode::EventsUnproven, grazed.change, ALLOWED, || {
         format!(
-            "at t = {:?} `{name}` grazes: its gap reaches zero, within the uncertainty of the tolerances, with hardly any \
-             speed, so that the contact may be missed or not; this may change a velocity by {:.1e} times its tolerance, and what \
-             follows is accurate only to the square root of `rtol`",
+            "at t = {:?} `{name}` grazes: its gap reaches zero, within the uncertainty of the tolerances, with hardly \
+             any speed, so that the contact may be missed or not; this may change a velocity by {:.1e} times its \
+             tolerance, and what follows is accurate only to the square root of `rtol`",
             grazed.t, grazed.change
         )
     });
@@ -157,9 +157,7 @@ pub(super) fn check_screening(screening: Screening, checks: &mut Checks) {
         let steps = proven + undecided + missed;
         checks.caveat(
             "events_not_proven",
-            format!(
-                "{undecided} of {steps} steps are not proven free of events; none was seen at the points examined"
-            ),
+            format!("{undecided} of {steps} steps are not proven free of events; none was seen at the points examined"),
         );
     }
 }
@@ -177,7 +175,8 @@ pub(super) fn check_passed(passed: &Passed, name: &str, energy: &Energy, rtol: f
         };
         format!(
             "at t = {:?} impacts of `{name}` followed each other so fast that the run replaced them by one without \
-             restitution, which removed {part:.1e} of the energy: {why}; shorten the horizon, or set `impacts` to `time_stepping`",
+             restitution, which removed {part:.1e} of the energy: {why}; shorten the horizon, or set `impacts` to \
+             `time_stepping`",
             passed.t
         )
     });

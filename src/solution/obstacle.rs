@@ -169,7 +169,8 @@ impl Stepper for ObstacleRun<'_> {
             });
             diagnostics.checks.record(CheckCode::EventsUnproven, counts.unproven as f64, 0.0, || {
                 format!(
-                    "in {} steps nodes are in contact at all stages, but the data may lift them in between: choose a smaller `step`, or none",
+                    "in {} steps nodes are in contact at all stages, but the data may lift them in between: choose a \
+                     smaller `step`, or none",
                     counts.unproven
                 )
             });

@@ -189,7 +189,8 @@ pub fn find_orbit(
     });
     let multipliers = shot.multipliers();
     if let Err(why) = &shot.monodromy {
-        let message = format!("the orbit has no derivative with respect to its initial values, and so no multipliers: {why}");
+        let message =
+            format!("the orbit has no derivative with respect to its initial values, and so no multipliers: {why}");
         diagnostics.checks.caveat("no_multipliers", message);
     }
     let names = model.state_names.iter().cloned();
@@ -231,8 +232,9 @@ impl Search<'_> {
             }
             if self.shots >= MOST_SHOTS {
                 let message = format!(
-                    "no orbit of period {} was found in {MOST_SHOTS} runs: the end of the last differs by {distance:.1e} times the \
-                     tolerance from its beginning; choose initial values nearer to the orbit, such as those after a transient",
+                    "no orbit of period {} was found in {MOST_SHOTS} runs: the end of the last differs by \
+                     {distance:.1e} times the tolerance from its beginning; choose initial values nearer to the orbit, \
+                     such as those after a transient",
                     shot.period
                 );
                 let failure = self.failure("no_orbit", message);
@@ -279,7 +281,8 @@ impl Search<'_> {
             return Ok(shot);
         }
         let message =
-            "the search converged to a steady state, which has every period; choose initial values nearer to the orbit".to_owned();
+            "the search converged to a steady state, which has every period; choose initial values nearer to the orbit"
+                .to_owned();
         let failure = self.failure("no_orbit", message);
         Err(Box::new((Some(shot), failure)))
     }
@@ -314,7 +317,8 @@ impl Search<'_> {
             let what = if row < n { "the rate of" } else { "the inequality or bound of" };
             let message = match self.phase {
                 Some(_) => format!(
-                    "{what} `{name}` depends on time, so that the period is not free: give the period of the forcing as a number"
+                    "{what} `{name}` depends on time, so that the period is not free: give the period of the forcing \
+                     as a number"
                 ),
                 None => format!(
                     "{what} `{name}` at t = {t:?} is {}, and a period later {}: it does not repeat after {period:?}",

@@ -178,7 +178,8 @@ impl<'a> RigidBodyRun<'a> {
         let remedy = "choose a smaller `step`";
         self.checks.record(CheckCode::LawResidual, report.residual, LARGEST_PART, || {
             format!(
-                "the law of contact and friction was solved to a relative residual of {:.1e} at t = {t:?}: velocities are                  off by about as much; {remedy}",
+                "the law of contact and friction was solved to a relative residual of {:.1e} at t = {t:?}: velocities \
+                 are off by about as much; {remedy}",
                 report.residual
             )
         });
@@ -193,7 +194,8 @@ impl<'a> RigidBodyRun<'a> {
                 let name = |body: usize| self.scene.bodies[body].name.as_str();
                 let other = joint.bodies.1.map_or("the world", name);
                 format!(
-                    "the joint of `{}` and `{other}` is violated by {:.1e} of their size, or radians, at t = {t:?}: {remedy}",
+                    "the joint of `{}` and `{other}` is violated by {:.1e} of their size, or radians, at t = {t:?}: \
+                     {remedy}",
                     name(joint.bodies.0),
                     report.drift
                 )
@@ -322,8 +324,10 @@ impl Stepper for RigidBodyRun<'_> {
             diagnostics.warnings.push(Warning { code: "restitution_limited", message });
         }
         if self.events > MOST_EVENTS {
-            let message =
-                format!("there were {} events between bodies; the first {MOST_EVENTS} of them are reported", self.events);
+            let message = format!(
+                "there were {} events between bodies; the first {MOST_EVENTS} of them are reported",
+                self.events
+            );
             diagnostics.warnings.push(Warning { code: "events_left_out", message });
         }
         diagnostics.vi = Some(self.work.clone());
@@ -365,7 +369,10 @@ fn blocked(scene: &MultibodySystem, t: f64) -> String {
     if causes.is_empty() {
         return format!("the joints cannot all be satisfied at t = {t}");
     }
-    format!("no step to t = {t} was found, however short: the joints cannot all be satisfied, or {}", causes.join(", or "))
+    format!(
+        "no step to t = {t} was found, however short: the joints cannot all be satisfied, or {}",
+        causes.join(", or ")
+    )
 }
 
 /// The message about contacts that need too much memory; counting stopped at `contacts`.
@@ -382,8 +389,9 @@ fn too_much_memory(
         format!(", {contacts} of them on `{name}`: memory grows with the square of the contacts of one body")
     });
     format!(
-        "the step from t = {t} needs at least {} MiB, and {most} MiB are allowed: there are at least {contacts} contacts \
-         between {bodies} bodies{of_one}. Use fewer bodies, or more memory; contacts with a `fixed` body do not couple other bodies",
+        "the step from t = {t} needs at least {} MiB, and {most} MiB are allowed: there are at least {contacts} \
+         contacts between {bodies} bodies{of_one}. Use fewer bodies, or more memory; contacts with a `fixed` body do \
+         not couple other bodies",
         bytes.div_ceil(1 << 20)
     )
 }

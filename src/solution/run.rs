@@ -209,8 +209,8 @@ impl<'a> Run<'a> {
         self.diagnostics.switches = switches.count() as u64;
         if let Some(open) = observed.map(|observed| observed.open()).filter(|open| *open > 0) {
             let message = format!(
-                "in {open} steps a monitor of `stop` could not be enclosed, and was evaluated at some points only: two sign \
-                 changes within a step would not be seen"
+                "in {open} steps a monitor of `stop` could not be enclosed, and was evaluated at some points only: two \
+                 sign changes within a step would not be seen"
             );
             self.diagnostics.checks.caveat("stop_not_proven", message);
         }

@@ -218,8 +218,7 @@ impl Search<'_> {
             }
             Certificate::Continuum(direction) => {
                 let moves = self.listed(direction);
-                let message =
-                    format!("there are infinitely many solutions near this one: change {moves} together");
+                let message = format!("there are infinitely many solutions near this one: change {moves} together");
                 diagnostics.checks.caveat("many_solutions", message.clone());
                 return format!("one of many: {message}");
             }
@@ -230,8 +229,8 @@ impl Search<'_> {
                 let also =
                     if *undecided > 0 { format!(" and {undecided} at a bound with G = 0") } else { String::new() };
                 format!(
-                    "locally unique: the derivative with respect to the {inside} variables inside their intervals{also} is regular, \
-                     with {least:.3e} its least singular value"
+                    "locally unique: the derivative with respect to the {inside} variables inside their \
+                     intervals{also} is regular, with {least:.3e} its least singular value"
                 )
             }
             Certificate::Nothing(why) => format!("a solution: {why}"),
@@ -306,13 +305,15 @@ impl Search<'_> {
         let broken = at.g.iter().position(|g| !g.is_finite());
         let message = match broken {
             Some(i) => format!(
-                "the inequality of `{}` is not finite where the search ended: a division by zero, a function outside its \
-                 domain, or a number too large; give `initial` values at which it is finite, or bounds within its domain",
+                "the inequality of `{}` is not finite where the search ended: a division by zero, a function outside \
+                 its domain, or a number too large; give `initial` values at which it is finite, or bounds within its \
+                 domain",
                 self.name(i)
             ),
             None => format!(
-                "no solution was found, nor a proof that there is none: from {} starting points the residual decreased to {:.1e}, most \
-                 of it in the inequality of `{}`. Give nearer `initial` values or bounds, or check the sign of the inequality",
+                "no solution was found, nor a proof that there is none: from {} starting points the residual decreased \
+                 to {:.1e}, most of it in the inequality of `{}`. Give nearer `initial` values or bounds, or check the \
+                 sign of the inequality",
                 found.starts + 1,
                 at.worst.largest,
                 self.name(at.worst.component)
@@ -331,7 +332,10 @@ impl Search<'_> {
         if self.problem.0.enclose(Interval::point(0.0), &ranges, &mut enclosed) {
             for (i, range) in enclosed.iter().enumerate().take(m).filter(|(i, _)| set.block_of(*i).is_none()) {
                 if let Some(side) = presses(*range, set, i) {
-                    return Some(format!("the inequality of `{}` is {side} for all values of the variables", self.name(i)));
+                    return Some(format!(
+                        "the inequality of `{}` is {side} for all values of the variables",
+                        self.name(i)
+                    ));
                 }
             }
         }

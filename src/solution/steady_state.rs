@@ -108,7 +108,9 @@ pub fn find_steady_state(
         format!("a run from the steady state departs from it by {moved:.1e} times the tolerance until t = {end:?}")
     });
     if let Err(why) = &eigenvalues {
-        diagnostics.checks.caveat("no_eigenvalues", format!("the eigenvalues at the steady state could not be computed: {why}"));
+        diagnostics
+            .checks
+            .caveat("no_eigenvalues", format!("the eigenvalues at the steady state could not be computed: {why}"));
     }
     let eigenvalues = eigenvalues.unwrap_or_default();
     let largest = eigenvalues.first().map(|[re, _]| *re);
@@ -212,8 +214,8 @@ impl Search<'_> {
             }
             h = (GROWTH * h).min(INFINITE * first);
         }
-        let message =
-            "no steady state was found from these initial values: the system may have none, or approach an orbit; choose initial values nearer to one";
+        let message = "no steady state was found from these initial values: the system may have none, or approach an \
+                       orbit; choose initial values nearer to one";
         Err(self.failure("no_steady_state", message.to_owned()))
     }
 
@@ -246,7 +248,8 @@ impl Search<'_> {
             if let Some(row) = (0..rows).find(|row| (now[*row] - later[*row]).abs() > SAME * largest) {
                 let name = self.plan.names.get(row).map_or("a bound", String::as_str);
                 let message = format!(
-                    "the equation of `{name}` depends on time, so that there is no steady state; `periodic` finds periodic orbits"
+                    "the equation of `{name}` depends on time, so that there is no steady state; `periodic` finds \
+                     periodic orbits"
                 );
                 return Err(self.failure("not_autonomous", message));
             }

@@ -90,42 +90,44 @@ impl CheckCode {
             }
             Self::ConstraintResidual => {
                 "Residual of the constraints of the active face, hidden ones included, at the outputs and between the \
-                 steps; for contacts a gap, for rigid bodies their overlap relative to the smaller one. Allowed: the tolerance of the \
-                 outputs, or 1e-3 of the largest length for fixed steps."
+                 steps; for contacts a gap, for rigid bodies their overlap relative to the smaller one. Allowed: the \
+                 tolerance of the outputs, or 1e-3 of the largest length for fixed steps."
             }
             Self::JointDrift => {
-                "Violation of a joint: a length, or a length relative to the size of its bodies. Allowed: the tolerance \
-                 summed over the steps, or 1e-3 of the largest length for fixed steps."
+                "Violation of a joint: a length, or a length relative to the size of its bodies. Allowed: the \
+                 tolerance summed over the steps, or 1e-3 of the largest length for fixed steps."
             }
             Self::EnergyBalance => {
-                "Defect of the balance of energy, work, friction, viscosity and impacts. Allowed: the tolerance summed over \
-                 the steps, or 1e-3 of the largest energy for fixed steps."
+                "Defect of the balance of energy, work, friction, viscosity and impacts. Allowed: the tolerance summed \
+                 over the steps, or 1e-3 of the largest energy for fixed steps."
             }
             Self::EventsUnproven => {
                 "Number of steps that are not proven free of an undetected event (a switch, an impact, a kink); none is allowed."
             }
             Self::LocalError => {
-                "Largest local error of an accepted step in units of `atol + rtol |x|`, if the error test was skipped or \
-                 could not see the state."
+                "Largest local error of an accepted step in units of `atol + rtol |x|`, if the error test was skipped \
+                 or could not see the state."
             }
             Self::GlobalError => {
-                "Estimate of the error at the end in units of `atol + rtol |x|`; measured if `output.global_error` is set."
+                "Estimate of the error at the end in units of `atol + rtol |x|`; measured if `output.global_error` is \
+                 set."
             }
             Self::Derivatives => {
-                "Difference of the derivatives at the end from the difference quotient of two runs, in units of the uncertainty of the latter; \
-                 measured if `sensitivities` are requested."
+                "Difference of the derivatives at the end from the difference quotient of two runs, in units of the \
+                 uncertainty of the latter; measured if `sensitivities` are requested."
             }
             Self::ReturnResidual => {
-                "Distance between the end and the beginning of a run over one period of an orbit, or from a steady state, in units of \
-                 `atol + rtol |x|`; measured for `periodic` and `steady_state`. Allowed: one per step."
+                "Distance between the end and the beginning of a run over one period of an orbit, or from a steady \
+                 state, in units of `atol + rtol |x|`; measured for `periodic` and `steady_state`. Allowed: one per \
+                 step."
             }
             Self::FitDistance => {
-                "Distance of the estimates of `fit` from the minimum that the derivatives there predict, in standard errors. \
-                 Allowed: a hundredth, or the uncertainty from the tolerance of the runs."
+                "Distance of the estimates of `fit` from the minimum that the derivatives there predict, in standard \
+                 errors. Allowed: a hundredth, or the uncertainty from the tolerance of the runs."
             }
             Self::AccumulationPassed => {
-                "Distance of an accumulation of events (Zeno) from its limit when the run stepped over it: a distance of the \
-                 states, or a fraction of the largest energy. Allowed: the tolerance."
+                "Distance of an accumulation of events (Zeno) from its limit when the run stepped over it: a distance \
+                 of the states, or a fraction of the largest energy. Allowed: the tolerance."
             }
             Self::UntrustedMembers => {
                 "Number of members of a sweep that reached their end and are not trusted; none is allowed."

@@ -21,7 +21,8 @@ impl<'de> Deserialize<'de> for Version {
         match u64::deserialize(deserializer)? {
             NUMBER => Ok(Self),
             other => Err(D::Error::custom(format!(
-                "the answer has version {other}, and this program reads version {NUMBER}: use a version at least as recent as the one that wrote it"
+                "the answer has version {other}, and this program reads version {NUMBER}: use a version at least as \
+                 recent as the one that wrote it"
             ))),
         }
     }

@@ -29,7 +29,7 @@ impl Specification {
             match parameters.names().iter().position(|known| known == name) {
                 Some(k) => values[k] = value,
                 None => {
-                    let detail = format!("`{}` is no parameter with a value of its own", abridged(name));
+                    let detail = format!("`{}` is not a parameter with a value of its own", abridged(name));
                     let names = || parameters.names().iter().map(String::as_str);
                     let error = SpecificationError::new(place.key(name).to_string(), "unknown_name", detail);
                     errors.push(error.expected(listed(names())).did_you_mean(nearest(name, names())));

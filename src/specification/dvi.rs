@@ -198,7 +198,8 @@ pub(super) fn refused(
         LoweringError::NotAffine { rate, variable } => {
             let (state, variable) = (abridged(&states[rate]), abridged(&variables[variable]));
             let detail = format!(
-                "the rate of `{state}` is not affine in the variables: its derivative with respect to `{variable}` depends on them"
+                "the rate of `{state}` is not affine in the variables: its derivative with respect to `{variable}` \
+                 depends on them"
             );
             SpecificationError::new(pointer(rate), "rate_not_affine", detail)
                 .expected("f(t,x) + B(t,x) z; write a nonlinear law as an `inequality`")

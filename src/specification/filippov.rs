@@ -200,7 +200,8 @@ impl FilippovProblem {
         }
         let place = place.key("regions");
         if regions.len() < 2 {
-            let error = SpecificationError::new(place.to_string(), "too_few_regions", "there are fewer than two regions");
+            let error =
+                SpecificationError::new(place.to_string(), "too_few_regions", "there are fewer than two regions");
             lowering
                 .errors
                 .push(error.expected("two or more regions; write a system without jumps as a `dvi` without variables"));
@@ -258,8 +259,9 @@ fn repulsive(ways: usize) -> Warning {
     Warning {
         code: "repulsive_sliding",
         message: format!(
-            "at the start {ways} regions meet and the rate of each points into it: the border repels, solutions leave it \
-             at any time into any of them, and the one computed is one of many; choose initial values off the border to select one"
+            "at the start {ways} regions meet and the rate of each points into it: the border repels, solutions leave \
+             it at any time into any of them, and the one computed is one of many; choose initial values off the \
+             border to select one"
         ),
     }
 }

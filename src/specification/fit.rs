@@ -65,7 +65,8 @@ choices! {
     /// The objective to minimise.
     LossName {
         "squares" Squares: "The sum of squared residuals."
-        "huber" Huber: "Huber's loss: quadratic up to 1.345 `sd` and linear beyond, so that outliers have little weight."
+        "huber" Huber: "Huber's loss: quadratic up to 1.345 `sd` and linear beyond, so that outliers have little \
+                        weight."
     }
 }
 
@@ -203,7 +204,7 @@ impl FitRequest {
             found.push(error.expected(format!("at least {needed} values{and}")));
         }
         let why = match (fit.is_scaled, fit.loss) {
-            return,\n => (true, _) => return,\n => return,
+            (true, _) => return,
             (false, Loss::Huber) => "huber's loss counts residuals in standard deviations, which are not given",
             (false, Loss::Squares) if fit.data.len() > 1 => {
                 "several columns are weighed against each other by their standard deviations, which are not given"

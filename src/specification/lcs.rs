@@ -211,7 +211,8 @@ fn forcing(given: Option<&[Expression]>, count: usize, place: &Pointer<'_>, lowe
             let place = place.index(i);
             let node = lowering.node(expression, &place).unwrap_or(zero);
             if lowering.graph.inputs(node).into_iter().any(|input| input > 0) {
-                let detail = "a forcing depends on `t` alone; write terms in the states or variables as entries of the matrices";
+                let detail =
+                    "a forcing depends on `t` alone; write terms in the states or variables as entries of the matrices";
                 lowering.errors.report(&place, "forcing_depends_on_unknown", detail);
             }
             node

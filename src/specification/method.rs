@@ -100,7 +100,8 @@ choices! {
     /// The treatment of impacts.
     Impacts {
         "time_stepping" TimeStepping: "Fixed steps over the impacts (Moreau): any number of impacts, first order."
-        "locate" Locate: "Smooth motion by Radau IIA between impacts, each located in time; time stepping where they accumulate."
+        "locate" Locate: "Smooth motion by Radau IIA between impacts, each located in time; time stepping where they \
+                          accumulate."
     }
 }
 

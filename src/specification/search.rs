@@ -178,8 +178,8 @@ impl PartialSchema for Period {
             .item(free)
             .description(Some(
                 "The period of the forcing, a number or an expression in parameters such as \"1/f\"; or, for an \
-                 autonomous problem, `{\"free\": 6.3, \"phase\": \"v\"}`: an initial guess, and the state that keeps its \
-                 initial value.",
+                 autonomous problem, `{\"free\": 6.3, \"phase\": \"v\"}`: an initial guess, and the state that keeps \
+                 its initial value.",
             ))
             .into()
     }

@@ -43,8 +43,11 @@ impl SensitivitiesRequest {
             None => (0..dvi.state_names.len()).collect(),
         };
         if self.to.is_empty() {
-            let error =
-                SpecificationError::new(place.key("to").to_string(), "empty", "`to` is empty: there is nothing to differentiate with respect to");
+            let error = SpecificationError::new(
+                place.key("to").to_string(),
+                "empty",
+                "`to` is empty: there is nothing to differentiate with respect to",
+            );
             found.push(error.expected("parameters, or initial values such as `x.initial`"));
         }
         if by.len().saturating_mul(of.len()) > MOST_COLUMNS {

@@ -110,8 +110,11 @@ impl Written for ViProblem {
         let mut told: Vec<&String> = moving_pointers.iter().collect();
         told.dedup();
         for pointer in told {
-            let error =
-                SpecificationError::new(pointer.clone(), "depends_on_time", "a bound of a static problem must be constant");
+            let error = SpecificationError::new(
+                pointer.clone(),
+                "depends_on_time",
+                "a bound of a static problem must be constant",
+            );
             lowering.errors.push(error.expected("an expression in the parameters"));
         }
         let rows = Rows { mass: Mass::Identity, rates: Vec::new(), inequality, set, moving };

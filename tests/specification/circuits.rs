@@ -182,10 +182,10 @@ fn an_error_in_a_netlist_has_its_line_and_column() {
 fn an_error_in_a_deck_has_its_line_and_column() {
     let title = "A deck\n.tran 1u 1m\n";
     for (text, code, part) in [
-        ("R1 a 0 {x}", "malformed_number", "line 3, column 8: `{x}`: nothing is called `x`"),
+        ("R1 a 0 {x}", "malformed_number", "line 3, column 8: `{x}`: there is no parameter `x`"),
         ("R1 a 0 {1+", "malformed_number", "line 3, column 8"),
         ("R1 a 0 {(1}", "malformed_number", "`)` is missing"),
-        (".param a={b} b={a}\nR1 a 0 1", "malformed_number", "line 3, column 16: `{a}`: nothing is called `a`"),
+        (".param a={b} b={a}\nR1 a 0 1", "malformed_number", "line 3, column 16: `{a}`: there is no parameter `a`"),
         (".model X NPN(BF=100)", "unknown_component", "line 3, column 10: models of `NPN`"),
         ("S1 a 0 c 0 X\n.model X D", "unknown_name", "line 3, column 12: the model `X` is one of another kind"),
         ("S1 a 0 c 0 X\n.model X SW(VH=-1)", "out_of_range", "smooth switch"),
@@ -194,7 +194,7 @@ fn an_error_in_a_deck_has_its_line_and_column() {
         (".subckt two a b\nR1 a b 1", "incomplete_component", "line 3, column 9: the subcircuit `two` has no end"),
         ("X1 a loop\n.subckt loop a\nX1 a loop\n.ends", "too_deep", "16 levels"),
         ("K1 L1 L2 0.5", "unknown_name", "line 3, column 1: `K1` couples"),
-        ("L1 a 0 1\nL2 b 0 1\nK1 L1 L2 1.5", "out_of_range", "a coupling of 1.5"),
+        ("L1 a 0 1\nL2 b 0 1\nK1 L1 L2 1.5", "out_of_range", "the coupling coefficient is 1.5"),
         ("R1 a 0 1\n.ic V(a)=1", "inconsistent_start", ".ic of `a`"),
         ("R1 a 0 1\n.ic V(a)", "unexpected_word", "`V` is not an initial value"),
         (".lib diodes.lib", "unknown_component", "line 3, column 1: the command `.lib`"),

@@ -94,7 +94,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
             ("contacts/0/gap", "interpenetration", "`floor` overlaps by 0.5"),
         ],
     );
-    refused("coordinates/x/velocity", json!(1), &[("joints/0/constraint", "interpenetration", "torn apart")]);
+    refused("coordinates/x/velocity", json!(1), &[("joints/0/constraint", "interpenetration", "violated in velocity")]);
     let document = with(block_on_floor(), &format!("{AT}/coordinates/y/initial"), json!(-0.5));
     let document = with(document, &format!("{AT}/coordinates/x/velocity"), json!(1));
     let document = with(document, &format!("{AT}/interpenetration"), json!("resolve"));
@@ -112,7 +112,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
 #[test]
 fn methods_are_for_the_problems_they_fit() {
     let document = with(block_on_floor(), "/method", json!({"name": "radau"}));
-    assert_errors(&document, &[("/method/name", "conflict", "no impacts")]);
+    assert_errors(&document, &[("/method/name", "conflict", "does not treat impacts")]);
     let document = with(block(), "/method", json!({"name": "contact"}));
     assert_errors(&document, &[("/method/name", "conflict", "no contacts")]);
     let document = with(block(), "/method", json!({"impacts": "locate"}));

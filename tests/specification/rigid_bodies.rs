@@ -146,10 +146,10 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
 #[test]
 fn what_the_stepper_of_bodies_does_not_use_is_refused_where_it_is_written() {
     let cases = [
-        ("rtol", json!(1e-10), "no error is measured"),
-        ("atol", json!(1e-9), "no error is measured"),
+        ("rtol", json!(1e-10), "without an error estimate"),
+        ("atol", json!(1e-9), "without an error estimate"),
         ("stages", json!(5), "no stages"),
-        ("switches", json!("step_over"), "steps of one size"),
+        ("switches", json!("step_over"), "step over all events"),
         ("vi_solver", json!("lemke"), "solvers of its own"),
         ("accept_index_three", json!(true), "index three"),
     ];
@@ -160,7 +160,7 @@ fn what_the_stepper_of_bodies_does_not_use_is_refused_where_it_is_written() {
     }
     for key in ["first_step", "max_step", "min_step"] {
         let document = with(scene(), "/method", json!({ key: 1e-3 }));
-        assert_errors(&document, &[(&format!("/method/{key}"), "conflict", "no error is measured")]);
+        assert_errors(&document, &[(&format!("/method/{key}"), "conflict", "without an error estimate")]);
     }
     Specification::from_json(with(scene(), "/method", json!({"name": "contact"})).to_string().as_bytes()).unwrap();
 }
@@ -189,7 +189,7 @@ fn motors_springs_and_limits_say_what_cannot_be() {
     };
     refused(json!({"motor": {"position": "1 + t"}}), "motor/position", "inconsistent_start", "1 at the start");
     refused(json!({"motor": {"position": "2*t"}}), "motor", "inconsistent_start", "rate of 2");
-    refused(json!({"motor": {"velocity": "ball.x"}}), "motor/velocity", "depends_on_state", "how bodies move");
+    refused(json!({"motor": {"velocity": "ball.x"}}), "motor/velocity", "depends_on_state", "the motion of bodies");
     refused(json!({"motor": {"effort": "1/t"}}), "motor/effort", "outside_domain", "not finite");
     refused(json!({"motor": {"servo": {"target": 1}}}), "motor/servo", "empty", "stiffness");
     refused(

@@ -28,7 +28,7 @@ fn every_wrong_value_of_a_static_problem_is_told_at_its_place() {
         (
             "/problem/vi/set",
             json!([{"nonnegative": ["x"]}]),
-            ("/problem/vi/variables/y", "variable_without_block", "`y` stands in no block"),
+            ("/problem/vi/variables/y", "variable_without_block", "`y` is in no block"),
         ),
         (
             "/problem/vi/set",

@@ -302,9 +302,9 @@ fn a_missing_rate_and_a_missing_inequality_are_both_named() {
 #[test]
 fn a_key_that_stands_twice_is_an_error() {
     let text = block().to_string().replace("\"end\":10", "\"end\":10,\"end\":11");
-    assert_text(text, &[("/time/end", "duplicate_key", "stands twice")]);
+    assert_text(text, &[("/time/end", "duplicate_key", "occurs twice")]);
     let text = block().to_string().replace("\"v\":{", "\"x\":{\"initial\":0,\"rate\":\"x\"},\"v\":{");
-    assert_text(text, &[("/problem/dvi/states/x", "duplicate_key", "stands twice")]);
+    assert_text(text, &[("/problem/dvi/states/x", "duplicate_key", "occurs twice")]);
 }
 
 #[test]

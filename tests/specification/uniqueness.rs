@@ -83,7 +83,7 @@ fn passive_netlists_have_unique_states() {
 fn a_source_that_feeds_back_is_not_passive() {
     // The doubler's D with the sign of one resistance reversed is regular but not a P-matrix.
     let negative = lcs(json!([[0.0]]), json!([[1.0, 0.0]]), json!([[1.0], [0.0]]), json!([[1.0, 2.0], [2.0, 1.0]]));
-    assert_verdict(negative, Uniqueness::NotCertified, "no P-matrix");
+    assert_verdict(negative, Uniqueness::NotCertified, "not a P-matrix");
     // P B = C^T has no solution on the kernel of D: C B = -1.
     let reversed = lcs(json!([[0.0]]), json!([[-1.0, 0.0]]), json!([[1.0], [0.0]]), json!([[0.0, 0.0], [0.0, 1.0]]));
     assert_verdict(reversed, Uniqueness::NotCertified, "");
@@ -133,7 +133,7 @@ fn a_p_matrix_decides_of_intervals_alone() {
     let problem = |set: Value| json!({"lcs": {"initial": [0], "C": [[1], [0]], "D": [[1, 5], [0, 1]], "variable_names": ["p", "q"], "set": [set]}});
     assert_verdict(problem(json!({"nonnegative": ["p", "q"]})), Uniqueness::Unique, "a P-matrix");
     let disk = problem(json!({"ball": {"of": ["p", "q"], "radius": 1}}));
-    assert_verdict(disk, Uniqueness::NotCertified, "intervals alone");
+    assert_verdict(disk, Uniqueness::NotCertified, "intervals only");
 }
 
 #[test]

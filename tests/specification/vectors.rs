@@ -108,9 +108,9 @@ fn what_is_wrong_with_a_vector_is_told_where_it_is_declared_and_once() {
     let states = "/problem/dvi/states/v[1..n]";
     for (place, value, code, says) in [
         (format!("{states}/rate"), json!("x[i+2]"), "index_out_of_range", "there is no `x[7]`"),
-        (format!("{states}/rate"), json!("x[t]"), "index_out_of_range", "an index is a whole number, and this varies"),
-        (format!("{states}/rate"), json!("x[1/2]"), "index_out_of_range", "an index is a whole number, found 0.5"),
-        (format!("{states}/rate"), json!("w[i]"), "unknown_name", "nothing is called `w[1]` here"),
+        (format!("{states}/rate"), json!("x[t]"), "index_out_of_range", "an index must be a constant whole number"),
+        (format!("{states}/rate"), json!("x[1/2]"), "index_out_of_range", "an index must be a whole number, found 0.5"),
+        (format!("{states}/rate"), json!("w[i]"), "unknown_name", "there is no name `w[1]` here"),
         (format!("{states}/rate"), json!("x"), "unknown_name", "`x` is a vector of 7 elements"),
         (format!("{states}/rate"), json!("sum(x[i] for i in 1..3)"), "syntax", "the index of a sum"),
         (

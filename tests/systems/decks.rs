@@ -46,7 +46,7 @@ fn a_capacitor_charges_through_a_resistor() {
                         .tran 10u {5*tau} UIC\n.print tran v(out)\n.end\nwhat stands here is not read\n");
     assert_is(&solution, "v(out)", 1e-8, |t| 5.0 * (1.0 - (-t / 1e-3).exp()));
     assert!((solution.trajectory.t.last().unwrap() - 5e-3).abs() < 1e-15);
-    assert!(!warned(&solution, "point of operation"));
+    assert!(!warned(&solution, "no operating point"));
 }
 
 #[test]
@@ -59,7 +59,7 @@ fn a_half_wave_rectifier_passes_one_half() {
     let solution = run(deck);
     assert_is(&solution, "v(out)", 1e-8, |t| (10.0 * (TAU * 50.0 * t).sin()).max(0.0));
     assert!(warned(&solution, "`d1n4007` are ideal without cjo, eg, fc, is"));
-    assert!(warned(&solution, "point of operation"));
+    assert!(warned(&solution, "no operating point"));
 }
 
 #[test]

@@ -285,6 +285,10 @@ fn a_fit_that_cannot_be_run_says_why() {
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Failed);
     let error = solution.error.unwrap();
-    assert!(error.message.starts_with("at the start of the fit"), "{}", error.message);
+    assert!(
+        error.message.starts_with("the problem cannot be solved at the starting point of the fit"),
+        "{}",
+        error.message
+    );
     assert!(solution.fit.is_none() && !solution.verdict.trusted);
 }

@@ -96,7 +96,10 @@ impl Stored {
     pub fn open(source: impl Source + 'static, index: &[u8]) -> io::Result<Self> {
         let Index { columns, rows, names, checksums, skeleton } = serde_json::from_slice(index)?;
         if columns != FORM || checksums.len() != (1 + names.len()) * rows.div_ceil(CHUNK) {
-            return Err(io::Error::new(io::ErrorKind::InvalidData, format!("columns of stored form {columns} are not supported")));
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidData,
+                format!("columns of stored form {columns} are not supported"),
+            ));
         }
         Ok(Self { source: Box::new(source), rows, names, checksums, skeleton: Skeleton::of_text(skeleton)? })
     }

@@ -37,8 +37,8 @@ impl<'a> Best<'a> {
         let message = || match &self.refinement {
             None => format!("the run with {steps} steps is the only one: there was none to compare it with"),
             Some(_) if steps < last => format!(
-                "the run with {steps} steps differs least from the one with half as many, by {scaled:.1e} tolerances in the mean \
-                 over time; with more steps, up to {last}, rounding errors grow: choose a larger `rtol`"
+                "the run with {steps} steps differs least from the one with half as many, by {scaled:.1e} tolerances \
+                 in the mean over time; with more steps, up to {last}, rounding errors grow: choose a larger `rtol`"
             ),
             Some(_) => format!(
                 "the run with {steps} steps is the last one; it still differs from the one with half as many by \

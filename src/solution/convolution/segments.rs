@@ -225,8 +225,8 @@ impl Stepper for SegmentedRun<'_> {
         });
         diagnostics.checks.record(CheckCode::EventsUnproven, open as f64, 0.0, || {
             format!(
-                "{open} steps are not proven free of switches, and one that begins and ends within a step would not be seen; a \
-                 smaller `max_step` may help"
+                "{open} steps are not proven free of switches, and one that begins and ends within a step would not be \
+                 seen; a smaller `max_step` may help"
             )
         });
     }

@@ -16,8 +16,8 @@ pub(super) fn schema_of_columns() -> Schema {
     columns
         .additional_properties(Some(AdditionalProperties::RefOr(RefOr::T(Schema::Array(list.build())))))
         .description(Some(
-            "The columns by name: `member`, from zero; the swept names; the collected values; `status`, `trusted`, `error`, `steps`, `switches`, \
-             `residual`, `warnings`. A missing value is null.",
+            "The columns by name: `member`, from zero; the swept names; the collected values; `status`, `trusted`, \
+             `error`, `steps`, `switches`, `residual`, `warnings`. A missing value is null.",
         ))
         .into()
 }

@@ -158,7 +158,7 @@ impl<'a> Circuit<'a> {
             for name in of_nodes.flat_map(|(a, b)| [a.as_str(), b]).chain([component.name()]) {
                 if !is_name(name) {
                     let expected = format!("letters, digits and any of `_ + - .`, at most {LONGEST_NAME}");
-                    let detail = format!("`{}` is no name of a component or a node", abridged(name));
+                    let detail = format!("`{}` is not the name of a component or a node", abridged(name));
                     self.report(k, "malformed_name", &detail, &expected, lowering);
                 }
             }

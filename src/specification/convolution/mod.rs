@@ -173,7 +173,7 @@ fn impulse(forcing: &DviModel, t: f64) -> Option<Warning> {
         code: "impulse_at_start",
         message:
             "at the start, where the memory is empty, `q` alone does not satisfy the inequality: the variables are \
-                  unbounded there, and their values near the start are means over a step; their integral and `G` converge"
+             unbounded there, and their values near the start are means over a step; their integral and `G` converge"
                 .to_owned(),
     })
 }

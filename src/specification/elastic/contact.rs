@@ -63,9 +63,11 @@ impl ElasticProblem {
             if met.is_empty() {
                 let detail = "no free node can come into contact with this obstacle";
                 let error = SpecificationError::new(place.to_string(), "no_contact_node", detail);
-                lowering
-                    .errors
-                    .push(error.expected("a side that is not clamped; for a string, an interval with an even-numbered free node"));
+                lowering.errors.push(
+                    error.expected(
+                        "a side that is not clamped; for a string, an interval with an even-numbered free node",
+                    ),
+                );
                 continue;
             }
             let side = sides.len();
@@ -111,12 +113,14 @@ impl ElasticProblem {
     ) -> Option<(f64, Vec<Meeting>)> {
         let side = geometry.side(name, place, lowering)?;
         if contact.between.is_some() {
-            let error = SpecificationError::new(place.key("between").to_string(), "conflict", "`between` is for strings only");
+            let error =
+                SpecificationError::new(place.key("between").to_string(), "conflict", "`between` is for strings only");
             lowering.errors.push(error.expected("to be left out"));
         }
         if geometry.grid.axes()[side.direction].elements < 2 {
             let place = self.elements.pointer(side.direction, elements);
-            let detail = format!("there is only one layer of elements behind `{name}`, and all of its mass would be in contact");
+            let detail =
+                format!("there is only one layer of elements behind `{name}`, and all of its mass would be in contact");
             let error = SpecificationError::new(place, "out_of_range", detail);
             lowering.errors.push(error.expected("2 or more"));
             return None;
@@ -155,7 +159,8 @@ impl ElasticProblem {
         let count = axis.elements;
         if count % 2 == 1 {
             let detail = format!(
-                "{count} elements is odd; every second node of a string is a contact node without mass, the first and the last included"
+                "{count} elements is odd; every second node of a string is a contact node without mass, the first and \
+                 the last included"
             );
             let error = SpecificationError::new(self.elements.pointer(0, elements), "odd_elements", detail);
             lowering.errors.push(error.expected("an even number"));

@@ -23,7 +23,7 @@ impl Geometry {
 
 /// Reports an unknown side.
 pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Pointer<'_>, lowering: &mut Lowering) {
-    let detail = format!("`{}` is no side of this body", abridged(name));
+    let detail = format!("`{}` is not a side of this body", abridged(name));
     let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
     let near = nearest(name, names.iter().copied());
     lowering.errors.push(error.expected(listed(names.iter().copied())).did_you_mean(near));

@@ -66,7 +66,8 @@ pub(super) fn settle(
         let resolved = (0..ROUNDS).any(|_| step.resolve(&mut state, &control).unwrap_or(false));
         drop(step);
         if !resolved {
-            let detail = "the initial state could not be moved to one where no gap is negative and all joints are satisfied";
+            let detail =
+                "the initial state could not be moved to one where no gap is negative and all joints are satisfied";
             errors.push(SpecificationError::new(problem.key("coordinates").to_string(), "interpenetration", detail));
             return;
         }
@@ -113,7 +114,8 @@ fn check_mass(mass: &DMatrix<f64>, place: &Pointer<'_>, errors: &mut Errors) -> 
         }
     }
     if mass.clone().cholesky().is_none() {
-        let detail = "the matrix is not positive definite at the start: some velocity has no kinetic energy, or a negative one";
+        let detail =
+            "the matrix is not positive definite at the start: some velocity has no kinetic energy, or a negative one";
         let error = SpecificationError::new(place.to_string(), "mass_not_positive", detail);
         errors.push(error.expected("a positive definite matrix"));
         return false;

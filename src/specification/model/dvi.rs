@@ -151,8 +151,8 @@ fn check_index(model: &DviModel, asked: &Request<'_>, errors: &mut Errors) {
     match analysis.unbounded_index {
         Some(index) if index >= 3.0 && !method.accept_index_three => {
             let detail = format!(
-                "the index is {index}: the variables appear only in derivative number {index} of the inequalities, so that \
-                 solutions exist for special data only, and limits of approximate solutions need not be solutions"
+                "the index is {index}: the variables appear only in derivative number {index} of the inequalities, so \
+                 that solutions exist for special data only, and limits of approximate solutions need not be solutions"
             );
             let expected = "an inequality of lower index (for a velocity in place of a position), or \
                             `\"accept_index_three\": true` in `method`";
@@ -165,8 +165,8 @@ fn check_index(model: &DviModel, asked: &Request<'_>, errors: &mut Errors) {
                 && model.structure().constant_jacobian
                 && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>
         {
-            let detail = "the index is 2 (CB = 0): where a bound is reached the states jump, and only implicit Euler with a \
-                          fixed step handles such impulses";
+            let detail = "the index is 2 (CB = 0): where a bound is reached the states jump, and only implicit Euler \
+                          with a fixed step handles such impulses";
             let error = SpecificationError::new("/method", "index_two_needs_euler", detail);
             errors.push(error.expected("`\"stages\": 1` and a fixed `step`, or the inequality posed for velocities"));
         }

@@ -62,7 +62,11 @@ impl Model for MultibodySystem {
                 method.switches != Switches::default(),
                 "the fixed steps of rigid bodies step over all events",
             ),
-            ("accept_index_three", method.accept_index_three, "rigid bodies are not solved as a problem of index three"),
+            (
+                "accept_index_three",
+                method.accept_index_three,
+                "rigid bodies are not solved as a problem of index three",
+            ),
         ];
         for (key, _, detail) in choices.into_iter().filter(|(_, given, _)| *given) {
             refuse(key, detail, "to be left out", errors);

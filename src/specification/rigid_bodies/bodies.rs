@@ -88,8 +88,14 @@ impl BodyMotion {
         lowering: &mut Lowering,
     ) -> Option<(Prescription, Option<Vector3<f64>>)> {
         let conflicts = [
-            (self.position.is_some() && self.velocity.is_some(), "both `position` and `velocity` prescribe its translation"),
-            (body.velocity.is_some() || body.angular_velocity.is_some(), "its initial velocity follows from its `motion`"),
+            (
+                self.position.is_some() && self.velocity.is_some(),
+                "both `position` and `velocity` prescribe its translation",
+            ),
+            (
+                body.velocity.is_some() || body.angular_velocity.is_some(),
+                "its initial velocity follows from its `motion`",
+            ),
             (self.position.is_some() && body.position.is_some(), "its initial position follows from its `motion`"),
             (body.fixed, "a fixed body does not move"),
             (body.mass.is_some() || body.density.is_some(), "its motion is prescribed, and a mass has no effect"),
@@ -186,7 +192,7 @@ impl RigidBody {
     fn material(&self, materials: &Ordered<Material>, place: &Pointer<'_>, lowering: &mut Lowering) -> usize {
         let Some(name) = &self.material else { return materials.len() };
         materials.names().position(|known| known == name).unwrap_or_else(|| {
-            let detail = format!("`{}` is no material", abridged(name));
+            let detail = format!("`{}` is not a material", abridged(name));
             let error = SpecificationError::new(place.key("material").to_string(), "unknown_name", detail);
             let nearest = nearest(name, materials.names());
             lowering.errors.push(error.expected(listed(materials.names())).did_you_mean(nearest));

@@ -152,7 +152,7 @@ pub(super) fn lower(
             let name = &pair.materials[i];
             let found = materials.names().position(|known| known == name);
             if found.is_none() {
-                let detail = format!("`{}` is no material", abridged(name));
+                let detail = format!("`{}` is not a material", abridged(name));
                 let error =
                     SpecificationError::new(place.key("materials").index(i).to_string(), "unknown_name", detail);
                 let nearest = nearest(name, materials.names());

@@ -106,7 +106,7 @@ fn find(
 ) -> Option<usize> {
     let known = || bodies.iter().map(|body| body.name.as_str());
     let Some(&body) = names.get(name) else {
-        let detail = format!("`{}` is no body", abridged(name));
+        let detail = format!("`{}` is not a body", abridged(name));
         let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
         lowering.errors.push(error.expected(listed(known())).did_you_mean(nearest(name, known())));
         return None;

@@ -132,8 +132,8 @@ pub(super) fn refuse_torn(
         }
         if let Some([speed, rate]) = joint.torn(&scene.bodies, ROUNDING) {
             let detail = format!(
-                "the joint is violated in velocity at the start: its points separate at {speed} m/s, and the bodies rotate against it at \
-                 {rate} rad/s"
+                "the joint is violated in velocity at the start: its points separate at {speed} m/s, and the bodies \
+                 rotate against it at {rate} rad/s"
             );
             let error =
                 SpecificationError::new(place.index(k).key(given.key()).to_string(), "interpenetration", detail);
@@ -210,7 +210,7 @@ pub(super) fn pair(
             Some(&body) => found.push(body),
             None => {
                 let known = || bodies.iter().map(|body| body.name.as_str());
-                let detail = format!("`{}` is no body", abridged(name));
+                let detail = format!("`{}` is not a body", abridged(name));
                 let error = SpecificationError::new(place.index(i).to_string(), "unknown_name", detail);
                 lowering.errors.push(error.expected(listed(known())).did_you_mean(nearest(name, known())));
                 return None;
@@ -219,7 +219,10 @@ pub(super) fn pair(
     }
     let moving: Vec<usize> = found.iter().copied().filter(|&body| !bodies[body].fixed).collect();
     if let Some(i) = found.iter().position(|&body| bodies[body].motion.is_some()) {
-        let detail = format!("the motion of `{}` is prescribed, and joints and springs have no effect on it", bodies[found[i]].name);
+        let detail = format!(
+            "the motion of `{}` is prescribed, and joints and springs have no effect on it",
+            bodies[found[i]].name
+        );
         let error = SpecificationError::new(place.index(i).to_string(), "conflict", detail);
         lowering.errors.push(error.expected("a body with mass instead of `motion`, on a joint with a `motor`"));
         return None;

@@ -40,7 +40,8 @@ pub(super) fn orientation(
     let quaternion = Quaternion::new(w, x, y, z);
     let norm = quaternion.norm();
     if !(norm > 0.0 && norm.is_finite()) {
-        let error = SpecificationError::new(place.to_string(), "zero_quaternion", "this quaternion is zero or not finite");
+        let error =
+            SpecificationError::new(place.to_string(), "zero_quaternion", "this quaternion is zero or not finite");
         lowering.errors.push(error.expected("a unit quaternion [w, x, y, z]"));
         return none;
     }

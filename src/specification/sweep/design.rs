@@ -15,7 +15,8 @@ choices! {
         "zip" Zip: "The first points of all ranges, the second points of all, and so on; all ranges have equally many."
         "random" Random: "`count` independent draws."
         "sobol" Sobol: "`count` points of the Sobol sequence with Owen's scrambling; preferably a power of two."
-        "latin_hypercube" LatinHypercube: "`count` draws, one in each of `count` equally probable strata of every range."
+        "latin_hypercube" LatinHypercube: "`count` draws, one in each of `count` equally probable strata of every \
+                                           range."
         "table" Table: "The rows of `table`."
     }
 }

@@ -275,8 +275,7 @@ impl SweepRequest {
         let first = counts.first().copied().unwrap_or(0);
         if let Some(i) = counts.iter().position(|count| *count != first) {
             let place = place.key("over");
-            let detail =
-                format!("{} values, where `{1}` has {first}", counts[i], names.first().copied().unwrap_or(""));
+            let detail = format!("{} values, where `{1}` has {first}", counts[i], names.first().copied().unwrap_or(""));
             let error = SpecificationError::new(
                 place.key(names.get(i).copied().unwrap_or("")).to_string(),
                 "wrong_count",

@@ -61,7 +61,10 @@ fn position(text: &str, at: usize) -> String {
 fn slip(text: &str, fault: &Fault) -> Slip {
     let rest = &text[fault.at..];
     if rest.starts_with("//") || rest.starts_with("/*") || rest.starts_with('#') || rest.starts_with("--") {
-        return Slip::new("a comment", "no comment: JSON has none; write a remark in `label`, or in a member `comment`");
+        return Slip::new(
+            "a comment",
+            "no comment: JSON has none; write a remark in `label`, or in a member `comment`",
+        );
     }
     let Some(next) = rest.chars().next() else { return end_of_text(text, fault) };
     let innermost = fault.open.last();
@@ -93,9 +96,7 @@ fn slip(text: &str, fault: &Fault) -> Slip {
             "a member outside an object",
             "the document between braces: {\"problem\": {...}, \"time\": {\"end\": 1}}",
         ),
-        (Wanted::End, _) => {
-            Slip::new("text after the end of the document", "nothing: one document is one JSON object")
-        }
+        (Wanted::End, _) => Slip::new("text after the end of the document", "nothing: one document is one JSON object"),
         (Wanted::Colon, _) => {
             let key = &text[fault.before.clone()];
             match key.split_once(':') {
@@ -146,7 +147,10 @@ fn closing(bracket: u8) -> char {
 fn in_string(text: &str, fault: &Fault, next: char) -> Slip {
     let begins = position(text, fault.before.start);
     match next {
-        '\\' => Slip::new("a backslash in a string", "`\\\\` for a backslash; after one only `\" \\ / b f n r t u` may follow"),
+        '\\' => Slip::new(
+            "a backslash in a string",
+            "`\\\\` for a backslash; after one only `\" \\ / b f n r t u` may follow",
+        ),
         '\n' | '\r' => Slip::new(
             format!("the end of the line within the string that begins at {begins}"),
             "a quote `\"` at the end of the string, which must be on one line",

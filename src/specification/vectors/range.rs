@@ -45,7 +45,12 @@ impl<'t> Range<'t> {
         for (k, part) in inside.split(',').enumerate() {
             let (index, range) = match part.split_once(" in ") {
                 Some((index, range)) => (index.trim(), range),
-                None => (*INDICES.get(k).ok_or_else(|| wrong("there are more than three indices without names".to_owned()))?, part),
+                None => (
+                    *INDICES
+                        .get(k)
+                        .ok_or_else(|| wrong("there are more than three indices without names".to_owned()))?,
+                    part,
+                ),
             };
             if !is_word(index) || indices.iter().any(|(other, ..)| *other == index) {
                 return Err(wrong(format!("`{}` is not a valid name for an index", abridged(index))));

@@ -126,7 +126,7 @@ impl<'t> Parser<'t> {
                 (Some(value), _) => Ok(value),
                 (None, "pi") => Ok(PI),
                 (None, "e") => Ok(E),
-                (None, _) => Err(format!("nothing is called `{name}` here: .param gives values names")),
+                (None, _) => Err(format!("there is no parameter `{name}`: define it by .param")),
             };
         }
         let mut arguments = vec![self.sum()?];

@@ -108,7 +108,7 @@ pub(super) fn read<'a>(
     if !"RCLVIDEFGHSW".contains(kind) {
         let detail = match kind {
             '.' => format!("the command `{}` has no meaning here", first.shown()),
-            _ => format!("`{}` is no component known here", first.shown()),
+            _ => format!("`{}` is not a known component", first.shown()),
         };
         return Err(NetlistError::new(first, "unknown_component", detail, KINDS));
     }

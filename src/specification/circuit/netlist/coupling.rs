@@ -51,7 +51,8 @@ impl<'a> Coupling<'a> {
                 .position(|component| matches!(component, Component::Inductor(inductor) if inductor.name == *name))
         };
         let [Some(p), Some(s)] = [place(&self.inductors[0]), place(&self.inductors[1])] else {
-            let detail = format!("`{}` must couple two inductors of the netlist that no other `K` couples", self.first.shown());
+            let detail =
+                format!("`{}` must couple two inductors of the netlist that no other `K` couples", self.first.shown());
             return Err(NetlistError::new(self.first, "unknown_name", detail, "two inductors, each in one coupling"));
         };
         let (Component::Inductor(primary), Component::Inductor(secondary)) = (&components[p], &components[s]) else {
@@ -64,7 +65,10 @@ impl<'a> Coupling<'a> {
         let [i1, i2] = [&primary, &secondary].map(|inductor| inductor.amperes.as_ref().map(number));
         let ratio = self.k * (l1 / l2).sqrt();
         if !(ratio > 0.0 && ratio.is_finite()) || p == s {
-            let detail = format!("`{}` couples two inductors, and their inductances must be positive numbers", self.first.shown());
+            let detail = format!(
+                "`{}` couples two inductors, and their inductances must be positive numbers",
+                self.first.shown()
+            );
             return Err(NetlistError::new(self.first, "out_of_range", detail, "inductances above 0"));
         }
         let magnetising = i1.zip(i2.or(Some(0.0))).map(|(i1, i2)| Expression::Number(i1 + i2 / ratio));

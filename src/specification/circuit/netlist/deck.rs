@@ -31,8 +31,7 @@ const SAY_NOTHING: [&str; 18] = [
 /// Analyses other than `.tran`, which are not carried out and reported as ignored.
 const OTHER_ANALYSES: [&str; 8] = [".ac", ".dc", ".op", ".noise", ".tf", ".disto", ".pz", ".sens"];
 
-const COMMANDS: &str =
-    ".tran, .param, .model, .ic, .subckt; analyses other than .tran and output commands are ignored";
+const COMMANDS: &str = ".tran, .param, .model, .ic, .subckt; analyses other than .tran and output commands are ignored";
 
 /// A subcircuit declaration.
 #[derive(Clone, Debug)]

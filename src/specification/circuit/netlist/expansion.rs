@@ -268,8 +268,9 @@ impl<'a> Expansion<'_, 'a> {
         idealised.sort_unstable();
         for (name, left_out) in idealised {
             let which = if left_out.is_empty() { String::new() } else { format!(" without {}", left_out.join(", ")) };
-            let message =
-                format!("the diodes of the model `{name}` are ideal{which}: no voltage drop except `VF=`, no reverse recovery");
+            let message = format!(
+                "the diodes of the model `{name}` are ideal{which}: no voltage drop except `VF=`, no reverse recovery"
+            );
             self.remark(message);
         }
         let passed_over: Vec<String> =
@@ -278,7 +279,8 @@ impl<'a> Expansion<'_, 'a> {
             self.remark(format!("{} is ignored: only `.tran` is run", passed_over.join(", ")));
         }
         if self.netlist.transient.is_some_and(|transient| !transient.from_initial) {
-            let message = "initial values are those of IC= and .ic, else zero, as with UIC after .tran: no operating point is computed";
+            let message = "initial values are those of IC= and .ic, else zero, as with UIC after .tran: no operating \
+                           point is computed";
             self.remark(message.to_owned());
         }
     }

@@ -45,7 +45,7 @@ pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> 
         "pwl" => piecewise_linear,
         "exp" => exponential,
         _ => {
-            let detail = format!("`{}` is no source known here", token.shown());
+            let detail = format!("`{}` is not a known source", token.shown());
             return Err(NetlistError::new(token, "unknown_source", detail, KINDS));
         }
     };
@@ -143,7 +143,13 @@ fn exponential(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> Resul
     let back = match back {
         [] => String::new(),
         &[delay_back, constant_back] if constant_back > 0.0 => format!(" - {}", term(delay_back, constant_back)),
-        _ => return Err(refuse(values.last().copied().unwrap_or(token), "the return of EXP needs a delay and a time constant above 0", EXPECTED)),
+        _ => {
+            return Err(refuse(
+                values.last().copied().unwrap_or(token),
+                "the return of EXP needs a delay and a time constant above 0",
+                EXPECTED,
+            ));
+        }
     };
     if constant <= 0.0 {
         return Err(refuse(values[3], "a time constant of EXP is not above zero", EXPECTED));
