@@ -175,7 +175,7 @@ fn a_command_line_without_sense_has_its_own_exit_code() {
 #[test]
 fn a_flag_without_sense_is_told_with_what_to_write_instead() {
     for (arguments, tip) in [
-        (["--workers", "0"], "the least is 1"),
+        (["--workers", "0"], "the least value is 1"),
         (["--listen", "9000"], "as in '--listen 127.0.0.1:9000'"),
         (["--listen", ":9000"], "as in '--listen 127.0.0.1:9000'"),
         (["--port", "9000"], "'--listen 127.0.0.1:9000'"),
