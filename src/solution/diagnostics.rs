@@ -105,7 +105,7 @@ pub struct Evaluations {
 /// A solver that failed on a variational inequality, after which the next one was tried.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Tried {
-    /// Its name.
+    /// The name of the solver.
     pub solver: &'static str,
     /// The outcome.
     pub outcome: &'static str,

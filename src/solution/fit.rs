@@ -59,7 +59,7 @@ pub struct Fit {
 /// A fitted parameter or initial value.
 #[derive(Clone, Debug)]
 pub struct Fitted {
-    /// Its name.
+    /// The name of the parameter or of the state.
     pub name: String,
     /// The quantity to differentiate with respect to.
     pub by: By,
@@ -83,7 +83,7 @@ pub enum Quantity {
 /// The data of a state or a definition.
 #[derive(Clone, Debug)]
 pub struct DataColumn {
-    /// Its name.
+    /// The name of the state or definition.
     pub name: String,
     /// The measured quantity.
     pub of: Quantity,

@@ -53,7 +53,7 @@ pub enum Direction {
 /// The monitor that ended a run.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct EndedBy {
-    /// Its label, or else its expression.
+    /// The label of the monitor, or else its expression.
     pub label: String,
     /// The time of its event.
     pub t: f64,

@@ -59,7 +59,7 @@ pub struct Periodic {
 /// A periodic orbit.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Orbit {
-    /// Its period.
+    /// The period of the orbit.
     pub period: f64,
     /// The states at the beginning of the orbit, by name.
     pub start: BTreeMap<String, f64>,

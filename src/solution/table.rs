@@ -55,7 +55,7 @@ pub struct TableProvenance {
 /// A column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// Its name.
+    /// The name of the column.
     pub name: String,
     /// One value per row.
     pub values: Values,

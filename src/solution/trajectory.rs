@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 pub struct Field {
     /// The name of the state, variable or other output.
     pub name: String,
-    /// Its values, one per time.
+    /// The values, one per output time.
     pub values: Vec<f64>,
 }
 

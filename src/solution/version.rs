@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Version;
 
-/// Its number.
+/// The version number of the result format.
 const NUMBER: u64 = 1;
 
 impl Serialize for Version {

@@ -40,7 +40,7 @@ pub struct Catalogue {
 pub struct Choice {
     /// The keyword.
     pub name: String,
-    /// Its meaning, in one sentence.
+    /// The meaning of the choice, in one sentence.
     pub meaning: String,
 }
 
@@ -65,7 +65,7 @@ pub struct Coefficients {
 /// A limit.
 #[derive(Debug, Serialize)]
 pub struct Limit {
-    /// Its name.
+    /// The name of the limit.
     pub name: &'static str,
     /// The largest value allowed.
     pub value: u64,

@@ -63,7 +63,7 @@ pub struct Document {
     pub fit: Option<FitRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
-    /// How the page draws a system in a plane.
+    /// The drawing of a plane system on the page.
     pub view: Option<View>,
     /// Free text, at most 200 characters.
     #[schema(max_length = 200)]

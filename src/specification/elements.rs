@@ -15,7 +15,7 @@ use utoipa::{PartialSchema, ToSchema};
 /// Numbers of elements.
 #[derive(Clone, Copy, Debug)]
 pub enum Elements {
-    /// The same number in every direction.
+    /// The same number of elements in every direction.
     Same(u64),
     /// A number for each direction.
     Each(ElementsOf),

@@ -13,7 +13,7 @@ use utoipa::ToSchema;
 /// An example in the list.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Entry {
-    /// Its name.
+    /// The name of the example.
     name: &'static str,
     /// A few words.
     title: String,

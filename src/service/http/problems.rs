@@ -19,7 +19,7 @@ pub struct Row {
     /// The address of its page; of a refusal, the `type` of its problem.
     #[serde(rename = "type")]
     address: String,
-    /// The word that programs read.
+    /// The name of the code, for programs.
     code: &'static str,
     /// A few words.
     title: &'static str,
@@ -28,11 +28,11 @@ pub struct Row {
     status: Option<u16>,
     /// What it means.
     meaning: &'static str,
-    /// Why it occurs.
+    /// The cause.
     why: &'static str,
     /// What to do about it.
     remedy: &'static str,
-    /// Where it occurs, for example.
+    /// An example of its occurrence.
     example: &'static str,
 }
 

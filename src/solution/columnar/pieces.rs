@@ -27,7 +27,7 @@ impl JsonPieces {
     /// Writes the next piece and returns whether there is more.
     ///
     /// # Errors
-    /// Those of the columns and of `out`.
+    /// Errors of reading the columns and of writing to `out`.
     pub fn write(&mut self, columns: &dyn Columns, out: &mut dyn Write) -> io::Result<bool> {
         let [before, between, after] = self.skeleton.around_columns();
         let (mut column, mut row) = self.next.unwrap_or_default();
@@ -100,7 +100,7 @@ impl TablePieces {
     /// Writes the next piece and returns whether there is more.
     ///
     /// # Errors
-    /// Those of the columns and of `out`.
+    /// Errors of reading the columns and of writing to `out`.
     pub fn write(&mut self, columns: &dyn Columns, out: &mut dyn Write) -> io::Result<bool> {
         let count = (PIECE / (self.selection.fields.len() + 1)).max(1);
         let rows = self.selection.rows.part(self.next, count);
@@ -123,7 +123,7 @@ impl TablePieces {
 /// Writes the whole answer as JSON.
 ///
 /// # Errors
-/// Those of the columns and of `out`.
+/// Errors of reading the columns and of writing to `out`.
 pub fn write_whole(columns: &dyn Columns, skeleton: &Skeleton, out: &mut dyn Write) -> io::Result<()> {
     let mut pieces = JsonPieces::new(Selection::whole(columns), skeleton.clone());
     while pieces.write(columns, out)? {}
@@ -140,7 +140,7 @@ impl Selection {
     /// The selected fields at the given rows, without events.
     ///
     /// # Errors
-    /// Those of the columns.
+    /// Errors of reading the columns.
     pub fn block(&self, columns: &dyn Columns, rows: Rows) -> io::Result<Trajectory> {
         let names = columns.names();
         let field =
@@ -152,7 +152,7 @@ impl Selection {
     /// Verifies the checksums of the selection.
     ///
     /// # Errors
-    /// Those of the columns.
+    /// Errors of reading the columns.
     pub fn verify(&self, columns: &dyn Columns) -> io::Result<()> {
         let all: Vec<usize> = std::iter::once(0).chain(self.fields.iter().map(|field| field + 1)).collect();
         columns.verify(&all, self.rows)

@@ -32,7 +32,7 @@ const FORM: u32 = 1;
 /// Writes a trajectory with its skeleton, and returns the bytes of the index, which it has written last.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_columns(trajectory: &Trajectory, skeleton: &Skeleton, out: &mut impl Write) -> io::Result<Vec<u8>> {
     let rows = trajectory.t.len();
     let (mut checksums, mut bytes) = (Vec::new(), Vec::with_capacity(CHUNK * WIDTH));
@@ -59,7 +59,7 @@ pub trait Source: Send + Sync {
     /// Reads bytes from `offset` on.
     ///
     /// # Errors
-    /// Those of the disk, or too few bytes.
+    /// Errors of the disk, or too few bytes.
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()>;
 }
 

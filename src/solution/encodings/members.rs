@@ -29,7 +29,7 @@ pub enum MembersForm {
 /// Writes the table of a sweep.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_members(solution: &Solution, form: MembersForm, out: &mut impl Write) -> io::Result<()> {
     let Some(table) = &solution.table else { return Ok(()) };
     match form {

@@ -27,7 +27,7 @@ use std::ops::Range;
 /// Writes the whole solution as one JSON object.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_json(solution: &Solution, out: &mut impl Write) -> io::Result<()> {
     serde_json::to_writer(out, solution).map_err(io::Error::from)
 }
@@ -45,19 +45,19 @@ pub trait Table: Send {
     /// Writes the text before the rows of `trajectory`.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of writing to `out`.
     fn begin(&mut self, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()>;
 
     /// Writes the rows with the indices `times`, which must exist.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of writing to `out`.
     fn rows(&mut self, trajectory: &Trajectory, times: Range<usize>, out: &mut dyn Write) -> io::Result<()>;
 
     /// Writes the text after the rows.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of writing to `out`.
     fn end(&mut self, out: &mut dyn Write) -> io::Result<()>;
 }
 
@@ -65,7 +65,7 @@ pub trait Table: Send {
 /// the beginning of the table. Returns the row at which to continue, if there is more.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_piece(
     table: &mut dyn Table,
     trajectory: &Trajectory,
@@ -93,7 +93,7 @@ const PIECE: usize = 4096;
 /// Writes a trajectory as a table.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()> {
     let mut next = Some(0);
     while let Some(row) = next {

@@ -46,7 +46,7 @@ const LARGE_CHARACTERS: usize = 60;
 /// table.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write) -> io::Result<()> {
     if let Some(study) = &solution.study {
         return writeln!(out, "{}", study.picture);

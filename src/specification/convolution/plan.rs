@@ -67,7 +67,7 @@ fn segments_of(model: &ConvolutionModel, specification: &Specification) -> Optio
     })
 }
 
-/// How many numbers the first run keeps.
+/// The number of values that the first run stores.
 pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize {
     let steps = match plan_of(model, specification).mesh {
         Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,

@@ -30,7 +30,7 @@ pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Pointer<'_>, lowerin
 }
 
 impl ElasticProblem {
-    /// Which displacements are clamped.
+    /// Whether each displacement is clamped.
     pub(super) fn clamped(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<bool> {
         let place = place.key("clamped");
         let components = geometry.components;

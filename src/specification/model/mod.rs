@@ -146,7 +146,7 @@ pub enum By {
 pub struct Varied {
     /// Whether runs can be controlled by a tolerance.
     pub tolerance: bool,
-    /// Where the stages of Radau IIA can be chosen.
+    /// The runs in which the number of Radau IIA stages can be chosen.
     pub stages: WithStages,
     /// The reference for runs with fixed steps: a run by tolerance, or one with a smaller step.
     pub reference: By,
@@ -156,7 +156,7 @@ pub struct Varied {
     pub balances: &'static [By],
 }
 
-/// Where stages can be chosen.
+/// The runs in which the number of stages can be chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WithStages {
     /// In every run.
