@@ -212,8 +212,8 @@ impl Search<'_> {
                 );
             }
             Certificate::UniqueOfConvex => {
-                return "the only solution: G is affine and its matrix positive semidefinite, so that solutions form a convex \
-                        set, and this one is isolated"
+                return "the only solution: G is affine and its matrix positive semidefinite, so that solutions form a \
+                        convex set, and this one is isolated"
                     .to_owned();
             }
             Certificate::Continuum(direction) => {

@@ -97,8 +97,8 @@ fn fifty_two_known_switches_are_located() {
 
 #[test]
 fn a_relaxation_between_bounds_switches_fifty_times() {
-    // At zero until q = 0. The times are compared between runs with different meshes and tolerances; the first is
-    // known.
+    // u stays at zero until q = 0, which is the first switch. The other switches are compared between runs with
+    // different meshes and tolerances.
     for alpha in [0.3, 0.5, 0.8, 0.9] {
         let q = "1.2 - cos(3*t) - 1.4*sin(t)^2";
         let run =

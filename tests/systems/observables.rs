@@ -99,7 +99,8 @@ fn a_ball_is_stopped_in_its_second_flight_and_after_its_third_impact() {
     // Impacts at 8, 9, 9.5, with velocities 10, 5, 2.5, 1.25.
     let solution = ball(json!({"when": "y_dot", "direction": "falling"}));
     assert_trusted(&solution);
-    // Its velocity becomes zero from above at 8.5, at a height of 1.25; at the impact at 8 it jumps upwards.
+    // The velocity of the ball decreases to zero at t = 8.5, at a height of 1.25; at the impact at t = 8 it jumps
+    // upwards.
     assert_near(solution.ended_by.as_ref().expect("an end").t, 8.5, 1e-9);
     assert_near(last(&solution, "y"), 1.25, 1e-9);
     assert_near(last(&solution, "area"), 5.0 - 10.0 / 6.0 + (0.625 - 0.125 * 10.0 / 6.0), 1e-8);

@@ -33,7 +33,7 @@ pub trait Columns: Send + Sync {
     /// The values of a column at the given rows; column 0 contains the times, the fields follow.
     ///
     /// # Errors
-    /// Those of the disk; [`io::ErrorKind::InvalidData`] if the column has changed since it was written.
+    /// Errors of the disk; [`io::ErrorKind::InvalidData`] if the column has changed since it was written.
     fn values(&self, column: usize, rows: Rows) -> io::Result<Vec<f64>>;
 
     /// Verifies the checksums of the chunks with these rows of these columns, numbered as in [`Columns::values`].

@@ -8,7 +8,7 @@ use convolution::Convolution;
 /// inverse power of the step given by the order of the kernel, outweigh the gain of a smaller step.
 pub(super) struct Best<'a> {
     run: Run<'a>,
-    /// Its distance from the previous run; `None` for the first run.
+    /// The distance of this run from the previous one; `None` for the first run.
     refinement: Option<Refinement>,
     steps: usize,
 }

@@ -29,9 +29,9 @@ pub struct Stage<'a> {
     pub t: &'a [f64],
     /// The time axis.
     pub axis: Axis,
-    /// Position of its low end, in pixels.
+    /// Position of the low end of the time axis, in pixels.
     pub left: f64,
-    /// Position of its high end, in pixels.
+    /// Position of the high end of the time axis, in pixels.
     pub right: f64,
     /// Positions of the switches, in pixels from the left of the picture.
     pub switches: Vec<f64>,

@@ -28,7 +28,7 @@ const SAY_NOTHING: [&str; 18] = [
     ".endc",
     ".ends",
 ];
-/// Analyses other than `.tran`, which are not carried out and reported as ignored.
+/// Analyses other than `.tran`; they are ignored, with a warning.
 const OTHER_ANALYSES: [&str; 8] = [".ac", ".dc", ".op", ".noise", ".tf", ".disto", ".pz", ".sens"];
 
 const COMMANDS: &str = ".tran, .param, .model, .ic, .subckt; analyses other than .tran and output commands are ignored";
@@ -36,9 +36,9 @@ const COMMANDS: &str = ".tran, .param, .model, .ic, .subckt; analyses other than
 /// A subcircuit declaration.
 #[derive(Clone, Debug)]
 pub(super) struct Subcircuit<'a> {
-    /// Its port nodes, in lower case.
+    /// The names of the port nodes, in lower case.
     pub ports: Vec<String>,
-    /// Its parameters with their default values, as tokens.
+    /// The parameters of the subcircuit with their default values, as tokens.
     pub defaults: Vec<(Token<'a>, Token<'a>)>,
     pub body: Vec<Statement<'a>>,
 }
