@@ -86,7 +86,9 @@ fn every_peer_has_a_name_and_a_way_to_install_it_without_being_installed() {
     let peers: Vec<_> = files.filter(|path| path.to_string_lossy().ends_with("_peer.py")).collect();
     assert!(peers.len() >= 7, "{peers:?}");
     for peer in peers {
-        let told = std::process::Command::new("python3").args(["-S".as_ref(), peer.as_os_str(), "--install".as_ref()]).output();
+        let told = std::process::Command::new("python3")
+            .args(["-S".as_ref(), peer.as_os_str(), "--install".as_ref()])
+            .output();
         let told = told.expect("python3");
         let text = String::from_utf8_lossy(&told.stdout);
         let lines: Vec<&str> = text.trim().lines().collect();
@@ -103,7 +105,8 @@ fn a_mesh_is_measured_apart_from_the_steps() {
     assert!(orders.len() == 3 && orders[..2].iter().all(|order| (order - 2.0).abs() < 0.3), "{:?}", chapter.meshes);
     // In time an answer far better than that of its mesh is seen as such.
     let chosen = ladder(&chapter, "tr_bdf2");
-    let finest = chosen.runs.last().and_then(|run| run.errors.as_ref()).and_then(|errors| errors.end).expect("an error");
+    let finest =
+        chosen.runs.last().and_then(|run| run.errors.as_ref()).and_then(|errors| errors.end).expect("an error");
     let mesh = chapter.meshes[2].error.expect("an error");
     assert!(finest < 0.1 * mesh, "{finest} in time, {mesh} of the mesh");
 }

@@ -71,7 +71,7 @@ export class HeatMap {
     put(this.across, options, 0);
     put(this.up, options, 1);
     put(this.field, fields.map((name) => [name, name]), 0);
-    this.#root.hidden = known.length < 2 || fields.length === 0;
+    this.#root.closest("details").hidden = known.length < 2 || fields.length === 0;
   }
 
   async #draw() {

@@ -1,4 +1,4 @@
-//! Curves on two axes in powers of ten: a line for each, with a mark at each of its points.
+//! Curves on two logarithmic axes: one line per curve, with a mark at each point.
 
 use super::elements::{line, plain, text};
 use super::legend::{Legend, cross, hollow, mark, polyline, whisker};
@@ -7,27 +7,27 @@ use super::{LARGE_CHARACTERS, LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
-/// Where the names are, and where the axes begin where these are in one row.
+/// Vertical position of the names, and of the top of the axes below a single row of names.
 const NAMES: f64 = 56.0;
 const TOP: f64 = 70.0;
-/// From the upper end of the axes to the lower, and on to the end of the picture.
+/// Height of the axes, and of the foot below them.
 const HEIGHT: f64 = 330.0;
 const FOOT: f64 = 60.0;
 /// The size of a mark.
 const RADIUS: f64 = 3.5;
 /// Room above the axes for the crosses of runs without an answer.
 pub(super) const CROSSES: f64 = 14.0;
-/// Decades that have room for a label each.
+/// Most decades with a label each.
 const MOST_LABELS: i32 = 10;
 
-/// A line of a picture.
+/// A curve with its marks.
 #[derive(Clone, Debug, Default)]
 pub struct Curve {
-    /// What it is.
+    /// The name in the legend.
     pub name: String,
-    /// Its points, both coordinates above zero.
+    /// The points; both coordinates are positive.
     pub points: Vec<Point>,
-    /// Those of its points whose marks are hollow: the answers are not trusted.
+    /// The points with hollow marks: their answers are not trusted.
     pub untrusted: Vec<Point>,
     /// The abscissae of runs without an answer, each a cross above the axes.
     pub lost: Vec<f64>,
@@ -61,12 +61,14 @@ impl Curve {
 
 /// The meaning of hollow marks and crosses, where there are any.
 pub(super) fn told_of_marks<'a>(curves: impl Iterator<Item = &'a Curve> + Clone) -> String {
-    let hollow = curves.clone().any(|curve| !curve.untrusted.is_empty()).then_some("hollow marks: answers that are not trusted");
-    let lost = curves.clone().any(|curve| !curve.lost.is_empty()).then_some("crosses at the top: runs without an answer");
+    let hollow =
+        curves.clone().any(|curve| !curve.untrusted.is_empty()).then_some("hollow marks: answers that are not trusted");
+    let lost =
+        curves.clone().any(|curve| !curve.lost.is_empty()).then_some("crosses at the top: runs without an answer");
     hollow.into_iter().chain(lost).collect::<Vec<_>>().join("; ")
 }
 
-/// An axis in powers of ten, from pixel to pixel.
+/// A logarithmic axis between two pixel positions.
 pub(super) struct Decades {
     pub low: i32,
     pub high: i32,
@@ -75,7 +77,7 @@ pub(super) struct Decades {
 }
 
 impl Decades {
-    /// All decades of the values.
+    /// An axis over all decades of the values.
     pub fn spanning(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
         let (low, high) = if low <= high { (low, high) } else { (1.0, 1.0) };
@@ -95,7 +97,7 @@ impl Decades {
     }
 }
 
-/// The picture of curves: `below` says what the ordinate is, `abscissa` what the abscissa is.
+/// Draws the curves; `below` describes the ordinate, `abscissa` the abscissa.
 pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: &str) -> String {
     let x = Decades::spanning(curves.iter().flat_map(Curve::abscissae), LEFT, RIGHT);
     let legend = Legend::new(curves.iter().map(|curve| curve.name.as_str()), LEFT, RIGHT);
@@ -135,7 +137,7 @@ pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: 
         .to_string()
 }
 
-/// `10⁻³`.
+/// A power of ten as text: `10⁻³`.
 pub(super) fn power(decade: i32) -> String {
     format!("10{}", super::axis::raised(decade))
 }

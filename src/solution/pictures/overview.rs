@@ -115,7 +115,8 @@ fn panel(
             group = group.add(text(power(decade), "middle", at, y.from + 16.0));
         }
     }
-    for (k, curve) in curves.iter().enumerate().filter(|(_, curve)| !curve.points.is_empty() || !curve.lost.is_empty()) {
+    for (k, curve) in curves.iter().enumerate().filter(|(_, curve)| !curve.points.is_empty() || !curve.lost.is_empty())
+    {
         group = group.add(curve.drawn(k, radius, (x, y), -0.6 * lost));
     }
     group

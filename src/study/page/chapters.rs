@@ -1,7 +1,7 @@
 //! The chapters of a report: each system as a paper would state it, then what was measured.
 
 use super::{escaped, number, table, trusted};
-use crate::report::{Chapter, Errors, Ladder, LONG, LONGEST, Outcome, REPEATS, Run, chapter_picture};
+use crate::report::{Chapter, Errors, LONG, LONGEST, Ladder, Outcome, REPEATS, Run, chapter_picture};
 use serde_json::Value;
 use std::fmt::Write as _;
 
@@ -10,7 +10,9 @@ pub fn summary<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let rows = chapters.map(|chapter| {
         let least = |error: fn(&Errors) -> Option<f64>| {
             let runs = chapter.ladders.iter().flat_map(|ladder| &ladder.runs).filter_map(|run| run.errors.as_ref());
-            number(&runs.filter_map(error).reduce(f64::min).map_or_else(|| "–".to_owned(), |least| format!("{least:.0e}")))
+            number(
+                &runs.filter_map(error).reduce(f64::min).map_or_else(|| "–".to_owned(), |least| format!("{least:.0e}")),
+            )
         };
         let name = escaped(&chapter.name);
         let against = chapter.source.as_ref().map_or_else(
@@ -46,12 +48,29 @@ pub fn section(page: &mut String, chapter: &Chapter, fixed: bool) {
         let _ = write!(page, "<p><strong>Reported elsewhere.</strong> <a href=\"{address}\">{title}</a>: {what}.</p>");
     }
     let _ = write!(page, "<p>{}</p>", reference(chapter));
-    let _ = write!(page, "<figure>{}<figcaption>{}</figcaption></figure>", chapter_picture(chapter, fixed), caption(chapter));
+    let _ = write!(
+        page,
+        "<figure>{}<figcaption>{}</figcaption></figure>",
+        chapter_picture(chapter, fixed),
+        caption(chapter)
+    );
     if !chapter.meshes.is_empty() {
         *page += &meshes(chapter);
     }
     let rows = chapter.all().flat_map(|ladder| ladder.runs.iter().map(|run| row(ladder, run, fixed)));
-    let head = ["method", "at", "steps", "time / s (spread)", "end", "states", "variables", "switch times", "switches", "power", "trusted"];
+    let head = [
+        "method",
+        "at",
+        "steps",
+        "time / s (spread)",
+        "end",
+        "states",
+        "variables",
+        "switch times",
+        "switches",
+        "power",
+        "trusted",
+    ];
     let _ = write!(page, "<details><summary>Numbers</summary>{}</details></section>", table(&head, rows));
 }
 
@@ -79,19 +98,28 @@ fn reference(chapter: &Chapter) -> String {
     }
     match (&reference.run, chapter.outside(), chapter.semidiscrete) {
         (Some(run), _, true) => {
-            let _ = write!(text, "That is the answer in the continuum, and the mesh is measured against it. Errors in time are those \
-                against the exact solution of the equations on this mesh: a run of this program with {run}. ");
+            let _ = write!(
+                text,
+                "That is the answer in the continuum, and the mesh is measured against it. Errors in time are those \
+                against the exact solution of the equations on this mesh: a run of this program with {run}. "
+            );
         }
         (Some(run), true, false) => {
-            let _ = write!(text, "Where that says nothing (between, and of other outputs) the reference is a run of this program with {run}");
+            let _ = write!(
+                text,
+                "Where that says nothing (between, and of other outputs) the reference is a run of this program with {run}"
+            );
             if let Some(agreement) = reference.agreement {
                 let _ = write!(text, ", which differs from it by {agreement:.1e} at the end");
             }
             text += ". ";
         }
         (Some(run), false, false) => {
-            let _ = write!(text, "Nothing is known from outside: a run of this program with {run}. The figures show that the \
-                methods agree, not that they are right. ");
+            let _ = write!(
+                text,
+                "Nothing is known from outside: a run of this program with {run}. The figures show that the \
+                methods agree, not that they are right. "
+            );
         }
         (None, ..) => text += "No run of reference reached the end, so that errors over time are left out. ",
     }
@@ -107,10 +135,14 @@ fn caption(chapter: &Chapter) -> String {
     let mut text = "Relative errors".to_owned();
     let (lost, runs) = Chapter::lost(&chapter.ladders);
     if lost > 0 {
-        let reasons: Vec<String> = chapter.ladders.iter().flat_map(|ladder| {
-            let lost = ladder.runs.iter().filter(|run| matches!(run.outcome, Outcome::Failed | Outcome::Stopped));
-            lost.map(|run| format!("{} at {}: {}", escaped(&ladder.method), rung(run), why(run)))
-        }).collect();
+        let reasons: Vec<String> = chapter
+            .ladders
+            .iter()
+            .flat_map(|ladder| {
+                let lost = ladder.runs.iter().filter(|run| matches!(run.outcome, Outcome::Failed | Outcome::Stopped));
+                lost.map(|run| format!("{} at {}: {}", escaped(&ladder.method), rung(run), why(run)))
+            })
+            .collect();
         let _ = write!(text, ". {lost} of {runs} runs have no answer ({})", reasons.join("; "));
     }
     if chapter.peers.is_empty() && chapter.is_exact_for_all() {

@@ -38,7 +38,8 @@ pub fn html<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
 
 /// The shortest time of the runs with an error below a target, with the method where it is asked for.
 fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named: bool) -> String {
-    let good = |run: &&crate::report::Run| run.errors.as_ref().and_then(|errors| errors.end).is_some_and(|e| e <= target);
+    let good =
+        |run: &&crate::report::Run| run.errors.as_ref().and_then(|errors| errors.end).is_some_and(|e| e <= target);
     let all = ladders.into_iter().flat_map(|ladder| {
         ladder.runs.iter().filter(good).map(|run| (run.seconds, ladder.method.as_str())).collect::<Vec<_>>()
     });

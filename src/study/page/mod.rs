@@ -53,7 +53,8 @@ fn programs(chapters: &[Chapter], peers: &[Peer]) -> String {
     }
     let rows = peers.iter().map(|peer| {
         let first = peer.name.split(' ').next().unwrap_or(&peer.name);
-        let solved = chapters.iter().filter(|chapter| chapter.peers.iter().any(|ladder| ladder.method.starts_with(first)));
+        let solved =
+            chapters.iter().filter(|chapter| chapter.peers.iter().any(|ladder| ladder.method.starts_with(first)));
         let names: Vec<String> = solved.map(|chapter| escaped(&chapter.name)).collect();
         let state = match &peer.install {
             Some(install) => format!("<span class=\"failed\">not installed</span>: {}", escaped(install)),

@@ -33,7 +33,8 @@ impl Conditions {
         let system = first("/etc/os-release", "PRETTY_NAME").unwrap_or_else(|| std::env::consts::OS.to_owned());
         Self {
             program: concat!("dvi ", env!("CARGO_PKG_VERSION")).to_owned(),
-            build: if cfg!(debug_assertions) { "without optimisation: its times mean little" } else { "optimised" }.to_owned(),
+            build: if cfg!(debug_assertions) { "without optimisation: its times mean little" } else { "optimised" }
+                .to_owned(),
             processor: first("/proc/cpuinfo", "model name").unwrap_or_else(|| std::env::consts::ARCH.to_owned()),
             cores: available_parallelism().map_or(1, usize::from),
             system: format!("{system} {}", kernel.trim()).trim().to_owned(),

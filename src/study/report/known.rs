@@ -77,7 +77,11 @@ mod tests {
             let example = EXAMPLES.iter().find(|example| example.name == name);
             let text = example.unwrap_or_else(|| panic!("`{name}` is no example")).text;
             assert!(!known.equations.is_empty(), "{name} has no equations");
-            assert_eq!(known.exact.is_empty(), known.source.is_none(), "{name}: values have a source, and a source values");
+            assert_eq!(
+                known.exact.is_empty(),
+                known.source.is_none(),
+                "{name}: values have a source, and a source values"
+            );
             if let Some(file) = known.source.and_then(|source| source.file) {
                 let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(&file);
                 assert!(path.exists(), "{name}: {file} is no file");

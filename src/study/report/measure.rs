@@ -16,7 +16,13 @@ pub const LONG: f64 = 0.5;
 pub const LONGEST: Duration = Duration::from_secs(20);
 
 /// Runs one ladder from its coarsest rung. Beyond a run that was stopped, finer ones are not tried.
-pub fn ladder(method: String, specification: &Specification, rungs: &[Rung], stages: Stages, reference: &Reference) -> Ladder {
+pub fn ladder(
+    method: String,
+    specification: &Specification,
+    rungs: &[Rung],
+    stages: Stages,
+    reference: &Reference,
+) -> Ladder {
     let mut runs: Vec<Run> = Vec::with_capacity(rungs.len());
     for &rung in rungs {
         let mut run = match runs.last() {

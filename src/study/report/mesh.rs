@@ -35,7 +35,8 @@ pub fn meshes(document: &Value, known: &Known) -> Vec<Mesh> {
     for factor in FACTORS {
         let Some((document, elements)) = scaled(document, factor) else { continue };
         let Some((error, seconds)) = run(document, known) else { continue };
-        let order = found.last().and_then(|coarser| Some((coarser.error? / error?).log2())).filter(|order| order.is_finite());
+        let order =
+            found.last().and_then(|coarser| Some((coarser.error? / error?).log2())).filter(|order| order.is_finite());
         found.push(Mesh { elements, error, order, seconds });
     }
     found
@@ -70,7 +71,12 @@ fn run(mut document: Value, known: &Known) -> Option<(Option<f64>, f64)> {
     let end = specification.time().end;
     let mut values = vec![0.0; exact.fields.len()];
     exact.values.clone().evaluate(end, &[], &mut values);
-    let variant = specification.variant(plan.rungs.first().copied()?, specification.method().stages, vec![end], exact.fields.clone());
+    let variant = specification.variant(
+        plan.rungs.first().copied()?,
+        specification.method().stages,
+        vec![end],
+        exact.fields.clone(),
+    );
     let solution = solve_once(&variant, &Control::with_deadline(Instant::now() + LONGEST));
     let seconds = solution.diagnostics.wall_seconds;
     if solution.status != Status::Completed {

@@ -69,8 +69,7 @@ pub fn chapter_picture(chapter: &Chapter, fixed: bool) -> String {
         .filter(|(_, curves)| curves.iter().any(|curve| !curve.points.is_empty()))
         .collect();
     let title = format!("{}: error against {}", chapter.title, abscissa(fixed));
-    let words =
-        Words { title: &title, titled: false, ordinate: "relative error", abscissa: abscissa(fixed) };
+    let words = Words { title: &title, titled: false, ordinate: "relative error", abscissa: abscissa(fixed) };
     let arrangement = if panels.len() == 1 { Arrangement { columns: 1, height: 300.0, ..LARGE } } else { LARGE };
     overview(&panels, words, arrangement)
 }

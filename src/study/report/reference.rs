@@ -132,7 +132,8 @@ impl Reference {
         };
         let nearest = |t: &f64, of: &[f64]| of.iter().map(|other| (other - t).abs()).reduce(f64::min);
         let missed = switches.map(|found| self.switches.iter().map(|t| nearest(t, found)).collect::<Vec<_>>());
-        let largest = missed.and_then(|missed| missed.into_iter().map(|one| one.unwrap_or(self.horizon)).reduce(f64::max));
+        let largest =
+            missed.and_then(|missed| missed.into_iter().map(|one| one.unwrap_or(self.horizon)).reduce(f64::max));
         let finite = |error: Option<f64>| error.filter(|error| error.is_finite());
         Errors {
             end: finite(end),
@@ -146,7 +147,8 @@ impl Reference {
 
 /// A distance as a part of the largest value of its column, or of the largest of all where the column is zero.
 fn relative(columns: &[Vec<f64>], k: usize, distance: f64) -> f64 {
-    let size_of = |column: &Vec<f64>| column.iter().filter(|x| x.is_finite()).fold(0.0_f64, |size, x| size.max(x.abs()));
+    let size_of =
+        |column: &Vec<f64>| column.iter().filter(|x| x.is_finite()).fold(0.0_f64, |size, x| size.max(x.abs()));
     let size = size_of(&columns[k]);
     let all = columns.iter().map(size_of).fold(0.0, f64::max);
     let size = if size > ZERO * all { size } else { all };
