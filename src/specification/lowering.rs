@@ -281,6 +281,21 @@ impl<'c> Lowering<'c> {
         }
     }
 
+    /// An expression in all that has a name and in one name more, unless that one is taken.
+    pub(super) fn node_with(
+        &mut self,
+        (name, node): (&str, Node),
+        expression: &Expression,
+        place: &Pointer<'_>,
+    ) -> Option<Node> {
+        let names = self.names.clone();
+        // A name that the user gave to something else keeps its meaning.
+        let _ = self.names.bind(name, node);
+        let lowered = self.node(expression, place);
+        self.names = names;
+        lowered
+    }
+
     /// An expression in the parameters alone, which has a finite value and keeps it: others cannot be bound.
     pub(super) fn constant(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<f64> {
         let Constant { value, node } = self.parametric(expression, place)?;
