@@ -18,6 +18,7 @@ use super::drive::DriveState;
 use super::joint::{Joint, Reaction};
 use super::linkage::Linkage;
 use super::motion::Motion;
+use super::prescribed::{Ground, Grounding};
 use super::scene::MultibodySystem;
 use super::signals::Signals;
 use contact::ImpactLaw;
@@ -41,12 +42,15 @@ pub struct Mechanism<'a> {
     pub gravity: Vector3<f64>,
     /// Functions of time that drive joints.
     pub signals: &'a Signals,
+    /// The bodies with prescribed motion, from the beginning of the step on.
+    pub grounds: Vec<Ground>,
 }
 
 impl<'a> Mechanism<'a> {
-    /// The mechanism of a multibody system; `places` are the indices of its bodies among the `moving` bodies.
-    pub fn new(scene: &'a MultibodySystem, places: &[Option<u32>], moving: usize) -> Self {
-        let linkages = Linkage::all(&scene.joints, places, moving);
+    /// The mechanism of a multibody system; `places` are the indices of its bodies among the `moving` bodies, `given` those
+    /// among the bodies with prescribed motion.
+    pub fn new(scene: &'a MultibodySystem, places: &[Option<u32>], given: &[Option<u32>], moving: usize) -> Self {
+        let linkages = Linkage::all(&scene.joints, places, given, moving);
         let mut of_joint = vec![0; scene.joints.len()];
         for (k, linkage) in linkages.iter().enumerate() {
             linkage.joints.iter().for_each(|&joint| of_joint[joint as usize] = k as u32);
@@ -58,7 +62,13 @@ impl<'a> Mechanism<'a> {
             of_joint,
             gravity: scene.gravity,
             signals: &scene.signals,
+            grounds: Vec::new(),
         }
+    }
+
+    /// The motion of the prescribed body number `k` over a part of the step.
+    pub fn grounding(&self, k: u32, t: f64, h: f64) -> Grounding {
+        self.grounds.get(k as usize).map_or(Grounding::WORLD, |ground| ground.over(t, h, self.signals))
     }
 }
 

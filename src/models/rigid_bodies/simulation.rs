@@ -34,7 +34,7 @@ use super::island::{Carried, Island, Mechanism, Unsolved};
 use super::joint::joined;
 use super::load::Load;
 use super::motion::Motion;
-use super::prescribed::Prescribed;
+use super::prescribed::{Ground, Prescribed};
 use super::scene::MultibodySystem;
 use super::touches::Touches;
 use contact::islands::{Islands, threads};
@@ -124,7 +124,7 @@ impl<'a> MoreauStepping<'a> {
             given[k] = Some(prescribed.len() as u32);
             prescribed.push(Prescribed::new(k, body.pose));
         }
-        let mechanism = Mechanism::new(scene, &places, moving.len());
+        let mechanism = Mechanism::new(scene, &places, &given, moving.len());
         let mut acting = Vec::new();
         for (k, action) in scene.actions.iter().enumerate() {
             let mut of = action.bodies.iter().filter_map(|(body, _)| places[*body]);
@@ -202,6 +202,7 @@ impl<'a> MoreauStepping<'a> {
                 prescribed.begin(by, &self.scene.signals, self.t, h);
             }
         }
+        self.ground();
         self.detect(h, control)?;
         self.report.penetration = self.report.penetration.max(self.depth(0.0));
         self.report.overlap = self.report.overlap.max(self.overlap());
@@ -251,6 +252,16 @@ impl<'a> MoreauStepping<'a> {
         self.end_velocities();
         self.t += h;
         Ok(())
+    }
+
+    /// Lets joints hold on to the bodies with prescribed motion.
+    pub(super) fn ground(&mut self) {
+        let of = |prescribed: &Prescribed| {
+            let by = self.scene.bodies[prescribed.body].motion?;
+            Some(Ground { t: self.t, pose: prescribed.pose, by })
+        };
+        self.mechanism.grounds.clear();
+        self.mechanism.grounds.extend(self.prescribed.iter().filter_map(of));
     }
 
     /// Applies gravity to the velocities of bodies in explicit islands.

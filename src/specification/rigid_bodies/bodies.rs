@@ -12,8 +12,8 @@ use crate::pointer::Pointer;
 use crate::range;
 use crate::wording::{abridged, listed};
 use expression::nearest;
-use models::rigid_bodies::{Body, Collider, Linear, Prescription, Shape};
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use models::rigid_bodies::{Angular, Body, Collider, Linear, Prescription, Shape};
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
@@ -76,17 +76,22 @@ pub struct BodyMotion {
     /// Its angular velocity in the world, in radians a second. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub angular_velocity: Option<Vector>,
+    /// How it has turned from its `orientation`, in the place of `angular_velocity`: a vector along the axis in the world, as long
+    /// as the angle in radians. `[0, 0, "0.3*sin(t)"]` swings about the z axis. Default `[0, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub rotation: Option<Vector>,
 }
 
 impl BodyMotion {
-    /// The motion, and where it begins if that is known.
+    /// Gives the body `lowered` the motion, and the pose and velocities with which it begins.
     pub(super) fn lower(
         &self,
         body: &RigidBody,
+        lowered: &mut Body,
         place: &Pointer<'_>,
         functions: &mut Functions,
         lowering: &mut Lowering,
-    ) -> Option<(Prescription, Option<Vector3<f64>>)> {
+    ) {
         let conflicts = [
             (self.position.is_some() && self.velocity.is_some(), "both `position` and `velocity` say how it moves"),
             (body.velocity.is_some() || body.angular_velocity.is_some(), "its velocity is that of its `motion`"),
@@ -94,7 +99,12 @@ impl BodyMotion {
             (body.fixed, "a fixed body does not move"),
             (body.mass.is_some() || body.density.is_some(), "nothing pushes it, and a mass has no meaning"),
             (
-                self.angular_velocity.is_some() && matches!(body.shape, RigidShape::HalfSpace(_)),
+                self.rotation.is_some() && self.angular_velocity.is_some(),
+                "both `rotation` and `angular_velocity` say how it turns",
+            ),
+            (
+                (self.angular_velocity.is_some() || self.rotation.is_some())
+                    && matches!(body.shape, RigidShape::HalfSpace(_)),
                 "a half space that turns is everywhere",
             ),
         ];
@@ -113,11 +123,24 @@ impl BodyMotion {
         };
         let position = functions_of(&self.position, "position");
         let velocity = functions_of(&self.velocity, "velocity");
-        let angular = functions_of(&self.angular_velocity, "angular_velocity");
-        let start =
-            position.map(|of| of.map(|function| functions.at_start(function, lowering).map_or(0.0, |both| both[0])));
+        let turning = functions_of(&self.angular_velocity, "angular_velocity");
+        let rotation = functions_of(&self.rotation, "rotation");
         let linear = position.map(Linear::Position).or(velocity.map(Linear::Velocity));
-        Some((Prescription { linear, angular }, start.map(Vector3::from)))
+        let base = lowered.pose.rotation;
+        let angular =
+            turning.map(Angular::Velocity).or(rotation.map(|rotation| Angular::Rotation(rotation, base)));
+        let motion = Prescription { linear, angular };
+        lowered.motion = Some(motion);
+        let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) else { return };
+        let (values, rates) = functions.signals(lowering).at(t);
+        let at = |of: [usize; 3]| Vector3::from(of.map(|function| values[function]));
+        if let Some(position) = position {
+            lowered.pose.translation.vector = at(position);
+        }
+        if let Some(rotation) = rotation {
+            lowered.pose.rotation = UnitQuaternion::from_scaled_axis(at(rotation)) * base;
+        }
+        (lowered.velocity, lowered.omega) = motion.velocities(&values, &rates);
     }
 }
 

@@ -209,7 +209,9 @@ impl Island {
     fn advance_freely(&mut self, linked: &mut [Linked<'_>], h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
         let mut midpoint = self.midpoint(h, mechanism);
         let course = mechanism.signals.over(self.t, h);
-        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course));
+        let t = self.t;
+        let ground = |k: u32| mechanism.grounding(k, t, h);
+        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course, ground));
         let (mut iterations, mut last) = (0, f64::INFINITY);
         while !iterate(&mut midpoint, linked, &mut last, |_, _| true) {
             iterations += 1;

@@ -12,7 +12,7 @@
 use super::super::joint::Beta;
 use super::super::midpoint::Midpoint;
 use super::super::motion::Motion;
-use super::{Linked, REDUNDANT};
+use super::{Instant, Linked, REDUNDANT};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// The first row or column of velocities.
@@ -28,7 +28,10 @@ pub fn assemble(linked: &mut Linked<'_>, midpoint: &Midpoint) -> bool {
 
 fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> bool {
     let (joint, h) = (linked.joints[k], midpoint.h);
-    let [mean, end] = [&midpoint.means, &midpoint.ends].map(|frames| linked.frames(frames, k));
+    let [mean, end] = [(&midpoint.means, Instant::Mean), (&midpoint.ends, Instant::End)]
+        .map(|(frames, at)| linked.frames(frames, at, k).map(|frame| *frame));
+    let ([mean_first, mean_second], [end_first, end_second]) = (&mean, &end);
+    let (mean, end) = ([mean_first, mean_second], [end_first, end_second]);
     let (arms, apart) = joint.arms(mean);
     let (_, apart_at_end) = joint.arms(end);
     let driving = linked.driving[k];

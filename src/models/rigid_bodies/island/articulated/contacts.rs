@@ -68,7 +68,9 @@ impl Island {
     ) -> bool {
         let mut midpoint = self.midpoint(h, mechanism);
         let course = mechanism.signals.over(self.t, h);
-        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course));
+        let t = self.t;
+        let ground = |k: u32| mechanism.grounding(k, t, h);
+        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course, ground));
         let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
         let mut p: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.impulse).collect();
         let mut last = f64::INFINITY;
