@@ -16,7 +16,7 @@ mod dense;
 mod elimination;
 mod tangent;
 
-pub use elimination::{Blocks, Plan};
+pub use elimination::{Blocks, JointSlots, Plan};
 
 use super::drive::{Done, DriveState, Driving};
 use super::frame::Frame;
@@ -58,6 +58,8 @@ pub struct Linkage {
     /// The second body of each joint, as an index among the bodies with prescribed motion.
     grounds: Vec<Option<u32>>,
     plan: Plan,
+    /// The blocks of each joint.
+    slots: Vec<JointSlots>,
     /// Whether joints form a loop and may be redundant.
     has_loops: bool,
 }
@@ -86,7 +88,9 @@ impl Linkage {
             let ground = |joint: &u32| joints[*joint as usize].bodies.1.and_then(|body| given[body]);
             let grounds = joints_of.iter().map(ground).collect();
             let plan = Plan::new(bodies.len(), &pairs, &equations);
-            Self { plan, bodies, joints: joints_of, pairs, grounds, has_loops }
+            let nodes = (bodies.len() as u32..).zip(&pairs);
+            let slots = nodes.map(|(node, pair)| plan.slots_of_joint(node, *pair)).collect();
+            Self { plan, bodies, joints: joints_of, pairs, grounds, slots, has_loops }
         };
         (0..islands.len()).map(linkage).collect()
     }
@@ -305,7 +309,7 @@ impl<'a> Linked<'a> {
             self.matrix.add(plan, k as u32, &matrix);
         }
         self.is_solved =
-            tangent::assemble(self, midpoint) && self.matrix.factorise(&self.linkage.plan, &self.diagonals);
+            tangent::assemble(self, midpoint) && self.matrix.factorise(&self.linkage.plan, &self.diagonals, self.linkage.has_loops);
         if self.is_solved {
             self.respond();
             self.is_solved = self.x.iter().all(|x| x.iter().all(|x| x.is_finite()));
@@ -347,8 +351,9 @@ impl<'a> Linked<'a> {
                 let Some(body) = body else { continue };
                 let motion = &moving[self.bodies[body as usize] as usize];
                 diagonal += tangent::mobilities(&gradients[side], motion);
-                self.matrix.add(plan, plan.slot(joint, body), &gradients[side]);
-                self.matrix.add(plan, plan.slot(body, joint), &gradients[side].transpose());
+                let slots = &self.linkage.slots[k];
+                self.matrix.add(plan, slots.rows[side], &gradients[side]);
+                self.matrix.add(plan, slots.columns[side], &gradients[side].transpose());
             }
             self.diagonals[k] = diagonal * -REDUNDANT;
             if self.joints[k].drive.is_some_and(|drive| !drive.prescribes()) {
@@ -358,7 +363,7 @@ impl<'a> Linked<'a> {
                 self.matrix.add(plan, joint, &none);
             }
         }
-        self.matrix.factorise(plan, &self.diagonals)
+        self.matrix.factorise(plan, &self.diagonals, self.linkage.has_loops)
     }
 
     /// Projects velocities onto the joint constraints; if `closes`, constraint violations are closed within a unit of

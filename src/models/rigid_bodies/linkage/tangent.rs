@@ -146,17 +146,18 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
     }
     let plan = &linked.linkage.plan;
     let node = (linked.bodies.len() + k) as u32;
-    let pair = linked.linkage.pairs[k];
+    let (pair, slots) = (linked.linkage.pairs[k], linked.linkage.slots[k]);
     let mut diagonal = Vector6::zeros();
     for (side, body) in pair.into_iter().enumerate() {
         let (Some(body), Some(place)) = (body, places[side]) else { continue };
         linked.x[body as usize] += wrenches[side].tr_mul(&linked.impulses[k]);
-        linked.matrix.add(plan, plan.slot(node, body), &gradients[side]);
-        linked.matrix.add(plan, plan.slot(body, node), &wrenches[side].transpose());
+        linked.matrix.add(plan, slots.rows[side], &gradients[side]);
+        linked.matrix.add(plan, slots.columns[side], &wrenches[side].transpose());
         diagonal += mobilities(&wrenches[side], &midpoint.start[place]) * 0.5;
         for (other_side, other) in pair.into_iter().enumerate() {
-            let Some(other) = other else { continue };
-            linked.matrix.add(plan, plan.slot(body, other), &stiffness[side][other_side]);
+            if other.is_some() {
+                linked.matrix.add(plan, slots.bodies[side][other_side], &stiffness[side][other_side]);
+            }
         }
     }
     linked.x[node as usize] = rests;
