@@ -79,8 +79,10 @@ pub struct Carried {
     pub tensions: Vec<Vector6<f64>>,
     /// The largest kinetic energy so far, in joules.
     pub largest_energy: f64,
-    /// The number of halvings with which the last step succeeded.
-    pub halvings: u32,
+    /// The longest step to try without contacts, and with contacts, by the parts in which the last steps were solved.
+    pub parts: Parts,
+    /// The accelerations of its bodies in the last step without contacts, if that was the last; else empty.
+    pub accelerations: Vec<Vector6<f64>>,
     /// The states of the drives of its joints.
     pub states: Vec<DriveState>,
     /// The reactions of its joints in the last step.
@@ -103,6 +105,36 @@ impl Carried {
             ..Self::default()
         }
     }
+}
+
+/// The longest steps to try, in seconds. They are lengths, not numbers of halvings, so that they keep their meaning
+/// where a whole step is taken in parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parts {
+    /// Without contacts.
+    pub free: f64,
+    /// With contacts.
+    pub pushed: f64,
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        Self { free: f64::INFINITY, pushed: f64::INFINITY }
+    }
+}
+
+impl Parts {
+    /// The smaller of both, by kind.
+    pub fn shortest(self, other: Self) -> Self {
+        Self { free: self.free.min(other.free), pushed: self.pushed.min(other.pushed) }
+    }
+}
+
+/// Mean velocities and joint impulses, by linkage, of an attempt at a step.
+#[derive(Debug)]
+struct Guess {
+    mean: Vec<Vector6<f64>>,
+    impulses: Vec<Vec<Vector6<f64>>>,
 }
 
 /// Work and dissipation in a step, in joules.
@@ -160,8 +192,14 @@ pub struct Island {
     pub done: Work,
     /// The largest kinetic energy of its bodies, in joules.
     pub largest_energy: f64,
-    /// The number of halvings with which the last step succeeded.
-    pub halvings: u32,
+    /// The longest steps to try.
+    pub parts: Parts,
+    /// Whether the step cannot be shortened: it is tried however long it is.
+    pub is_shortest: bool,
+    /// The accelerations of its bodies in the last step, where they are known.
+    accelerations: Vec<Option<Vector6<f64>>>,
+    /// The solution of the last attempt at the step, with which the next one begins.
+    guess: Option<Guess>,
     /// The number of steps.
     pub steps: u64,
     /// The number of Newton iterations, in accepted and rejected steps.
@@ -191,7 +229,10 @@ impl Island {
             t: 0.0,
             done: Work::default(),
             largest_energy: 0.0,
-            halvings: 0,
+            parts: Parts::default(),
+            is_shortest: false,
+            accelerations: Vec::new(),
+            guess: None,
             steps: 0,
             newton: 0,
             cone,
@@ -212,7 +253,9 @@ impl Island {
         self.carried.clear();
         self.actions.clear();
         self.done = Work::default();
-        (self.largest_energy, self.halvings, self.steps, self.newton) = (0.0, 0, 0, 0);
+        (self.largest_energy, self.steps, self.newton) = (0.0, 0, 0);
+        (self.parts, self.guess) = (Parts::default(), None);
+        self.accelerations.clear();
         (self.report, self.unsolved) = (None, None);
     }
 

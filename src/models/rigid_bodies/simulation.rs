@@ -78,6 +78,8 @@ pub struct MoreauStepping<'a> {
     acting: Vec<(u32, Option<u32>, u32)>,
     /// The current time.
     t: f64,
+    /// Whether the current part of a step is not to be halved.
+    is_shortest: bool,
     /// The contact force and torque of the last step, for each body with contact outputs.
     contact_forces: Vec<(Vector3<f64>, Vector3<f64>)>,
     /// The bodies with prescribed motion.
@@ -145,6 +147,7 @@ impl<'a> MoreauStepping<'a> {
             places,
             acting,
             t,
+            is_shortest: false,
             contact_forces: vec![Default::default(); scene.bodies.iter().filter(|body| body.tells_contacts).count()],
             prescribed,
             given,
@@ -219,6 +222,7 @@ impl<'a> MoreauStepping<'a> {
         self.report.kinetic = self.report.kinetic.max(kinetic);
         self.remember();
         self.close();
+        self.is_shortest = halvings == 0;
         self.partition_into_islands();
         let report = self.report;
         let solved = self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control));
@@ -230,6 +234,10 @@ impl<'a> MoreauStepping<'a> {
         if is_too_long && halvings > 0 {
             (self.moving, self.carried, self.report) = (start, carried, report);
             self.prescribed.iter_mut().zip(poses).for_each(|(prescribed, pose)| prescribed.pose = pose);
+            // What was learnt of the lengths of steps is kept.
+            for island in &self.tasks[..self.islands.len()] {
+                island.linkages.iter().for_each(|&linkage| self.carried[linkage as usize].parts = island.parts);
+            }
             self.advance(0.5 * h, halvings - 1, control)?;
             return self.advance(0.5 * h, halvings - 1, control);
         }

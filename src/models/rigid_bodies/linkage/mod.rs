@@ -282,6 +282,26 @@ impl<'a> Linked<'a> {
         work
     }
 
+    /// The joint impulses of the current step.
+    pub fn impulses(&self) -> &[Vector6<f64>] {
+        &self.impulses
+    }
+
+    /// Sets the joint impulses with which iterations begin.
+    pub fn guess(&mut self, impulses: &[Vector6<f64>]) {
+        self.impulses.copy_from_slice(impulses);
+    }
+
+    /// Whether a joint holds on to the world or a body with prescribed motion.
+    pub fn is_grounded(&self) -> bool {
+        self.linkage.pairs.iter().any(|pair| pair.contains(&None))
+    }
+
+    /// Whether motors or bodies with prescribed motion give joints a rate at the end of the step.
+    pub fn is_driven(&self) -> bool {
+        self.rates.iter().any(|rates| rates.iter().any(|rate| *rate != 0.0))
+    }
+
     /// Whether the linkage has joints.
     pub fn has_joints(&self) -> bool {
         !self.joints.is_empty()
