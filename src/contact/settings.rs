@@ -71,7 +71,9 @@ pub enum ContactError {
         t: f64,
     },
     /// A coefficient of friction is negative or not finite.
-    #[error("the coefficient of friction of contact {contact} (counted from 0) is {mu} at t = {t}: it must not be negative")]
+    #[error(
+        "the coefficient of friction of contact {contact} (counted from 0) is {mu} at t = {t}: it must not be negative"
+    )]
     Friction {
         /// The contact.
         contact: usize,

@@ -222,7 +222,9 @@ impl ModeEquations {
             });
             let speed = self.speed_over(k, &slips.collect::<Vec<_>>());
             let by_velocity: Vec<f64> = (0..n)
-                .map(|j| rows.clone().zip(of_speed.iter()).map(|(row, slope)| self.constraints().row(row)[j] * slope).sum())
+                .map(|j| {
+                    rows.clone().zip(of_speed.iter()).map(|(row, slope)| self.constraints().row(row)[j] * slope).sum()
+                })
                 .collect();
             let mut slopes = vec![Interval::point(0.0); 2 * n + 1];
             self.problem().enclose_friction_slopes(k, t, x, speed, &mut slopes);

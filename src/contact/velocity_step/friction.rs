@@ -105,7 +105,8 @@ impl VelocityStep<'_> {
             }
             let next = (0..off.len()).map(|i| {
                 let slope = last.as_ref().map(|(mu, before)| (off[i] - before[i]) / (used[i] - mu[i]));
-                let step = slope.filter(|slope| slope.is_finite() && *slope < 0.0).map_or(off[i], |slope| -off[i] / slope);
+                let step =
+                    slope.filter(|slope| slope.is_finite() && *slope < 0.0).map_or(off[i], |slope| -off[i] / slope);
                 (used[i] + step).max(0.0)
             });
             let next = next.collect();

@@ -133,8 +133,7 @@ impl BodyMotion {
         let rotation = functions_of(&self.rotation, "rotation");
         let linear = position.map(Linear::Position).or(velocity.map(Linear::Velocity));
         let base = lowered.pose.rotation;
-        let angular =
-            turning.map(Angular::Velocity).or(rotation.map(|rotation| Angular::Rotation(rotation, base)));
+        let angular = turning.map(Angular::Velocity).or(rotation.map(|rotation| Angular::Rotation(rotation, base)));
         let motion = Prescription { linear, angular };
         lowered.motion = Some(motion);
         let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) else { return };

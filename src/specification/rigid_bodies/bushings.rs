@@ -64,22 +64,17 @@ pub(super) fn lower(
             let mut read = |i: usize, given: &Expression| {
                 in_range(given, &key.replace('_', " "), (|x| x >= 0.0, "not below 0"), &place.index(i), lowering)
             };
-            vector.as_ref().map_or_else(Vector3::zeros, |given| {
-                Vector3::from_fn(|i, _| read(i, &given[i]).unwrap_or(0.0))
-            })
+            vector
+                .as_ref()
+                .map_or_else(Vector3::zeros, |given| Vector3::from_fn(|i, _| read(i, &given[i]).unwrap_or(0.0)))
         };
-        let stiffness = [
-            of_key(&bushing.stiffness, "stiffness"),
-            of_key(&bushing.rotational_stiffness, "rotational_stiffness"),
-        ];
-        let damping =
-            [of_key(&bushing.damping, "damping"), of_key(&bushing.rotational_damping, "rotational_damping")];
+        let stiffness =
+            [of_key(&bushing.stiffness, "stiffness"), of_key(&bushing.rotational_stiffness, "rotational_stiffness")];
+        let damping = [of_key(&bushing.damping, "damping"), of_key(&bushing.rotational_damping, "rotational_damping")];
         let laws: Vec<(usize, DriveLaw)> = (0..6)
             .map(|i| (i, stiffness[i / 3][i % 3], damping[i / 3][i % 3]))
             .filter(|(_, stiffness, damping)| *stiffness > 0.0 || *damping > 0.0)
-            .map(|(i, stiffness, damping)| {
-                (i, DriveLaw::Force(ForceLaw { stiffness, damping, ..ForceLaw::default() }))
-            })
+            .map(|(i, stiffness, damping)| (i, DriveLaw::Force(ForceLaw { stiffness, damping, ..ForceLaw::default() })))
             .collect();
         if laws.is_empty() {
             let error = SpecificationError::new(
@@ -87,9 +82,9 @@ pub(super) fn lower(
                 "empty",
                 "this bushing has neither stiffness nor damping along or about any axis",
             );
-            lowering.errors.push(
-                error.expected("`stiffness`, `damping`, `rotational_stiffness` or `rotational_damping` above 0"),
-            );
+            lowering
+                .errors
+                .push(error.expected("`stiffness`, `damping`, `rotational_stiffness` or `rotational_damping` above 0"));
         }
         let Some((pair, _)) = pair(&bushing.bodies, bodies, names, &place.key("bodies"), lowering) else {
             continue;

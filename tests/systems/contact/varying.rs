@@ -101,9 +101,10 @@ fn stribecks_law_stops_a_block_when_its_integral_says() {
         assert_trusted(&solution);
         // The way, by a quadrature of v^2/(g (m v + d v exp(-v/w))).
         let n = 200_000;
-        let way: f64 = (0..n).map(|i| (i as f64 + 0.5) / n as f64 * v).map(|v| v / (G * (m + d * (-v / w).exp()))).sum::<f64>()
-            * v
-            / n as f64;
+        let way: f64 =
+            (0..n).map(|i| (i as f64 + 0.5) / n as f64 * v).map(|v| v / (G * (m + d * (-v / w).exp()))).sum::<f64>()
+                * v
+                / n as f64;
         (last(&solution, "x") - way).abs()
     });
     assert!(errors[1] < 1e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
@@ -293,7 +294,8 @@ fn parameters_of_a_coefficient_are_bound_without_compiling_anew() {
 #[test]
 fn a_coefficient_that_becomes_negative_is_an_error() {
     for method in [json!({"impacts": "locate"}), json!({"step": 1e-2})] {
-        let document = json!({"problem": {"mechanical": on_floor(json!("0.3 - x"), 5.0)}, "time": {"end": 1}, "method": method});
+        let document =
+            json!({"problem": {"mechanical": on_floor(json!("0.3 - x"), 5.0)}, "time": {"end": 1}, "method": method});
         let specification =
             dvi::specification::Specification::from_json(document.to_string().as_bytes()).expect("a specification");
         let solution = dvi::solve(&specification, &dvi::problem::Control::new());

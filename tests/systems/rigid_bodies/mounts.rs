@@ -38,8 +38,12 @@ fn pendulum_on(motion: Value, joint: &str, step: f64, end: f64) -> Value {
     if joint == "hinge" {
         held["axis"] = json!([0, 1, 0]);
     }
-    scene(&json!({"gravity": [0, 0, -G], "bodies": [support(motion), body], "joints": [{joint: held}],
-        "interpenetration": "resolve"}), end, step)
+    scene(
+        &json!({"gravity": [0, 0, -G], "bodies": [support(motion), body], "joints": [{joint: held}],
+        "interpenetration": "resolve"}),
+        end,
+        step,
+    )
 }
 
 /// The same pendulum in its angle, on a pivot that moves by `x_p` and `z_p`, by Radau IIA.
@@ -97,7 +101,8 @@ fn a_spring_on_a_driven_body_forces_an_oscillation() {
     let (k, w, s) = (100.0_f64, 4.0_f64, 0.05_f64);
     let run = |step: f64| {
         let ball = json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [2, 0, 0]});
-        let spring = json!({"name": "coil", "bodies": ["support", "ball"], "at": [[0, 0, 0], [2, 0, 0]], "stiffness": k});
+        let spring =
+            json!({"name": "coil", "bodies": ["support", "ball"], "at": [[0, 0, 0], [2, 0, 0]], "stiffness": k});
         let moved = support(json!({"position": ["0.05*sin(4*t)", 0, 0]}));
         solve(&scene(&json!({"bodies": [moved, ball], "springs": [spring]}), 3.0, step))
     };
@@ -106,7 +111,9 @@ fn a_spring_on_a_driven_body_forces_an_oscillation() {
     let errors = [4e-3, 2e-3].map(|step| {
         let solution = run(step);
         assert_sound(&solution);
-        assert!((last(&solution, "coil.length") - (last(&solution, "ball.x") - s * (4.0_f64 * 3.0).sin())).abs() < 1e-12);
+        assert!(
+            (last(&solution, "coil.length") - (last(&solution, "ball.x") - s * (4.0_f64 * 3.0).sin())).abs() < 1e-12
+        );
         distance(&solution, "ball.x", exact)
     });
     assert!(errors[1] < 1e-4 && (errors[0] / errors[1]).log2() > 1.95, "{errors:?}");
@@ -118,14 +125,16 @@ fn a_spring_on_a_driven_body_forces_an_oscillation() {
 fn a_body_on_a_driven_arm_stays_on_its_circle_and_is_pulled_to_its_centre() {
     let axis = [2.0_f64 / 3.0, -1.0 / 3.0, 2.0 / 3.0];
     let at = [0.5, 0.0, -0.5];
-    for motion in [
-        json!({"angular_velocity": axis.map(|a| 3.0 * a)}),
-        json!({"rotation": axis.map(|a| format!("3*({a})*t"))}),
-    ] {
+    for motion in
+        [json!({"angular_velocity": axis.map(|a| 3.0 * a)}), json!({"rotation": axis.map(|a| format!("3*({a})*t"))})]
+    {
         let ball = json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 2, "position": at});
-        let solution = solve(&scene(&json!({"bodies": [support(motion), ball],
+        let solution = solve(&scene(
+            &json!({"bodies": [support(motion), ball],
             "joints": [{"fixed": {"name": "arm", "bodies": ["ball", "support"]}}], "interpenetration": "resolve"}),
-            2.0, 2e-3));
+            2.0,
+            2e-3,
+        ));
         assert_sound(&solution);
         let line = nalgebra::Unit::new_normalize(nalgebra::Vector3::from(axis));
         for (k, t) in solution.trajectory.t.iter().enumerate() {
@@ -136,7 +145,8 @@ fn a_body_on_a_driven_arm_stays_on_its_circle_and_is_pulled_to_its_centre() {
             }
         }
         let radius = (nalgebra::Vector3::from(at) - line.into_inner() * line.dot(&nalgebra::Vector3::from(at))).norm();
-        let pull = ["arm.fx", "arm.fy", "arm.fz"].map(|name| last(&solution, name)).map(|f| f * f).iter().sum::<f64>().sqrt();
+        let pull =
+            ["arm.fx", "arm.fy", "arm.fz"].map(|name| last(&solution, name)).map(|f| f * f).iter().sum::<f64>().sqrt();
         assert!((pull - 2.0 * 9.0 * radius).abs() < 1e-3 * pull, "{pull} for {}", 2.0 * 9.0 * radius);
         // A steady rotation takes no work but that which brings the ball to its speed.
         let energy = solution.diagnostics.energy.unwrap();
@@ -149,10 +159,15 @@ fn a_body_on_a_driven_arm_stays_on_its_circle_and_is_pulled_to_its_centre() {
 fn a_rotation_about_a_moving_line_has_the_angular_velocity_of_its_derivative() {
     let rotation = |t: f64| nalgebra::Vector3::new(0.8 * (2.0 * t).sin(), 0.5 * t, 0.3 * t * t);
     let motion = json!({"rotation": ["0.8*sin(2*t)", "0.5*t", "0.3*t^2"]});
-    let ball = json!({"name": "ball", "shape": {"box": {"size": [0.2, 0.1, 0.1]}}, "mass": 2, "position": [0.3, 0.2, 0]});
+    let ball =
+        json!({"name": "ball", "shape": {"box": {"size": [0.2, 0.1, 0.1]}}, "mass": 2, "position": [0.3, 0.2, 0]});
     let errors = [4e-3, 2e-3].map(|step| {
-        let solution = solve(&scene(&json!({"bodies": [support(motion.clone()), ball.clone()],
-            "joints": [{"fixed": {"bodies": ["ball", "support"]}}], "interpenetration": "resolve"}), 1.5, step));
+        let solution = solve(&scene(
+            &json!({"bodies": [support(motion.clone()), ball.clone()],
+            "joints": [{"fixed": {"bodies": ["ball", "support"]}}], "interpenetration": "resolve"}),
+            1.5,
+            step,
+        ));
         assert_sound(&solution);
         let turn = |t: f64| nalgebra::UnitQuaternion::from_scaled_axis(rotation(t));
         let small = 1e-4;
@@ -161,7 +176,11 @@ fn a_rotation_about_a_moving_line_has_the_angular_velocity_of_its_derivative() {
         for (i, name) in ["ball.x", "ball.y", "ball.z"].into_iter().enumerate() {
             assert!((last(&solution, name) - exact[i]).abs() < 1e-9, "{name}");
         }
-        ["ball.wx", "ball.wy", "ball.wz"].iter().enumerate().map(|(i, name)| (last(&solution, name) - omega[i]).abs()).fold(0.0, f64::max)
+        ["ball.wx", "ball.wy", "ball.wz"]
+            .iter()
+            .enumerate()
+            .map(|(i, name)| (last(&solution, name) - omega[i]).abs())
+            .fold(0.0, f64::max)
     });
     // The constraint of velocities holds at the end of each step.
     assert!(errors.iter().all(|error| *error < 1e-6), "{errors:?}");
@@ -173,8 +192,12 @@ fn a_stop_on_a_driven_body_pushes() {
     let arm = json!({"name": "arm", "shape": {"box": {"size": [1, 0.1, 0.1]}}, "mass": 3, "position": [0.5, 0, 0]});
     let hinge = json!({"name": "hinge", "bodies": ["arm", "support"], "at": [0, 0, 0], "axis": [0, 0, 1],
         "limits": {"lower": -0.5, "upper": 0.5}});
-    let solution = solve(&scene(&json!({"bodies": [support(json!({"angular_velocity": [0, 0, "2*t"]})), arm],
-        "joints": [{"hinge": hinge}]}), 2.0, 1e-3));
+    let solution = solve(&scene(
+        &json!({"bodies": [support(json!({"angular_velocity": [0, 0, "2*t"]})), arm],
+        "joints": [{"hinge": hinge}]}),
+        2.0,
+        1e-3,
+    ));
     // The support turns by t^2; the arm follows half a radian behind, once that is reached, and moves ahead no more.
     let coordinate = column(&solution, "hinge.coordinate");
     assert!(coordinate.iter().all(|angle| *angle > -0.5 - 1e-3 && *angle < 0.5 + 1e-3), "{coordinate:?}");
@@ -238,11 +261,11 @@ fn a_block_turns_on_a_bushing_as_a_pendulum_of_twice_its_angle() {
 
 #[test]
 fn a_bushing_bears_a_weight_and_its_damping_brings_it_to_rest() {
-    let block = json!({"name": "block", "shape": {"box": {"size": [0.2, 0.2, 0.2]}}, "mass": 2, "position": [0.1, 0, 0]});
+    let block =
+        json!({"name": "block", "shape": {"box": {"size": [0.2, 0.2, 0.2]}}, "mass": 2, "position": [0.1, 0, 0]});
     let bushing = json!({"name": "mount", "bodies": ["block"], "at": [0, 0, 0], "stiffness": [1e4, 1e4, 1e4],
         "damping": [200, 200, 200], "rotational_stiffness": [100, 100, 100], "rotational_damping": [4, 4, 4]});
-    let solution =
-        solve(&scene(&json!({"gravity": [0, 0, -G], "bodies": [block], "bushings": [bushing]}), 6.0, 2e-3));
+    let solution = solve(&scene(&json!({"gravity": [0, 0, -G], "bodies": [block], "bushings": [bushing]}), 6.0, 2e-3));
     assert!(lacking(&solution) < 1e-9 && solution.verdict.trusted, "{:?}", solution.verdict);
     // The weight acts at 0.1 m from the mount: 2 g 0.1 cos a = 100 sin a cos a.
     let angle = (2.0 * G * 0.1 / 100.0_f64).asin();
@@ -289,6 +312,7 @@ fn a_bushing_on_a_driven_table_isolates() {
     let size = re * re + im * im;
     let of = [(k * re + im * im) / size, (im * re - k * im) / size];
     let late = solution.trajectory.t.iter().zip(column(&solution, "block.z")).filter(|(t, _)| **t > 11.0);
-    let off = late.map(|(t, z)| (z - 1.0 - 0.01 * (of[0] * (w * t).sin() + of[1] * (w * t).cos())).abs()).fold(0.0, f64::max);
+    let off =
+        late.map(|(t, z)| (z - 1.0 - 0.01 * (of[0] * (w * t).sin() + of[1] * (w * t).cos())).abs()).fold(0.0, f64::max);
     assert!(off < 2e-6, "{off:e}");
 }

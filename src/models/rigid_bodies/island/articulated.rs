@@ -312,7 +312,10 @@ fn iterate(
     // Changes that fall faster than in proportion leave an error below the last one times its ratio to the one before.
     let left = if last.is_finite() && change < *last { change * (change / *last) } else { f64::INFINITY };
     // Without any velocities the scale is zero, and `change` is not a number.
-    let is_over = change <= CONVERGED || left <= AHEAD * CONVERGED || midpoint.weigh(&changes) == 0.0 || change >= 0.5 * *last && change <= STAGNANT;
+    let is_over = change <= CONVERGED
+        || left <= AHEAD * CONVERGED
+        || midpoint.weigh(&changes) == 0.0
+        || change >= 0.5 * *last && change <= STAGNANT;
     *last = change;
     is_over
 }
@@ -337,7 +340,8 @@ struct Ended {
 /// of the end of the step.
 fn end(midpoint: &Midpoint, linked: &mut [Linked<'_>]) -> Option<Ended> {
     let moved = midpoint.moved_bodies();
-    let mut ended = Ended { velocities: midpoint.end_velocities(), lost: Vec::with_capacity(linked.len()), driven: 0.0 };
+    let mut ended =
+        Ended { velocities: midpoint.end_velocities(), lost: Vec::with_capacity(linked.len()), driven: 0.0 };
     for linked in linked {
         if !linked.hold(&midpoint.ends, &moved) {
             return None;

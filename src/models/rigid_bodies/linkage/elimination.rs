@@ -162,7 +162,8 @@ impl Plan {
         JointSlots {
             rows: pair.map(|body| of(body, &|body| self.slot(joint, body))),
             columns: pair.map(|body| of(body, &|body| self.slot(body, joint))),
-            bodies: pair.map(|body| pair.map(|other| of(body.and(other), &|other| self.slot(body.unwrap_or(other), other)))),
+            bodies: pair
+                .map(|body| pair.map(|other| of(body.and(other), &|other| self.slot(body.unwrap_or(other), other)))),
         }
     }
 

@@ -328,8 +328,8 @@ impl<'a> Linked<'a> {
             self.x[k] = -rest;
             self.matrix.add(plan, k as u32, &matrix);
         }
-        self.is_solved =
-            tangent::assemble(self, midpoint) && self.matrix.factorise(&self.linkage.plan, &self.diagonals, self.linkage.has_loops);
+        self.is_solved = tangent::assemble(self, midpoint)
+            && self.matrix.factorise(&self.linkage.plan, &self.diagonals, self.linkage.has_loops);
         if self.is_solved {
             self.respond();
             self.is_solved = self.x.iter().all(|x| x.iter().all(|x| x.is_finite()));
@@ -434,9 +434,10 @@ impl<'a> Linked<'a> {
             let value = self.states[k].coordinate + self.deviation(k, &midpoint.ends, Instant::End)?;
             let row = joint.along(drive, frames, value, &apart)?;
             let rate = |of: &[Vector6<f64>], ground: (Vector3<f64>, Vector3<f64>)| {
-                row.velocity(self.linkage.pairs[k].map(|body| {
-                    body.map_or(ground, |body| apart_of(&of[self.bodies[body as usize] as usize]))
-                }))
+                row.velocity(
+                    self.linkage.pairs[k]
+                        .map(|body| body.map_or(ground, |body| apart_of(&of[self.bodies[body as usize] as usize]))),
+                )
             };
             let Grounding { velocities: of_ground, at_end, .. } = self.groundings[k];
             let change = rate(velocities, at_end) - rate(&midpoint.mean, of_ground);

@@ -6,7 +6,9 @@ use super::super::super::midpoint::{CONVERGED, apart};
 use super::super::{Island, Mechanism};
 use super::compliance::{Compliance, respond};
 use super::restoration::restore;
-use super::{Ended, Guess, Home, ITERATIONS, Kept, LOSS, LOSS_IN_IMPACTS, ROOM, STAGNANT, STIFF, end, iterate, stiffness};
+use super::{
+    Ended, Guess, Home, ITERATIONS, Kept, LOSS, LOSS_IN_IMPACTS, ROOM, STAGNANT, STIFF, end, iterate, stiffness,
+};
 use contact::law::Law;
 use nalgebra::{Vector3, Vector6};
 use problem::Control;

@@ -39,7 +39,8 @@ pub(super) fn restore(linked: &Linked<'_>, moved: &[Motion], velocities: &mut [V
         let motion = &moved[place];
         0.5 * (motion.mass * velocity.norm_squared() + omega.dot(&(motion.inertia_in_world() * omega)))
     };
-    let relative: f64 = places.iter().zip(&rigid).map(|(&place, rigid)| energy(place, &(velocities[place] - rigid))).sum();
+    let relative: f64 =
+        places.iter().zip(&rigid).map(|(&place, rigid)| energy(place, &(velocities[place] - rigid))).sum();
     if relative > 0.0 && relative.is_finite() {
         let scale = (1.0 + (lost / relative).min(MOST)).sqrt();
         for (&place, rigid) in places.iter().zip(&rigid) {
