@@ -151,6 +151,11 @@ impl<'p> Outputs<'p> {
                  write it as a distance, or set `impacts` to `time_stepping`",
                 self.model.contacts[contact]
             ),
+            ContactError::Friction { contact, mu, t } => format!(
+                "the coefficient of friction of `{}` is {mu} at t = {t:?}: write an expression that stays at 0 or more, such as \
+                 max(0, ..)",
+                self.model.contacts[contact]
+            ),
             _ => error.to_string(),
         };
         Failure { code: error.code().into(), message, time, state: self.states.clone() }
@@ -164,7 +169,8 @@ impl<'p> Outputs<'p> {
         let mut place = 2 * n;
         for (k, contact) in structure.contacts.iter().enumerate() {
             out[place] = self.constraints.values[structure.joints + k];
-            out[place + 1..=place + 1 + contact.slips].copy_from_slice(&impulses[k].as_slice()[..=contact.slips]);
+            let friction = &impulses[k].component_mul(&Vector3::new(1.0, 1.0, contact.ratio));
+            out[place + 1..=place + 1 + contact.slips].copy_from_slice(&friction.as_slice()[..=contact.slips]);
             place += 2 + contact.slips;
         }
         let energies = self.problem.energies(t, &out[..n], &out[n..2 * n]);

@@ -102,9 +102,10 @@ pub use obstacle::{Boundary, BoundaryCondition, Directions, Domain, MassName, Ob
 pub use ordered::Ordered;
 pub use output::Output;
 pub use rigid_bodies::{
-    AxesOfForce, AxialJoint, BodyContacts, BodyForce, BodyJoint, BodyMotion, BodySpring, BoxShape, CapsuleShape,
-    CompoundPart, CylinderShape, FixedJoint, HalfSpaceShape, HullShape, Inertia, JointLimits, JointSpring, Material,
-    MaterialPair, MeshShape, Motor, PointJoint, RigidBodiesProblem, RigidBody, RigidShape, ServoMotor, SphereShape,
+    AxesOfForce, AxialJoint, BodyContacts, BodyForce, BodyJoint, BodyMotion, BodySpring, BoxShape, Bushing,
+    CapsuleShape, CompoundPart, CylinderShape, FixedJoint, HalfSpaceShape, HullShape, Inertia, JointLimits,
+    JointSpring, Material, MaterialPair, MeshShape, Motor, PointJoint, RigidBodiesProblem, RigidBody, RigidShape,
+    ServoMotor, SphereShape,
 };
 pub use schema::json_schema;
 pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};

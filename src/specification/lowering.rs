@@ -284,6 +284,21 @@ impl<'c> Lowering<'c> {
         }
     }
 
+    /// An expression in all that has a name and in one name more, unless that one is taken.
+    pub(super) fn node_with(
+        &mut self,
+        (name, node): (&str, Node),
+        expression: &Expression,
+        place: &Pointer<'_>,
+    ) -> Option<Node> {
+        let names = self.names.clone();
+        // A name that the user gave to something else keeps its meaning.
+        let _ = self.names.bind(name, node);
+        let lowered = self.node(expression, place);
+        self.names = names;
+        lowered
+    }
+
     /// Lowers a finite expression in the parameters alone, and fixes its value: parameters that it depends on cannot be
     /// bound anew.
     pub(super) fn constant(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<f64> {

@@ -85,6 +85,30 @@ fn coefficients_names_and_cones_are_in_their_ranges() {
 }
 
 #[test]
+fn coefficients_that_vary_and_ellipses_of_friction_say_what_cannot_be() {
+    let place = "contacts/0/friction/coefficient";
+    for law in ["0.2 + 0.1*exp(-slip_speed)", "0.1*(1 + x^2)", "0.3 + 0.1*sin(t)", "0.1 + 0.1*abs(x_dot)"] {
+        let document = with(block_on_floor(), &format!("{AT}/{place}"), json!(law));
+        Specification::from_json(document.to_string().as_bytes()).unwrap_or_else(|errors| panic!("{law}: {errors:#?}"));
+    }
+    refused(place, json!("0.3 - x"), &[(place, "out_of_range", "-2.7 at the start")]);
+    refused(place, json!("ln(-y)"), &[(place, "out_of_range", "NaN")]);
+    refused(place, json!("0.3*slip_sped"), &[(place, "unknown_name", "slip_sped")]);
+    // The name is a name in coefficients alone; a parameter of that name keeps its meaning.
+    refused("potential", json!("slip_speed"), &[("potential", "unknown_name", "slip_speed")]);
+    let document = with(block_on_floor(), &format!("{AT}/parameters/slip_speed"), json!(0.4));
+    let document = with(document, &format!("{AT}/{place}"), json!("slip_speed"));
+    Specification::from_json(document.to_string().as_bytes()).unwrap();
+    let ratio = "contacts/0/friction/ratio";
+    refused(ratio, json!(0.5), &[(ratio, "conflict", "one slip")]);
+    let slips = with(block_on_floor(), &format!("{AT}/contacts/0/friction/slip"), json!(["x_dot", "2*x_dot"]));
+    let bad = with(slips.clone(), &format!("{AT}/{ratio}"), json!(0));
+    assert_errors(&bad, &[(&format!("{AT}/{ratio}"), "out_of_range", "ratio of 0")]);
+    let right = with(slips, &format!("{AT}/{ratio}"), json!("m/4"));
+    Specification::from_json(right.to_string().as_bytes()).unwrap();
+}
+
+#[test]
 fn an_overlapping_start_is_refused_or_resolved_as_asked() {
     refused(
         "coordinates/y/initial",

@@ -241,6 +241,36 @@ fn forces_and_springs_act_on_bodies_that_move() {
 }
 
 #[test]
+fn bushings_say_what_is_wrong_with_them() {
+    let place = format!("{PROBLEM}/bushings/0");
+    let bushing = |members: Value| {
+        let mut bushing = json!({"bodies": ["ball"], "at": [0, 0, 1]});
+        bushing.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
+        with(scene(), &format!("{PROBLEM}/bushings"), json!([bushing]))
+    };
+    assert_errors(&bushing(json!({})), &[(&place, "empty", "neither stiffness nor damping")]);
+    assert_errors(&bushing(json!({"stiffness": [0, 0, 0]})), &[(&place, "empty", "neither stiffness nor damping")]);
+    assert_errors(
+        &bushing(json!({"stiffness": [1, -2, 0]})),
+        &[(&format!("{place}/stiffness/1"), "out_of_range", "stiffness")],
+    );
+    assert_errors(
+        &bushing(json!({"rotational_damping": [1, 0, "-1"]})),
+        &[(&format!("{place}/rotational_damping/2"), "out_of_range", "rotational damping")],
+    );
+    assert_errors(
+        &bushing(json!({"stiffness": [1, 1, 1], "bodies": ["ground"]})),
+        &[(&format!("{place}/bodies"), "nothing_to_join", "moves")],
+    );
+    assert_errors(
+        &bushing(json!({"stiffness": [1, 1, 1], "orientation": [0, 0, 0, 0]})),
+        &[(&format!("{place}/orientation"), "zero_quaternion", "direction")],
+    );
+    let document = bushing(json!({"stiffness": [1, 1, 1], "rotational_stiffness": [1, 1, 1], "name": "mount"}));
+    Specification::from_json(document.to_string().as_bytes()).unwrap();
+}
+
+#[test]
 fn motions_parts_and_groups_say_what_cannot_be() {
     let bodies = |k: usize, key: &str, value: Value| with(scene(), &format!("{BODIES}/{k}/{key}"), value);
     let at = |k: usize, key: &str| format!("{BODIES}/{k}/{key}");
@@ -253,7 +283,16 @@ fn motions_parts_and_groups_say_what_cannot_be() {
     ball.remove("position");
     Specification::from_json(document.to_string().as_bytes()).unwrap();
     document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["box", "ball"], "at": [0, 0, 1]}}]);
-    assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball/bodies/1"), "conflict", "motion")]);
+    // The ball moves on at 1 m/s, and the box is at rest.
+    assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball"), "interpenetration", "torn apart")]);
+    document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["ball"], "at": [0, 0, 1]}}]);
+    assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball/bodies"), "nothing_to_join", "mass")]);
+    document["problem"]["rigid_bodies"]["joints"] = json!([]);
+    let turned = json!({"position": ["t", 0, 1], "rotation": [0, 0, "t"], "angular_velocity": [0, 0, 1]});
+    document["problem"]["rigid_bodies"]["bodies"][1]["motion"] = turned;
+    assert_errors(&document, &[(&at(1, "motion"), "conflict", "`rotation` and `angular_velocity`")]);
+    document["problem"]["rigid_bodies"]["bodies"][1]["motion"] = json!({"rotation": [0, 0, "1/t"]});
+    assert_errors(&document, &[(&at(1, "motion/rotation/2"), "outside_domain", "not finite")]);
     assert_errors(&bodies(0, "motion", json!({})), &[(&at(0, "motion"), "conflict", "fixed")]);
     let compound = |parts: Value| bodies(1, "shape", json!({"compound": parts}));
     assert_errors(&compound(json!([])), &[(&at(1, "shape/compound"), "wrong_count", "0 shapes")]);

@@ -5,10 +5,11 @@ use super::super::expression::Expression;
 use super::super::lowering::{Constant, Lowering};
 use super::super::pointer::Pointer;
 use super::super::wording::{abridged, listed};
-use expression::{Assumption, Node, Scope, nearest};
-use models::ContactCoefficient;
+use expression::{Assumption, Graph, Node, Scope, nearest};
+use models::{ContactCoefficient, slip_speed_input};
 use problem::ContactData;
 use serde::Deserialize;
+use solution::Warning;
 use utoipa::ToSchema;
 
 /// A potential contact, where bodies can touch.
@@ -30,8 +31,12 @@ pub struct Contact {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {
-    /// Coefficient of friction, not negative.
+    /// The coefficient, not negative. It may vary: an expression in `t`, coordinates, velocities, and `slip_speed`, the
+    /// speed of the slip, as in `0.2 + 0.1*exp(-slip_speed/0.05)`.
     pub coefficient: Expression,
+    /// The coefficient for motion in the direction of the second slip, divided by `coefficient`, which then is that in the
+    /// direction of the first: friction forces form an ellipse. Positive. Default 1, a disk.
+    pub ratio: Option<Expression>,
     /// Slip velocities: one for motion in a plane, two at right angles in space; linear in the velocities, plus the
     /// given velocity of the opposite surface.
     pub slip: Vec<Expression>,
@@ -74,7 +79,12 @@ pub(super) struct LoweredContacts {
     pub joints: Vec<Node>,
     /// The nodes of coefficients that depend on parameters.
     pub terms: Vec<(ContactCoefficient, Node)>,
+    /// The coefficients of friction that vary, by contact.
+    pub coefficients: Vec<Option<Node>>,
 }
+
+/// The name of the speed of the slip in a coefficient of friction.
+const SLIP_SPEED: &str = "slip_speed";
 
 const FACETS: u64 = 8;
 
@@ -116,8 +126,11 @@ pub(super) fn lower(
             .and_then(|value| in_range(value, "restitution", (0.0, 1.0), &place.key("restitution"), lowering));
         let terms = &mut lowered.terms;
         terms.extend(restitution.and_then(|restitution| Some((ContactCoefficient::Restitution(k), restitution.node?))));
+        let mut coefficient = None;
         let mut data = ContactData {
             mu: 0.0,
+            varies: false,
+            ratio: 1.0,
             restitution: restitution.map_or(0.0, |restitution| restitution.value),
             first_slip: lowered.slips.len(),
             slips: 0,
@@ -125,8 +138,11 @@ pub(super) fn lower(
         };
         if let Some(friction) = &contact.friction {
             let place = place.key("friction");
-            let term = friction.lower(n, &place, &mut data, &mut lowered.slips, lowering);
-            lowered.terms.extend(term.map(|node| (ContactCoefficient::Friction(k), node)));
+            match friction.lower(n, &place, &mut data, &mut lowered.slips, lowering) {
+                Some(Term::Varying(node)) => coefficient = Some(node),
+                Some(Term::Parametric(node)) => lowered.terms.push((ContactCoefficient::Friction(k), node)),
+                None => {}
+            }
             if data.slips == 2 && *cone.get_or_insert(friction.cone) != friction.cone {
                 let detail = "contacts with two slips use both kinds of cone";
                 let error = SpecificationError::new(place.key("cone").to_string(), "mixed_cones", detail);
@@ -134,11 +150,46 @@ pub(super) fn lower(
             }
         }
         lowered.data.push(data);
+        lowered.coefficients.push(coefficient);
     }
     lowered
 }
 
+/// A coefficient of friction that is no number.
+enum Term {
+    /// It follows parameters.
+    Parametric(Node),
+    /// It follows time or the state.
+    Varying(Node),
+}
+
 impl Friction {
+    /// The coefficient as a node, if it depends on time, on the state or on the speed of the slip.
+    fn varying(&self, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Option<Node>> {
+        if matches!(self.coefficient, Expression::Number(_)) {
+            return Some(None);
+        }
+        let slip_speed = lowering.graph.input(slip_speed_input(n));
+        let node = lowering.node_with((SLIP_SPEED, slip_speed), &self.coefficient, place)?;
+        Some((!lowering.graph.inputs(node).is_empty()).then_some(node))
+    }
+
+    /// The ratio of both coefficients.
+    fn ratio(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<f64> {
+        let Some(ratio) = &self.ratio else { return Some(1.0) };
+        let place = place.key("ratio");
+        let value = lowering.constant(ratio, &place)?;
+        let (code, detail, expected) = match () {
+            () if self.slip.len() != 2 => {
+                ("conflict", "a ratio where there is one slip".to_owned(), "two slips, or no `ratio`")
+            }
+            () if value <= 0.0 => ("out_of_range", format!("a ratio of {value}"), "a positive number"),
+            () => return Some(value),
+        };
+        lowering.errors.push(SpecificationError::new(place.to_string(), code, detail).expected(expected));
+        None
+    }
+
     /// Lowers the friction of a contact. Returns the node of its coefficient if that depends on parameters.
     fn lower(
         &self,
@@ -147,9 +198,14 @@ impl Friction {
         data: &mut ContactData,
         slips: &mut Vec<Node>,
         lowering: &mut Lowering,
-    ) -> Option<Node> {
-        let range = (0.0, f64::MAX);
-        let mu = in_range(&self.coefficient, "coefficient", range, &place.key("coefficient"), lowering);
+    ) -> Option<Term> {
+        let (range, of_coefficient) = ((0.0, f64::MAX), place.key("coefficient"));
+        let varying = self.varying(n, &of_coefficient, lowering);
+        let mu = match varying {
+            Some(None) => in_range(&self.coefficient, "coefficient", range, &of_coefficient, lowering),
+            _ => None,
+        };
+        let ratio = self.ratio(place, lowering);
         if !(1..=2).contains(&self.slip.len()) {
             let detail = format!("{} slip velocities", self.slip.len());
             let error = SpecificationError::new(place.key("slip").to_string(), "wrong_shape", detail);
@@ -184,6 +240,18 @@ impl Friction {
             }
             nodes.push(node);
         }
+        data.ratio = ratio?;
+        if let Some(second) = nodes.get_mut(1).filter(|_| data.ratio != 1.0) {
+            let ratio = lowering.graph.constant(data.ratio);
+            *second = lowering.graph.multiply(*second, ratio);
+        }
+        let facets = (self.cone == ConeName::Polyhedral && nodes.len() == 2).then_some(facets as usize);
+        if let Some(node) = varying? {
+            (data.mu, data.varies) = (f64::NAN, true);
+            (data.slips, data.facets) = (nodes.len(), facets);
+            slips.extend(nodes);
+            return Some(Term::Varying(node));
+        }
         // Without a valid coefficient no friction is built.
         let Constant { value: mu, node } = mu?;
         if let Some(node) = node {
@@ -191,12 +259,32 @@ impl Friction {
         }
         if mu > 0.0 {
             data.mu = mu;
-            data.slips = nodes.len();
-            data.facets = (self.cone == ConeName::Polyhedral && nodes.len() == 2).then_some(facets as usize);
+            (data.slips, data.facets) = (nodes.len(), facets);
             slips.extend(nodes);
         }
-        node
+        node.map(Term::Parametric)
     }
+}
+
+/// A warning of a coefficient of friction with a kink at states where no event is located.
+pub(super) fn kink(contact: &str, coefficient: Node, states: &[String], graph: &Graph) -> Option<Warning> {
+    let (function, inputs) = graph.kinks(coefficient).into_iter().find(|(_, inputs)| inputs.iter().any(|i| *i > 0))?;
+    let of: Vec<&str> = inputs
+        .iter()
+        .map(|&input| match input.checked_sub(1) {
+            None => "t",
+            Some(i) => states.get(i).map_or(SLIP_SPEED, String::as_str),
+        })
+        .collect();
+    Some(Warning {
+        code: "kink_in_rate",
+        message: format!(
+            "the coefficient of friction of `{contact}` has a kink or a jump, `{function}` of {}, that is not located: steps \
+             shrink where it is crossed; for a smooth transition of width w write tanh((x - x0)/w), and for friction that \
+             depends on the slip `{SLIP_SPEED}`, which is smooth while a contact slips",
+            listed(of.into_iter())
+        ),
+    })
 }
 
 /// Lowers an expression that must depend on coordinates, and not on velocities.

@@ -171,9 +171,12 @@ impl Written for MechanicalProblem {
         for (name, &force) in coordinates.iter().zip(&forces) {
             warnings.extend(kinks::warnings(&velocity_name(name), force, &states, &lowering.graph));
         }
-        let LoweredContacts { names, gaps, slips, data, joints, terms } =
+        let LoweredContacts { names, gaps, slips, data, joints, terms, coefficients } =
             contact::lower(&self.contacts, &self.joints, n, place, &mut lowering);
-        let rows = MechanicalRows { mass, potential, forces, joints, gaps, slips, contacts: data };
+        for (name, coefficient) in names.iter().zip(&coefficients) {
+            warnings.extend(coefficient.and_then(|node| contact::kink(name, node, &states, &lowering.graph)));
+        }
+        let rows = MechanicalRows { mass, potential, forces, joints, gaps, slips, contacts: data, coefficients };
         let system = match SymbolicMechanics::new(&mut lowering.graph, &rows) {
             Ok(system) => system,
             Err(refusal) => {
@@ -184,6 +187,9 @@ impl Written for MechanicalProblem {
                         (place.key("contacts").index(k).key("gap").to_string(), error)
                     }
                     DifferentiationError::Slip(_, error) => (place.key("contacts").to_string(), error),
+                    DifferentiationError::Coefficient(k, error) => {
+                        (place.key("contacts").index(k).key("friction").key("coefficient").to_string(), error)
+                    }
                 };
                 lowering.errors.push(SpecificationError::new(pointer, error.code, error.message));
                 return (lowering, None);

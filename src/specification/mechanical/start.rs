@@ -57,6 +57,16 @@ pub(super) fn settle(
             errors.push(SpecificationError::new(place(row), "zero_gradient", detail));
         }
     }
+    for (k, contact) in structure.contacts.iter().enumerate().filter(|(_, contact)| contact.varies) {
+        let speed = contact.slip_speed(&constraints.slip(structure.tangents(k), &state.v));
+        let mu = system.friction(k, t, &state.q, &state.v, speed);
+        if !(mu.is_finite() && mu >= 0.0) {
+            let pointer = problem.key("contacts").index(k).key("friction").key("coefficient").to_string();
+            let detail = format!("the coefficient of friction of `{}` is {mu} at the start", model.contacts[k]);
+            let error = SpecificationError::new(pointer, "out_of_range", detail);
+            errors.push(error.expected("0 or more, wherever and however fast the contact slips"));
+        }
+    }
     if !errors.is_empty() {
         return;
     }

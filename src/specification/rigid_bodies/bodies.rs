@@ -12,8 +12,8 @@ use crate::pointer::Pointer;
 use crate::range;
 use crate::wording::{abridged, listed};
 use expression::nearest;
-use models::rigid_bodies::{Body, Collider, Linear, Prescription, Shape};
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use models::rigid_bodies::{Angular, Body, Collider, Linear, Prescription, Shape};
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
@@ -76,17 +76,22 @@ pub struct BodyMotion {
     /// Angular velocity in the world frame, in radians per second. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub angular_velocity: Option<Vector>,
+    /// How it has turned from its `orientation`, in the place of `angular_velocity`: a vector along the axis in the world, as long
+    /// as the angle in radians. `[0, 0, "0.3*sin(t)"]` swings about the z axis. Default `[0, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub rotation: Option<Vector>,
 }
 
 impl BodyMotion {
-    /// Lowers the motion; also returns its initial position, if that is prescribed.
+    /// Lowers the motion, and sets the initial pose and velocities of the body `lowered`.
     pub(super) fn lower(
         &self,
         body: &RigidBody,
+        lowered: &mut Body,
         place: &Pointer<'_>,
         functions: &mut Functions,
         lowering: &mut Lowering,
-    ) -> Option<(Prescription, Option<Vector3<f64>>)> {
+    ) {
         let conflicts = [
             (
                 self.position.is_some() && self.velocity.is_some(),
@@ -100,8 +105,13 @@ impl BodyMotion {
             (body.fixed, "a fixed body does not move"),
             (body.mass.is_some() || body.density.is_some(), "its motion is prescribed, and a mass has no effect"),
             (
-                self.angular_velocity.is_some() && matches!(body.shape, RigidShape::HalfSpace(_)),
-                "a half space must not rotate: it would sweep all space",
+                self.rotation.is_some() && self.angular_velocity.is_some(),
+                "both `rotation` and `angular_velocity` prescribe its rotation",
+            ),
+            (
+                (self.angular_velocity.is_some() || self.rotation.is_some())
+                    && matches!(body.shape, RigidShape::HalfSpace(_)),
+                "a half space that turns would sweep all space",
             ),
         ];
         let motion = place.key("motion");
@@ -119,11 +129,23 @@ impl BodyMotion {
         };
         let position = functions_of(&self.position, "position");
         let velocity = functions_of(&self.velocity, "velocity");
-        let angular = functions_of(&self.angular_velocity, "angular_velocity");
-        let start =
-            position.map(|of| of.map(|function| functions.at_start(function, lowering).map_or(0.0, |both| both[0])));
+        let turning = functions_of(&self.angular_velocity, "angular_velocity");
+        let rotation = functions_of(&self.rotation, "rotation");
         let linear = position.map(Linear::Position).or(velocity.map(Linear::Velocity));
-        Some((Prescription { linear, angular }, start.map(Vector3::from)))
+        let base = lowered.pose.rotation;
+        let angular = turning.map(Angular::Velocity).or(rotation.map(|rotation| Angular::Rotation(rotation, base)));
+        let motion = Prescription { linear, angular };
+        lowered.motion = Some(motion);
+        let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) else { return };
+        let (values, rates) = functions.signals(lowering).at(t);
+        let at = |of: [usize; 3]| Vector3::from(of.map(|function| values[function]));
+        if let Some(position) = position {
+            lowered.pose.translation.vector = at(position);
+        }
+        if let Some(rotation) = rotation {
+            lowered.pose.rotation = UnitQuaternion::from_scaled_axis(at(rotation)) * base;
+        }
+        (lowered.velocity, lowered.omega) = motion.velocities(&values, &rates);
     }
 }
 

@@ -218,22 +218,14 @@ pub(super) fn pair(
         }
     }
     let moving: Vec<usize> = found.iter().copied().filter(|&body| !bodies[body].fixed).collect();
-    if let Some(i) = found.iter().position(|&body| bodies[body].motion.is_some()) {
-        let detail = format!(
-            "the motion of `{}` is prescribed, and joints and springs have no effect on it",
-            bodies[found[i]].name
-        );
-        let error = SpecificationError::new(place.index(i).to_string(), "conflict", detail);
-        lowering.errors.push(error.expected("a body with mass instead of `motion`, on a joint with a `motor`"));
-        return None;
-    }
+    let driven = found.iter().copied().find(|&body| bodies[body].motion.is_some());
     let detail = match (&moving[..], &found[..]) {
         ([a, b], _) if a != b => return Some(((*a, Some(*b)), false)),
-        ([a], _) => return Some(((*a, None), found[0] != *a)),
-        ([], _) => "none of these bodies moves",
+        ([a], _) => return Some(((*a, driven), found[0] != *a)),
+        ([], _) => "none of these bodies moves by its mass",
         _ => "a body cannot be joined to itself",
     };
     let error = SpecificationError::new(place.to_string(), "nothing_to_join", detail);
-    lowering.errors.push(error.expected("a body that moves, and another or the world"));
+    lowering.errors.push(error.expected("a body that moves by its mass, and another or the world"));
     None
 }

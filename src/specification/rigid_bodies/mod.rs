@@ -7,6 +7,7 @@
 //! Joints are bilateral constraints: `c(q) = 0` and `G v = 0` at the end of every step.
 
 mod bodies;
+mod bushings;
 mod contacts;
 mod forces;
 mod inertia;
@@ -18,6 +19,7 @@ mod springs;
 mod vectors;
 
 pub use bodies::{BodyMotion, RigidBody};
+pub use bushings::Bushing;
 pub use contacts::{BodyContacts, Material, MaterialPair};
 pub use forces::{AxesOfForce, BodyForce};
 pub use inertia::Inertia;
@@ -86,6 +88,9 @@ pub struct RigidBodiesProblem {
     /// Springs and dampers between points of bodies.
     #[serde(default)]
     pub springs: Vec<BodySpring>,
+    /// Soft mounts between bodies: springs and dampers along and about three axes.
+    #[serde(default)]
+    pub bushings: Vec<Bushing>,
     /// Forces and torques on bodies.
     #[serde(default)]
     pub forces: Vec<BodyForce>,
@@ -159,16 +164,15 @@ impl Written for RigidBodiesProblem {
         for (k, (body, given)) in bodies.iter_mut().zip(&self.bodies).enumerate() {
             let place = place_of_bodies.index(k);
             let motion = given.motion.as_ref();
-            let lowered = motion.and_then(|motion| motion.lower(given, &place, &mut functions, &mut lowering));
-            if let Some((motion, start)) = lowered {
-                body.motion = Some(motion);
-                body.pose.translation.vector = start.unwrap_or(body.pose.translation.vector);
+            if let Some(motion) = motion {
+                motion.lower(given, body, &place, &mut functions, &mut lowering);
             }
             body.group = given.group.as_deref().and_then(|group| groups.get(group).copied());
         }
         let mut joints =
             joints::lower(&self.joints, &bodies, &names, &place.key("joints"), &mut functions, &mut lowering);
         joints.extend(springs::lower(&self.springs, &bodies, &names, &place.key("springs"), &mut lowering));
+        joints.extend(bushings::lower(&self.bushings, &bodies, &names, &place.key("bushings"), &mut lowering));
         let actions = forces::lower(&self.forces, &bodies, &names, &place.key("forces"), &mut lowering);
         let signals = functions.signals(&lowering);
         let resolve = self.interpenetration == Interpenetration::Resolve;

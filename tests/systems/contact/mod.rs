@@ -8,6 +8,7 @@ mod located;
 mod rest;
 mod scenes;
 mod units;
+mod varying;
 
 use crate::systems::harness::solve;
 use dvi::solution::Solution;

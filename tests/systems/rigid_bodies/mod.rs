@@ -10,6 +10,7 @@ mod heap;
 mod heaps;
 mod impacts;
 mod joints;
+mod mounts;
 mod stacks;
 
 use serde_json::{Value, json};
