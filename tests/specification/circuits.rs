@@ -160,7 +160,7 @@ fn an_error_in_a_netlist_has_its_line_and_column() {
     assert_netlist(".step R 1 2", &[("unknown_component", "line 1, column 1: the command `.step`")]);
     assert_netlist("* one\n  R1 a 0 1k2", &[("malformed_number", "line 2, column 10: `1k2` is not a number")]);
     assert_netlist("R1 a", &[("incomplete_component", "line 1, column 4: something is missing after `a`")]);
-    assert_netlist("C1 a 0 1u IC 5", &[("unexpected_word", "line 1, column 14: `5` stands where `=` belongs")]);
+    assert_netlist("C1 a 0 1u IC 5", &[("unexpected_word", "line 1, column 14: found `5` where `=` is expected")]);
     assert_netlist("D1 a 0 1N4148", &[("unknown_name", "line 1, column 8: there is no model `1N4148`")]);
     assert_netlist("V1 a 0 SFFM(0 1)", &[("unknown_source", "line 1, column 8: `SFFM`")]);
     assert_netlist("V1 a 0 EXP(0 1)", &[("malformed_source", "line 1, column 8: EXP has 2 values")]);

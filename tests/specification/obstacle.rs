@@ -109,7 +109,7 @@ fn values_lie_between_the_obstacles() {
 
 #[test]
 fn probes_are_points_of_the_domain_with_names_of_their_own() {
-    says(interval(), "probes", json!({"p": [2]}), "probes/p/0", "outside_domain", "2 lies outside");
+    says(interval(), "probes", json!({"p": [2]}), "probes/p/0", "outside_domain", "2 is outside");
     says(interval(), "probes", json!({"p": [0.1, 0.2]}), "probes/p", "wrong_shape", "2 coordinates");
     says(interval(), "probes", json!({"total": [0.1]}), "probes/total", "duplicate_name", "`total`");
 }

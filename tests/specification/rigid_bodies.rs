@@ -150,7 +150,7 @@ fn what_the_stepper_of_bodies_does_not_use_is_refused_where_it_is_written() {
         ("atol", json!(1e-9), "without an error estimate"),
         ("stages", json!(5), "no stages"),
         ("switches", json!("step_over"), "step over all events"),
-        ("vi_solver", json!("lemke"), "solvers of its own"),
+        ("vi_solver", json!("lemke"), "its own solvers"),
         ("accept_index_three", json!(true), "index three"),
     ];
     for (key, value, detail) in cases {
