@@ -130,7 +130,7 @@ fn names_are_unique_and_can_stand_in_an_output() {
     assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "duplicate_name", "is a node as well")]);
     for name in ["", "R 2", "R(2)", "R\"2", &"R".repeat(61)] {
         let document = and("resistor", json!({"name": name, "nodes": ["in", "0"], "ohms": 1}));
-        assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "malformed_name", "no name")]);
+        assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "malformed_name", "not the name")]);
     }
     let document = and("resistor", json!({"name": "R2", "nodes": ["in", "in"], "ohms": 1}));
     assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "shorted_component", "`R2`")]);

@@ -53,7 +53,7 @@ fn a_domain_has_directions_of_some_length_in_their_order() {
 fn elements_are_at_least_two_in_each_direction_and_not_too_many() {
     says(interval(), "elements", json!(1), "elements", "out_of_range", "1 elements");
     says(interval(), "elements", json!({"x": 4, "y": 4}), "elements/y", "no_such_direction", "`y`");
-    says(rectangle(), "elements", json!({"x": 4}), "elements", "missing_key", "no `y`");
+    says(rectangle(), "elements", json!({"x": 4}), "elements", "missing_key", "`y` is missing");
     says(rectangle(), "elements", json!({"x": 4, "y": 0}), "elements/y", "out_of_range", "0 elements");
     says(interval(), "elements", json!(-4), "elements", "wrong_type", "-4");
     says(interval(), "elements", json!(2.5), "elements", "wrong_type", "2.5");
