@@ -98,7 +98,10 @@ fn a_quaternion_is_scaled_with_a_warning_and_none_is_refused() {
     let document = body("orientation", json!([2, 0, 0, 0]));
     let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
     assert_eq!(specification.model().warnings()[0].code, "quaternion_normalised");
-    assert_errors(&body("orientation", json!([0, 0, 0, 0])), &[(&at("orientation"), "zero_quaternion", "zero or not finite")]);
+    assert_errors(
+        &body("orientation", json!([0, 0, 0, 0])),
+        &[(&at("orientation"), "zero_quaternion", "zero or not finite")],
+    );
 }
 
 #[test]
