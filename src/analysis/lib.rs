@@ -212,7 +212,7 @@ mod tests {
     fn friction_with_the_wrong_sign_is_not_certified() {
         let (_, uniqueness, because) = verdict(&orthant(&[0.0], &[-1.0], &[1.0], &[0.0]));
         assert_eq!(uniqueness, Uniqueness::NotCertified);
-        assert!(because.contains("no P-matrix"), "{because}");
+        assert!(because.contains("not a P-matrix"), "{because}");
     }
 
     #[test]

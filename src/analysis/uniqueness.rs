@@ -169,7 +169,7 @@ fn index_zero(problem: &Linearisation, d: &Figures, place: &str) -> (Uniqueness,
 fn index_one(cb: &DMatrix<f64>, figures: &Figures, is_orthant: bool, place: &str) -> (Uniqueness, String) {
     let p = match is_p_matrix(cb) {
         Some(true) => "a P-matrix",
-        Some(false) => "no P-matrix",
+        Some(false) => "not a P-matrix",
         None => "too large to test for a P-matrix",
     };
     let &Figures { least_eigenvalue: least, asymmetry, .. } = figures;

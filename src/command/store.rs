@@ -48,7 +48,7 @@ Exit codes:
 
 Examples:
   dvi store check /var/lib/dvi
-  dvi store check /backup/dvi && echo whole";
+  dvi store check /backup/dvi && echo intact";
 
 /// Rebuild the database of a store from its readable entries, if a page is damaged
 ///
@@ -137,7 +137,7 @@ fn tell_repair(path: &Path, salvaged: &Salvaged, out: &mut impl Write) -> io::Re
 fn tell(path: &Path, found: &Inspection, out: &mut impl Write) -> io::Result<()> {
     let Inspection { format, jobs, ended, results, result_bytes, damaged, unreadable, lost, orphaned, is_sound } =
         found;
-    let word = if found.is_whole() { "whole" } else { "damaged" };
+    let word = if found.is_whole() { "intact" } else { "damaged" };
     writeln!(out, "{}: {word}", path.display())?;
     let unsealed = if *format < 2 { ", without digests: all readable entries count as intact" } else { "" };
     writeln!(out, "  format      {format}{unsealed}")?;

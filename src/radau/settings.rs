@@ -244,7 +244,7 @@ impl std::fmt::Display for RejectionCause {
                 "Newton's method on the stages does not converge (a singularity, a blow-up, or an equation with no solution)"
             }
             Self::Singular => "the equations of the stages are singular (an equation that does not determine its unknown)",
-            Self::NotFinite => "a stage meets a value that is not finite (a blow-up, or the edge of a function's domain)",
+            Self::NotFinite => "a stage has a value that is not finite (a blow-up, or the edge of a function's domain)",
             Self::Unsolved => {
                 "the variational inequality of the stages has no solution, or none was found (G must increase with \
                  z, with D or CB positive definite: check its sign)"

@@ -84,8 +84,9 @@ impl<'p> Audit<'p> {
                 let name = self.variable(found);
                 self.checks.record(CheckCode::EventsUnproven, self.screening.missed as f64, 0.0, || {
                     format!(
-                        "between two steps near t = {t:?} the inequality of `{name}` fails by {:.1e} times what the tolerances \
-                         allow: an event was missed or located at a wrong time; a smaller `max_step` may help",
+                        "between two steps near t = {t:?} the inequality of `{name}` is violated by {:.1e} times what \
+                         the tolerances allow: an event was missed or located at a wrong time; a smaller `max_step` \
+                         may help",
                         found.excess
                     )
                 });

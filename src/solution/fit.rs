@@ -521,8 +521,8 @@ impl Search<'_> {
         if let Some(k) = held.iter().position(|held| *held) {
             let (name, value) = (&fit.parameters[k].name, minimum.point[k]);
             let message = format!(
-                "`{name}` is at its bound {value:?}, beyond which the loss falls further: the intervals of the others hold if it \
-                 is that"
+                "`{name}` is at its bound {value:?}, and the loss decreases further beyond it: the intervals of the \
+                 other parameters assume this value"
             );
             checks.caveat("at_bound", message);
         }

@@ -79,8 +79,8 @@ pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Che
     let lacking = energy.lacking();
     checks.record(CheckCode::EnergyBalance, lacking, allowed, || {
         format!(
-            "the energy balance has a defect of {lacking:.1e} at worst, compared with {size:.1e}, the largest energy \
-             met with all work and dissipation: the motion gains or loses energy without a source or sink; {remedy}"
+            "the energy balance has a defect of {lacking:.1e} at worst, compared with {size:.1e}, the largest energy, \
+             including work and dissipation: the motion gains or loses energy without a source or sink; {remedy}"
         )
     });
     let lost = energy.lost_beyond_restitution;
@@ -91,8 +91,8 @@ pub(super) fn check_energy(energy: &Energy, accuracy: Accuracy, checks: &mut Che
     };
     checks.record(CheckCode::EnergyBalance, lost.abs(), allowed, || {
         format!(
-            "impacts with restitution 1 changed the energy by {:.1e}, compared with {size:.1e}, the largest energy \
-             met: they should conserve it; {remedy}, or set `impact_law` to `sequential`",
+            "impacts with restitution 1 changed the energy by {:.1e}, compared with {size:.1e}, the largest \
+             energy of the run: they should conserve it; {remedy}, or set `impact_law` to `sequential`",
             -lost
         )
     });

@@ -34,7 +34,7 @@ pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analy
         ("friction", scene.laws.any(|law| law.friction > 0.0), "no pair of materials has a coefficient"),
         ("restitution", scene.laws.any(|law| law.restitution > 0.0), "every coefficient is zero"),
         ("joints", !scene.joints.is_empty(), "there are none"),
-        ("midpoint rule", !scene.joints.is_empty(), "no joints hold bodies together"),
+        ("midpoint rule", !scene.joints.is_empty(), "there are no joints"),
         ("resolution of overlaps at the start", scene.resolve, "`interpenetration` is `refuse`"),
     ];
     for (part, needed, reason) in parts {

@@ -248,7 +248,9 @@ impl Search<'_> {
                 format!("{told}; {message}")
             }
             None => {
-                let message = format!("uniqueness is not guaranteed: {told}; no other was found from other starts");
+                let message = format!(
+                    "uniqueness is not guaranteed: {told}; no other solution was found from other starting points"
+                );
                 diagnostics.checks.caveat("uniqueness_not_guaranteed", message);
                 told
             }

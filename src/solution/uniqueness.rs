@@ -102,7 +102,7 @@ impl FaceWatch {
     /// Withdraws the certificate if it was lost.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
         if let Some((t, Analysis { uniqueness, because, .. })) = &self.lost {
-            let because = format!("on the face met at t = {t}: {because}");
+            let because = format!("on the face that became active at t = {t}: {because}");
             take_back(diagnostics, |analysis| Analysis { uniqueness: *uniqueness, because, ..analysis });
         }
     }

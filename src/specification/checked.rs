@@ -166,7 +166,7 @@ impl Specification {
                 );
             }
             if study.is_some() && sensitivities.is_some() {
-                let why = "a `study` compares runs, of which one alone has derivatives";
+                let why = "a `study` compares several runs, and only one of them has derivatives";
                 found.report(&root.key("sensitivities"), "conflict", why);
             }
             if study.is_some() && sweep.is_some() {

@@ -50,7 +50,7 @@ pub fn continued(
 ) -> Result<Vec<u8>, NotContinuable> {
     let mut json: Json = serde_json::from_slice(document).map_err(|_| NotContinuable::Unreadable)?;
     if json.member("sweep").is_some() {
-        return Err(NotContinuable::Problem("a sweep is many runs, each with an end of its own"));
+        return Err(NotContinuable::Problem("a sweep has many runs, each with its own end"));
     }
     vectors::write_out(&mut json, &mut Errors::default());
     if json.member("fit").is_some() {

@@ -8,7 +8,7 @@ pub(super) const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
 
 /// Reports a missing member for a direction that `what` has.
 pub(super) fn missing(key: &str, what: &str, place: &Pointer<'_>, lowering: &mut Lowering) {
-    lowering.errors.report(place, "missing_key", format!("there is no `{key}`, and the {what} has that direction"));
+    lowering.errors.report(place, "missing_key", format!("`{key}` is missing, a direction of the {what}"));
 }
 
 /// Reports a member for a direction that `what` does not have.

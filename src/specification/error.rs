@@ -107,7 +107,8 @@ impl Errors {
             return vec![self.listed.swap_remove(interrupted)];
         }
         if self.cut {
-            let detail = format!("these are the first {MOST} errors; what comes after them was not checked in full");
+            let detail =
+                format!("these are the first {MOST} errors; the rest of the document was not checked completely");
             self.listed.push(SpecificationError::new("", "more_errors", detail));
         }
         self.listed

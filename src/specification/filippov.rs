@@ -259,9 +259,9 @@ fn repulsive(ways: usize) -> Warning {
     Warning {
         code: "repulsive_sliding",
         message: format!(
-            "at the start {ways} regions meet and the rate of each points into it: the border repels, solutions leave \
-             it at any time into any of them, and the one computed is one of many; choose initial values off the \
-             border to select one"
+            "at the start {ways} regions meet and the rate of each points into it: the border repels, so that \
+             solutions may leave it at any time into any region, and only one of them is computed; choose initial \
+             values off the border to select one"
         ),
     }
 }

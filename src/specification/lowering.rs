@@ -268,7 +268,7 @@ impl<'c> Lowering<'c> {
             NameError::Bound { .. } => "duplicate_name",
         };
         self.misnamed |= !matches!(error, NameError::Bound { .. });
-        let expected = "a name of its own: letters, digits and _, not beginning with a digit, and no reserved word";
+        let expected = "a unique name: letters, digits and _, not beginning with a digit, and not a reserved word";
         let detail = match &error {
             NameError::Bound { name } if name == "t" => "`t` is the time".to_owned(),
             _ => error.to_string(),

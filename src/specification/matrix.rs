@@ -151,7 +151,7 @@ impl Matrix {
                 for (k, &(i, j, ref value)) in sparse.entries.iter().enumerate() {
                     let place = place.index(k);
                     if i >= found_rows || j >= found_columns {
-                        let detail = format!("({i}, {j}) lies outside a matrix of {found_rows} x {found_columns}");
+                        let detail = format!("({i}, {j}) is outside a matrix of {found_rows} x {found_columns}");
                         lowering.errors.push(
                             SpecificationError::new(place.to_string(), "index_out_of_range", detail)
                                 .expected("rows and columns counted from 0"),

@@ -55,7 +55,7 @@ impl Repairs {
             Mismatch::WrongType { found, expected } if expected == "newtype variant" => {
                 let write = json.at_mut(&path).map(|name| shapes::alone(name));
                 let (found, expected) =
-                    (found.replace("unit variant", "its name alone"), "an object with it as the only key");
+                    (found.replace("unit variant", "only its name"), "an object with it as the only key");
                 self.wrong_type(json, path, &found, (expected.to_owned(), write), &stand_ins(), errors)
             }
             Mismatch::WrongType { found, expected } => {

@@ -130,7 +130,7 @@ fn names_are_unique_and_can_stand_in_an_output() {
     assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "duplicate_name", "is a node as well")]);
     for name in ["", "R 2", "R(2)", "R\"2", &"R".repeat(61)] {
         let document = and("resistor", json!({"name": name, "nodes": ["in", "0"], "ohms": 1}));
-        assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "malformed_name", "no name")]);
+        assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "malformed_name", "not the name")]);
     }
     let document = and("resistor", json!({"name": "R2", "nodes": ["in", "in"], "ohms": 1}));
     assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "shorted_component", "`R2`")]);
@@ -160,7 +160,7 @@ fn an_error_in_a_netlist_has_its_line_and_column() {
     assert_netlist(".step R 1 2", &[("unknown_component", "line 1, column 1: the command `.step`")]);
     assert_netlist("* one\n  R1 a 0 1k2", &[("malformed_number", "line 2, column 10: `1k2` is not a number")]);
     assert_netlist("R1 a", &[("incomplete_component", "line 1, column 4: something is missing after `a`")]);
-    assert_netlist("C1 a 0 1u IC 5", &[("unexpected_word", "line 1, column 14: `5` stands where `=` belongs")]);
+    assert_netlist("C1 a 0 1u IC 5", &[("unexpected_word", "line 1, column 14: found `5` where `=` is expected")]);
     assert_netlist("D1 a 0 1N4148", &[("unknown_name", "line 1, column 8: there is no model `1N4148`")]);
     assert_netlist("V1 a 0 SFFM(0 1)", &[("unknown_source", "line 1, column 8: `SFFM`")]);
     assert_netlist("V1 a 0 EXP(0 1)", &[("malformed_source", "line 1, column 8: EXP has 2 values")]);

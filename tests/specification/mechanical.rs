@@ -60,7 +60,7 @@ fn slips_are_linear_in_the_velocities() {
     for law in ["x_dot^2", "sin(x_dot)", "x_dot*y_dot", "x"] {
         refused(slip, json!([law]), &[("contacts/0/friction/slip/0", "slip_not_linear", "")]);
     }
-    refused(slip, json!(["x_dot", "y_dot", "x_dot"]), &[(slip, "wrong_shape", "3 velocities")]);
+    refused(slip, json!(["x_dot", "y_dot", "x_dot"]), &[(slip, "wrong_shape", "3 slip velocities")]);
     Specification::from_json(
         with(block_on_floor(), &format!("{AT}/{slip}"), json!(["x_dot*y - sin(t)"])).to_string().as_bytes(),
     )
@@ -77,7 +77,7 @@ fn coefficients_names_and_cones_are_in_their_ranges() {
     refused(friction, of("quadratic", 8), &[("contacts/0/friction/facets", "out_of_range", "quadratic")]);
     refused(friction, of("polyhedral", 3), &[("contacts/0/friction/facets", "out_of_range", "3 corners")]);
     refused("joints/0/name", json!("9"), &[("joints/0/name", "contact_name", "")]);
-    refused("contacts/0/name", json!("string"), &[("contacts/0/name", "contact_name", "taken")]);
+    refused("contacts/0/name", json!("string"), &[("contacts/0/name", "contact_name", "in use")]);
     let document = with(block_on_floor(), &format!("{AT}/forces"), json!({"xx": 1}));
     assert_suggestion(&document, &format!("{AT}/forces/xx"), "unknown_name", "x");
     let document = with(block_on_floor(), &format!("{AT}/coordinates/x_dot"), json!({"initial": 0}));
@@ -114,7 +114,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
         "coordinates/y/initial",
         json!(-0.5),
         &[
-            ("joints/0/constraint", "interpenetration", "off by"),
+            ("joints/0/constraint", "interpenetration", "violated by"),
             ("contacts/0/gap", "interpenetration", "`floor` overlaps by 0.5"),
         ],
     );

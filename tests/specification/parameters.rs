@@ -267,7 +267,7 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&everywhere(), &[("m", 0.0)], "structure_changes", "`m` = 0");
     told(&everywhere(), &[("m", -1.0)], "empty_set", "`m` = -1");
     told(&everywhere(), &[("b", f64::NAN)], "not_finite", "`b` = NaN");
-    told(&everywhere(), &[("c", 1.0)], "unknown_name", "`c` is no parameter");
+    told(&everywhere(), &[("c", 1.0)], "unknown_name", "`c` is not a parameter");
     told(&everywhere(), &[("mm", 1.0)], "unknown_name", "`mm`");
     told(&linear(), &[("e", 0.0)], "structure_changes", "`e` = 0");
     let at_zero = with_numbers(&linear(), &[("e", 0.0)]);

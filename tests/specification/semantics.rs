@@ -258,7 +258,7 @@ fn matrices_have_the_shape_of_their_place() {
     );
     assert_errors(
         &matrix("A", json!({"shape": [2, 2], "entries": [[0, 1, 1], [1, 2, 5]]})),
-        &[("/problem/lcs/A/entries/1", "index_out_of_range", "(1, 2) lies outside")],
+        &[("/problem/lcs/A/entries/1", "index_out_of_range", "(1, 2) is outside")],
     );
     assert_errors(&matrix("A", json!([[0, "x1"], [-1, 0]])), &[("/problem/lcs/A/0/1", "unknown_name", "x1")]);
     assert_errors(

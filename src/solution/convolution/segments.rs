@@ -97,7 +97,7 @@ pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnos
     };
     let left_out = &mut diagnostics.left_out;
     left_out.push("convolution quadrature: it needs steps of one length".to_owned());
-    left_out.push("variational inequality: between switches equations hold".to_owned());
+    left_out.push("variational inequality: between switches there are only equations".to_owned());
     if model.forcing.structure().moving.is_empty() {
         left_out.push("new bounds: they are constant".to_owned());
     } else {

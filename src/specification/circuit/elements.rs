@@ -56,12 +56,12 @@ impl<'a> Circuit<'a> {
             }
             Component::Switch(switch) => {
                 if switch.withstand_volts.is_some() {
-                    let detail = "a switch that voltages and currents decide holds any voltage while it is open";
+                    let detail = "a switch controlled by voltages and currents withstands any voltage while it is open";
                     self.report(
                         k,
                         "conflict",
                         detail,
-                        "no `withstand_volts`, and a way for the current of an inductor, such as a diode",
+                        "no `withstand_volts`, and a path for the current of each inductor, such as a diode",
                         lowering,
                     );
                 }
@@ -138,7 +138,7 @@ impl<'a> Circuit<'a> {
     fn timed_switch(&self, k: usize, switch: &Switch, terms: &mut Terms, lowering: &mut Lowering) -> Law {
         let closed = self.node(k, "closed", &switch.closed, lowering);
         if switch.hysteresis.is_some() {
-            let detail = "`closed` of this switch depends on time alone";
+            let detail = "`closed` of this switch depends only on time";
             self.report(k, "conflict", detail, "no `hysteresis`, or voltages and currents in `closed`", lowering);
         }
         let Some(withstand) = &switch.withstand_volts else {
@@ -146,7 +146,7 @@ impl<'a> Circuit<'a> {
                 k,
                 "missing_key",
                 "`withstand_volts` is missing",
-                "what the switch holds while it is open, in volts",
+                "the voltage that the open switch withstands, in volts",
                 lowering,
             );
             return Law::DependentSwitch;

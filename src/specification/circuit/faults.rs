@@ -30,13 +30,14 @@ impl Names<'_> {
                 .expected("a component from each part of the circuit to the node `0`")
             }
             Fault::SourceLoop(elements) => {
-                let detail = format!("{} form a loop of voltage sources alone", self.list(elements));
+                let detail = format!("{} form a loop of voltage sources without other components", self.list(elements));
                 SpecificationError::new(first(elements), "source_loop", detail)
                     .expected("a resistor in the loop: without it the current is not determined")
             }
             Fault::SwitchLoop(elements) => {
                 let detail = format!(
-                    "{} form a loop of voltage sources, capacitors and switches alone: a short circuit when it closes",
+                    "{} form a loop of only voltage sources, capacitors and switches: a short circuit when the \
+                     switches close",
                     self.list(elements)
                 );
                 SpecificationError::new(first(elements), "switch_loop", detail)
@@ -44,7 +45,7 @@ impl Names<'_> {
             }
             Fault::SourceCutSet(elements) => {
                 let detail = format!(
-                    "{} are current sources that alone connect two parts of the circuit: a cut set",
+                    "{} are current sources and the only connection of two parts of the circuit: a cut set",
                     self.list(elements)
                 );
                 SpecificationError::new(first(elements), "source_cut_set", detail)

@@ -191,7 +191,7 @@ impl<'a> Circuit<'a> {
             let name = component.name();
             if let Some(first) = seen.insert(name, k) {
                 let detail = format!("`{}` is a component already, at {}", abridged(name), self.at(first));
-                self.report(k, "duplicate_name", &detail, "a name of its own", lowering);
+                self.report(k, "duplicate_name", &detail, "a unique name", lowering);
             } else if nodes.contains_key(name) {
                 let detail = format!("`{}` is a node as well, and `v({0})` would be both", abridged(name));
                 self.report(k, "duplicate_name", &detail, "a name that no node has", lowering);

@@ -29,7 +29,7 @@ impl KernelOfTime {
         match (&self.fractional, &self.entries) {
             (Some(fractional), None) => {
                 if self.exponent.is_some() {
-                    let detail = "the exponent of a power stands in `fractional`; this one belongs to `entries`";
+                    let detail = "the exponent of a power is in `fractional`; this exponent belongs to `entries`";
                     lowering.errors.report(&place.key("exponent"), "conflict", detail);
                 }
                 fractional.lower(m, &place.key("fractional"), lowering)

@@ -194,8 +194,8 @@ fn open_questions(geometry: &Geometry, continuum: &Continuum) -> Vec<Warning> {
     if !elastic || geometry.grid.dimension() == 1 {
         return Vec::new();
     }
-    let message = "without viscosity, existence and uniqueness for the continuum are open, whatever holds for its \
-                   elements; with `viscosity` above 0 solutions exist"
+    let message = "without viscosity, existence and uniqueness are open for the continuum, even if the \
+                   discretised problem has a unique solution; with `viscosity` above 0 solutions exist"
         .to_owned();
     vec![Warning { code: "uniqueness_open", message }]
 }

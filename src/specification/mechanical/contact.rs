@@ -102,9 +102,7 @@ pub(super) fn lower(
     let mut name = |name: &str, place: &Pointer<'_>, lowering: &mut Lowering| {
         if let Err(error) = scope.bind(name, zero) {
             let error = SpecificationError::new(place.key("name").to_string(), "contact_name", error.to_string());
-            lowering
-                .errors
-                .push(error.expected("a name of its own: letters, digits and _, not beginning with a digit"));
+            lowering.errors.push(error.expected("a unique name: letters, digits and _, not beginning with a digit"));
         }
     };
     let place = problem.key("joints");

@@ -72,7 +72,7 @@ impl Model for MultibodySystem {
             refuse(key, detail, "to be left out", errors);
         }
         if method.vi_solver != ViSolverName::Auto {
-            let detail = "the law of contact has solvers of its own";
+            let detail = "the contact law has its own solvers";
             refuse("vi_solver", detail, "`auto`, or to be left out", errors);
         }
         refuse_other_methods(method, errors);

@@ -97,7 +97,7 @@ impl<'t> Parser<'t> {
         match self.rest.chars().next() {
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_alphabetic() || c == '_' => self.name(),
-            Some(c) => Err(format!("`{c}` stands where a value belongs")),
+            Some(c) => Err(format!("found `{c}` where a value is expected")),
             None => Err("a value is missing at the end".to_owned()),
         }
     }

@@ -85,7 +85,7 @@ impl<'a, 's> Rest<'a, 's> {
             };
             let equals = self.next("`=`")?;
             if equals.text != "=" {
-                let detail = format!("`{}` stands where `=` belongs", equals.shown());
+                let detail = format!("found `{}` where `=` is expected", equals.shown());
                 return Err(NetlistError::new(equals, "unexpected_word", detail, "`=`"));
             }
             found[k] = Some(self.value("a value")?);

@@ -246,7 +246,7 @@ impl<'a> Expansion<'_, 'a> {
             } else {
                 "no capacitor from it to ground or to another node of .ic"
             };
-            let detail = format!(".ic of `{}`: there is {what} that could take this initial value", given.of.shown());
+            let detail = format!(".ic of `{}` cannot be set: there is {what}", given.of.shown());
             self.errors.push(NetlistError::new(
                 given.of,
                 "inconsistent_start",
