@@ -51,7 +51,7 @@ pub fn solve(
             let needed = estimate >> 20;
             Err(ended(format!("too_much_memory: about {needed} MiB are needed, and --memory-mib allows {memory_mib}")))
         }
-        Ok(Finished::Checked(..) | Finished::TooLarge) => {
+        Ok(Finished::Checked(..) | Finished::TooLarge | Finished::Solved(_, Left::Rows(..))) => {
             Err(ended("defect: the answer is to another question".to_owned()))
         }
         Err(Death::TooMuchMemory(asked)) => {
@@ -90,8 +90,16 @@ fn finish(
         let halted = Notify::new();
         let origin = Origin::default();
         let watch = Watch { origin: &origin, control, halted: &halted, is_unwanted: &|| false };
-        let task =
-            &mut Task { solve: true, document, limits, watch: &watch, long: columns, yields: false, slice: None };
+        let task = &mut Task {
+            solve: true,
+            members: None,
+            document,
+            limits,
+            watch: &watch,
+            long: columns,
+            yields: false,
+            slice: None,
+        };
         let performed = supervisor.perform(task);
         let interrupted = async {
             if tokio::signal::ctrl_c().await.is_ok() {

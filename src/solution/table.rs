@@ -4,7 +4,11 @@
 //! Columns are kept as such: eight bytes a number, four bytes a count, one or four a word (words that come again are kept once). A number
 //! that is missing is NaN here, and null or nothing wherever it is written.
 
+mod answer;
 mod json;
+mod rows;
+
+pub use answer::Incomplete;
 
 use json::{by_name, schema_of_columns};
 use rustc_hash::FxHashMap;

@@ -392,6 +392,10 @@ impl Specification {
         self.sweep.as_ref()
     }
 
+    pub(super) fn sweep_mut(&mut self) -> Option<&mut SweepPlan> {
+        self.sweep.as_mut()
+    }
+
     /// The wall-clock time the user allows, in seconds.
     pub fn wall_seconds(&self) -> Option<f64> {
         self.limits.wall_seconds

@@ -33,7 +33,7 @@ impl Specification {
     fn table_bytes(&self) -> usize {
         let Some(sweep) = self.sweep() else { return 0 };
         let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len();
-        sweep.members().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
+        sweep.chunk().members.len().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
     }
 
     /// A run, and the equations of its derivatives, which are evaluated apart.

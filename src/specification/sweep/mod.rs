@@ -27,7 +27,9 @@ use super::{reading, vectors};
 use problem::Control;
 use serde::Deserialize;
 use solution::Reducers;
+use std::ops;
 use std::sync::Arc;
+use std::time::Duration;
 use target::{targets, unknown};
 use utoipa::ToSchema;
 
@@ -99,6 +101,19 @@ pub struct SweepPlan {
     pub digest: Arc<str>,
     /// The document, with vectors as they are written.
     source: Arc<Json>,
+    /// The members that are to be solved, where that is a part of them.
+    chunk: Option<SweepChunk>,
+}
+
+/// Consecutive members of a sweep as one piece of work.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepChunk {
+    /// The members.
+    pub members: ops::Range<usize>,
+    /// Why these members cannot be solved, by its code and in words: their rows say so.
+    pub lost: Option<(String, String)>,
+    /// The time after which no further member is begun; at least one member is solved.
+    pub within: Option<Duration>,
 }
 
 /// What a sweep is checked with: what was found while the document was read.
@@ -133,7 +148,7 @@ impl SweepRequest {
             return None;
         }
         let digest = hexadecimal(&digest(source.to_string().as_bytes()));
-        Some(SweepPlan { targets, design: Arc::new(design), reducers, digest: digest.into(), source })
+        Some(SweepPlan { targets, design: Arc::new(design), reducers, digest: digest.into(), source, chunk: None })
     }
 
     /// Names of columns are not to stand twice.
@@ -317,9 +332,26 @@ impl SweepPlan {
     pub fn members(&self) -> usize {
         self.design.members()
     }
+
+    /// The members that are to be solved: all, or a part of them.
+    pub fn chunk(&self) -> SweepChunk {
+        let all = || SweepChunk { members: 0..self.members(), lost: None, within: None };
+        self.chunk.clone().unwrap_or_else(all)
+    }
 }
 
 impl Specification {
+    /// The same problem, with some members of its sweep alone; those that there are not are left out.
+    #[must_use]
+    pub fn with_chunk(mut self, chunk: SweepChunk) -> Self {
+        if let Some(plan) = self.sweep_mut() {
+            let end = chunk.members.end.min(plan.members());
+            let members = chunk.members.start.min(end)..end;
+            plan.chunk = Some(SweepChunk { members, ..chunk });
+        }
+        self
+    }
+
     /// The specification of a member with these values: those of its parameters are bound, unless they change the structure.
     ///
     /// # Errors

@@ -6,6 +6,7 @@ use solution::{
     CheckCode, Collected, Column, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance, Values, Words,
 };
 use specification::{Search, Specification, SpecificationError, SweepPlan};
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -24,6 +25,8 @@ pub struct Template<'s> {
     reducers: Arc<Reducers>,
     /// The problem as it is written, then those with another structure that members were found to have.
     structures: Vec<Specification>,
+    /// Why the members have no solution, where that is known beforehand.
+    lost: Option<(String, String)>,
     empty: Table,
 }
 
@@ -34,7 +37,7 @@ struct Rows {
 
 /// Why a member has no solution at all.
 struct Refused {
-    code: &'static str,
+    code: Cow<'static, str>,
     message: String,
 }
 
@@ -44,8 +47,11 @@ impl<'s> Template<'s> {
         let plan = specification.sweep().expect("a sweep is asked for");
         let reducers = Arc::new(plan.reducers.clone());
         let empty = empty(specification, plan, &reducers);
-        let mut template = Self { specification, plan, reducers, structures: vec![specification.clone()], empty };
-        template.find_structures(control);
+        let (structures, lost) = (vec![specification.clone()], plan.chunk().lost);
+        let mut template = Self { specification, plan, reducers, structures, lost, empty };
+        if template.lost.is_none() {
+            template.find_structures(control);
+        }
         template
     }
 
@@ -91,9 +97,12 @@ impl<'s> Template<'s> {
     }
 
     fn member(&self, values: &[f64], control: &Control) -> Result<Specification, Refused> {
+        if let Some((code, message)) = &self.lost {
+            return Err(Refused { code: code.clone().into(), message: message.clone() });
+        }
         if let Some(k) = values.iter().position(|value| !value.is_finite()) {
             let message = format!("`{}` is {}", self.plan.targets[k].name, values[k]);
-            return Err(Refused { code: "not_finite", message });
+            return Err(Refused { code: "not_finite".into(), message });
         }
         let errors = match self.bind(values) {
             Ok(bound) => return Ok(bound),
@@ -104,14 +113,15 @@ impl<'s> Template<'s> {
             Err(Unbound::Refused(errors)) => errors,
         };
         let first = errors.into_iter().next();
-        Err(first.map_or(Refused { code: "defect", message: String::new() }, |error| {
+        Err(first.map_or(Refused { code: "defect".into(), message: String::new() }, |error| {
             let message = error.detail.lines().next().unwrap_or_default().to_owned();
-            Refused { code: error.code, message }
+            Refused { code: error.code.into(), message }
         }))
     }
 
-    /// The rows of these members; those that were stopped on the way have none. `told` is given the steps of each.
-    pub fn rows(&self, members: Range<usize>, control: &Control, mut told: impl FnMut(u64)) -> Table {
+    /// The rows of these members, one after the other; a member that was stopped on the way has none. `goes_on` is given the
+    /// steps of each, and says whether to begin the next.
+    pub fn rows(&self, members: Range<usize>, control: &Control, mut goes_on: impl FnMut(u64) -> bool) -> Table {
         let mut rows = Rows { table: self.empty() };
         let mut values = vec![0.0; self.plan.targets.len()];
         for k in members {
@@ -129,7 +139,9 @@ impl<'s> Template<'s> {
             }
             let steps = row.as_ref().map_or(0, |solution| solution.diagnostics.steps.accepted);
             rows.push(k, &values, row, &self.reducers);
-            told(steps);
+            if !goes_on(steps) {
+                break;
+            }
         }
         rows.table
     }
@@ -190,7 +202,7 @@ impl Rows {
         };
         let error = match &row {
             Ok(solution) => solution.error.as_ref().map(|error| (&*error.code, error.message.as_str())),
-            Err(refused) => Some((refused.code, refused.message.as_str())),
+            Err(refused) => Some((&*refused.code, refused.message.as_str())),
         };
         let error = error.map(|(code, message)| format!("{code}: {message}").chars().take(ERROR).collect::<String>());
         let (steps, switches) =

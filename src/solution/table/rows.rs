@@ -1,0 +1,194 @@
+//! Rows of a table as bytes, for a worker to send and a store to keep:
+//!
+//! ```text
+//! head       the bytes of the head (4), the head as JSON: a table without rows
+//! rows       how many (4)
+//! columns    of each its kind (1), and its values, little-endian:
+//!            numbers 8 bytes, NaN where there is none; counts 4 bytes, the largest where there is none; truths 1 byte;
+//!            words: how many (4), each with its bytes (4) before it, then the place of each row in that list (4)
+//! ```
+//!
+//! Unlike JSON, a column whose values are all missing keeps its kind.
+
+use super::{MISSING, Table, Values, Words};
+use std::io;
+
+/// The kinds of columns.
+const NUMBERS: u8 = 0;
+const COUNTS: u8 = 1;
+const FLAGS: u8 = 2;
+const WORDS: u8 = 3;
+
+impl Table {
+    /// The table as bytes.
+    ///
+    /// # Errors
+    /// It has more rows, or longer words, than four bytes count.
+    pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let head = Self { failed: self.failed, ..self.emptied() };
+        put_text(&serde_json::to_vec(&head)?, &mut bytes)?;
+        put(self.rows(), &mut bytes)?;
+        for column in &self.columns {
+            match &column.values {
+                Values::Numbers(values) => {
+                    bytes.push(NUMBERS);
+                    values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+                }
+                Values::Counts(values) => {
+                    bytes.push(COUNTS);
+                    values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+                }
+                Values::Flags(values) => {
+                    bytes.push(FLAGS);
+                    bytes.extend(values.iter().map(|value| u8::from(*value)));
+                }
+                Values::Words(words) => {
+                    bytes.push(WORDS);
+                    put(words.words.len(), &mut bytes)?;
+                    words.words.iter().try_for_each(|word| put_text(word.as_bytes(), &mut bytes))?;
+                    for row in 0..words.places.len() {
+                        let place = words.places.get(row).unwrap_or(MISSING);
+                        bytes.extend_from_slice(&place.to_le_bytes());
+                    }
+                }
+            }
+        }
+        Ok(bytes)
+    }
+
+    /// The table that [`Table::to_bytes`] wrote.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::InvalidData`] if the bytes are others.
+    pub fn of_bytes(bytes: &[u8]) -> io::Result<Self> {
+        let mut rest = Rest(bytes);
+        let length = rest.count()?;
+        let mut table: Self = serde_json::from_slice(rest.take(length)?)?;
+        let rows = rest.count()?;
+        for column in &mut table.columns {
+            let [kind] = rest.numbers::<1>(1)?[..] else { return Err(cut_off()) };
+            column.values = match kind {
+                [NUMBERS] => {
+                    Values::Numbers(rest.numbers(rows)?.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
+                }
+                [COUNTS] => {
+                    Values::Counts(rest.numbers(rows)?.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect())
+                }
+                [FLAGS] => Values::Flags(rest.take(rows)?.iter().map(|byte| *byte != 0).collect()),
+                [WORDS] => Values::Words(rest.words(rows)?),
+                _ => return Err(cut_off()),
+            };
+        }
+        if rest.0.is_empty() { Ok(table) } else { Err(cut_off()) }
+    }
+}
+
+fn put(count: usize, bytes: &mut Vec<u8>) -> io::Result<()> {
+    let count = u32::try_from(count).map_err(|_| io::ErrorKind::FileTooLarge)?;
+    bytes.extend_from_slice(&count.to_le_bytes());
+    Ok(())
+}
+
+fn put_text(text: &[u8], bytes: &mut Vec<u8>) -> io::Result<()> {
+    put(text.len(), bytes)?;
+    bytes.extend_from_slice(text);
+    Ok(())
+}
+
+fn cut_off() -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, "these are no rows of a table")
+}
+
+/// What has not been read yet.
+struct Rest<'b>(&'b [u8]);
+
+impl<'b> Rest<'b> {
+    fn take(&mut self, count: usize) -> io::Result<&'b [u8]> {
+        let (taken, rest) = self.0.split_at_checked(count).ok_or_else(cut_off)?;
+        self.0 = rest;
+        Ok(taken)
+    }
+
+    /// Numbers of `N` bytes each.
+    fn numbers<const N: usize>(&mut self, count: usize) -> io::Result<&'b [[u8; N]]> {
+        Ok(self.take(count.checked_mul(N).ok_or_else(cut_off)?)?.as_chunks().0)
+    }
+
+    fn count(&mut self) -> io::Result<usize> {
+        self.numbers(1)?.first().map(|bytes| u32::from_le_bytes(*bytes) as usize).ok_or_else(cut_off)
+    }
+
+    fn words(&mut self, rows: usize) -> io::Result<Words> {
+        let count = self.count()?;
+        // Each takes four bytes at least.
+        let mut known = Vec::with_capacity(count.min(self.0.len() / 4));
+        for _ in 0..count {
+            let length = self.count()?;
+            known.push(str::from_utf8(self.take(length)?).map_err(|_| cut_off())?);
+        }
+        let mut words = Words::default();
+        for place in self.numbers(rows)? {
+            let place = u32::from_le_bytes(*place);
+            let word = match place {
+                MISSING => None,
+                place => Some(*known.get(place as usize).ok_or_else(cut_off)?),
+            };
+            words.push(word);
+        }
+        Ok(words)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Column, TableProvenance};
+    use super::*;
+
+    fn table() -> Table {
+        let column = |name: &str, values: Values| Column { name: name.to_owned(), values };
+        let mut words = Words::default();
+        [Some("stick>slip"), None, Some("\"é\n"), Some("stick>slip")].iter().for_each(|word| words.push(*word));
+        Table {
+            columns: vec![
+                column("member", Values::Counts(vec![5, 6, 7, 8])),
+                column("x", Values::Numbers(vec![-0.0, f64::NAN, 5e-324, f64::MAX])),
+                column("n", Values::Counts(vec![MISSING; 4])),
+                column("trusted", Values::Flags(vec![true, false, true, true])),
+                column("word", Values::Words(words)),
+            ],
+            members: 1_000_000,
+            failed: 1,
+            swept: vec!["x".to_owned()],
+            collected: vec!["n".to_owned(), "word".to_owned()],
+            provenance: TableProvenance { digest: "abc".to_owned(), ..TableProvenance::default() },
+        }
+    }
+
+    #[test]
+    fn rows_read_back_with_their_kinds_and_to_the_same_bits() {
+        let table = table();
+        let read = Table::of_bytes(&table.to_bytes().unwrap()).unwrap();
+        assert_eq!(read, table);
+        assert!(matches!(read.columns[2].values, Values::Counts(_)));
+        assert_eq!(read.to_bytes().unwrap(), table.to_bytes().unwrap());
+        assert_eq!(Table::of_bytes(&table.emptied().to_bytes().unwrap()).unwrap().rows(), 0);
+    }
+
+    #[test]
+    fn other_bytes_are_refused() {
+        let bytes = table().to_bytes().unwrap();
+        for length in 0..bytes.len() {
+            assert!(Table::of_bytes(&bytes[..length]).is_err(), "{length}");
+        }
+        assert!(Table::of_bytes(&[&bytes[..], &[0]].concat()).is_err());
+        // Any byte may be another: what is read has columns of one length, or is refused.
+        for place in 0..bytes.len() {
+            let mut other = bytes.clone();
+            other[place] ^= 0x55;
+            if let Ok(read) = Table::of_bytes(&other) {
+                assert!(read.columns.iter().all(|column| column.values.len() == read.rows()), "{place}");
+            }
+        }
+    }
+}
