@@ -34,7 +34,9 @@ impl Table {
         let mut summary = Summary::new();
         for name in &self.collected {
             let Some(values) = self.column(name) else { continue };
-            let numbers: Vec<f64> = (0..values.len()).filter_map(|row| values.number(row)).collect();
+            // No more than is needed, and only those of one column at a time: there may be millions.
+            let mut numbers = Vec::with_capacity((0..values.len()).filter(|row| !values.is_missing(*row)).count());
+            numbers.extend((0..values.len()).filter_map(|row| values.number(row)));
             if let Some(of) = OfNumber::of(numbers) {
                 summary.insert(name.clone(), of);
             }
@@ -55,7 +57,7 @@ impl OfNumber {
         let mean = numbers.iter().map(|x| x / unit).sum::<f64>() / count;
         let squares = numbers.iter().map(|x| (x / unit - mean).powi(2)).sum::<f64>();
         let sd = if numbers.len() > 1 { (squares / (count - 1.0)).sqrt() * unit } else { 0.0 };
-        numbers.sort_by(f64::total_cmp);
+        numbers.sort_unstable_by(f64::total_cmp);
         let quantile = |part: f64| {
             let place = part * (count - 1.0);
             let below = place as usize;

@@ -1,23 +1,23 @@
 //! The table of a sweep: one row a member, a column for each name that was swept, for each number that was collected, and for how
 //! the member ended.
 //!
-//! Columns are kept as such: eight bytes a number, four bytes a count, one or four a word (words that come again are kept once). A number
+//! Columns are kept as such: eight bytes a number, up to four bytes a count or a word (words that come again are kept once). A number
 //! that is missing is NaN here, and null or nothing wherever it is written.
 
 mod answer;
+mod counts;
 mod json;
 mod rows;
 
 pub use answer::Incomplete;
+pub use counts::Counts;
 
+use counts::MISSING;
 use json::{by_name, schema_of_columns};
 use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use utoipa::ToSchema;
-
-/// A count or a word that is missing.
-const MISSING: u32 = u32::MAX;
 
 /// One row for each member of a sweep, in the order of members.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
@@ -71,7 +71,7 @@ pub enum Values {
     /// Numbers; NaN where there is none.
     Numbers(Vec<f64>),
     /// Counts; [`u32::MAX`] where there is none.
-    Counts(Vec<u32>),
+    Counts(Counts),
     /// Truths.
     Flags(Vec<bool>),
     /// Words by their places in a list.
@@ -81,62 +81,10 @@ pub enum Values {
 /// Words, each kept once.
 #[derive(Clone, Debug, Default)]
 pub struct Words {
-    places: Places,
+    /// The place of the word of each row.
+    places: Counts,
     words: Vec<String>,
     known: FxHashMap<String, u32>,
-}
-
-/// Places in a list of words: a byte each, for as long as there are few words, as of columns that say how a member ended.
-#[derive(Clone, Debug)]
-enum Places {
-    Narrow(Vec<u8>),
-    Wide(Vec<u32>),
-}
-
-impl Default for Places {
-    fn default() -> Self {
-        Self::Narrow(Vec::new())
-    }
-}
-
-impl Places {
-    fn len(&self) -> usize {
-        match self {
-            Self::Narrow(places) => places.len(),
-            Self::Wide(places) => places.len(),
-        }
-    }
-
-    fn get(&self, row: usize) -> Option<u32> {
-        match self {
-            Self::Narrow(places) => {
-                places.get(row).map(|place| if *place == u8::MAX { MISSING } else { u32::from(*place) })
-            }
-            Self::Wide(places) => places.get(row).copied(),
-        }
-    }
-
-    fn push(&mut self, place: u32) {
-        if let Self::Narrow(places) = self {
-            match u8::try_from(place) {
-                _ if place == MISSING => return places.push(u8::MAX),
-                Ok(place) if place < u8::MAX => return places.push(place),
-                _ => {}
-            }
-            let wide = (0..self.len()).map(|row| self.get(row).unwrap_or(MISSING)).collect();
-            *self = Self::Wide(wide);
-        }
-        if let Self::Wide(places) = self {
-            places.push(place);
-        }
-    }
-
-    fn reserve(&mut self, rows: usize) {
-        match self {
-            Self::Narrow(places) => places.reserve_exact(rows),
-            Self::Wide(places) => places.reserve_exact(rows),
-        }
-    }
 }
 
 /// Why tables are not parts of one.
@@ -173,9 +121,8 @@ impl Words {
 
     fn append(&mut self, other: &Self) {
         let places: Vec<u32> = other.words.iter().map(|word| self.place(word)).collect();
-        for row in 0..other.places.len() {
-            let place = other.places.get(row).and_then(|place| places.get(place as usize)).copied();
-            self.places.push(place.unwrap_or(MISSING));
+        for place in other.places.iter() {
+            self.places.push(places.get(place as usize).copied().unwrap_or(MISSING));
         }
     }
 }
@@ -222,7 +169,7 @@ impl Values {
     pub fn is_missing(&self, row: usize) -> bool {
         match self {
             Self::Numbers(values) => values.get(row).is_none_or(|value| !value.is_finite()),
-            Self::Counts(values) => values.get(row).is_none_or(|value| *value == MISSING),
+            Self::Counts(values) => values.get(row).is_none_or(|value| value == MISSING),
             Self::Flags(values) => values.get(row).is_none(),
             Self::Words(words) => words.get(row).is_none(),
         }
@@ -232,7 +179,7 @@ impl Values {
     pub fn number(&self, row: usize) -> Option<f64> {
         match self {
             Self::Numbers(values) => values.get(row).copied().filter(|value| value.is_finite()),
-            Self::Counts(values) => values.get(row).copied().filter(|value| *value != MISSING).map(f64::from),
+            Self::Counts(values) => values.get(row).filter(|value| *value != MISSING).map(f64::from),
             Self::Flags(_) | Self::Words(_) => None,
         }
     }
@@ -249,7 +196,7 @@ impl Values {
     pub fn reserve(&mut self, rows: usize) {
         match self {
             Self::Numbers(values) => values.reserve_exact(rows),
-            Self::Counts(values) => values.reserve_exact(rows),
+            Self::Counts(values) => values.reserve(rows),
             Self::Flags(values) => values.reserve_exact(rows),
             Self::Words(words) => words.places.reserve(rows),
         }
@@ -290,7 +237,7 @@ impl Values {
         }
         match (self, other) {
             (Self::Numbers(values), Self::Numbers(other)) => values.extend(other),
-            (Self::Counts(values), Self::Counts(other)) => values.extend(other),
+            (Self::Counts(values), Self::Counts(other)) => other.iter().for_each(|value| values.push(value)),
             (Self::Flags(values), Self::Flags(other)) => values.extend(other),
             (Self::Words(words), Self::Words(other)) => words.append(&other),
             _ => return false,
@@ -302,7 +249,7 @@ impl Values {
     pub fn emptied(&self) -> Self {
         match self {
             Self::Numbers(_) => Self::Numbers(Vec::new()),
-            Self::Counts(_) => Self::Counts(Vec::new()),
+            Self::Counts(_) => Self::Counts(Counts::default()),
             Self::Flags(_) => Self::Flags(Vec::new()),
             Self::Words(_) => Self::Words(Words::default()),
         }
@@ -311,7 +258,7 @@ impl Values {
     fn reordered(&self, order: &[usize]) -> Self {
         match self {
             Self::Numbers(values) => Self::Numbers(order.iter().map(|row| values[*row]).collect()),
-            Self::Counts(values) => Self::Counts(order.iter().map(|row| values[*row]).collect()),
+            Self::Counts(values) => Self::Counts(order.iter().filter_map(|row| values.get(*row)).collect()),
             Self::Flags(values) => Self::Flags(order.iter().map(|row| values[*row]).collect()),
             Self::Words(words) => {
                 let mut ordered = Words::default();
@@ -442,7 +389,7 @@ mod tests {
         let column = |name: &str, values: Values| Column { name: name.to_owned(), values };
         Table {
             columns: vec![
-                column("member", Values::Counts(members.to_vec())),
+                column("member", Values::Counts(members.iter().copied().collect())),
                 column("x", Values::Numbers(numbers.to_vec())),
                 column("error", words(errors)),
             ],

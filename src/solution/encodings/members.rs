@@ -57,7 +57,7 @@ fn write_csv(table: &Table, out: &mut impl Write) -> io::Result<()> {
             }
             match &column.values {
                 Values::Numbers(values) => serde_json::to_writer(&mut *out, &values[row])?,
-                Values::Counts(values) => serde_json::to_writer(&mut *out, &values[row])?,
+                Values::Counts(values) => serde_json::to_writer(&mut *out, &values.get(row))?,
                 Values::Flags(values) => serde_json::to_writer(&mut *out, &values[row])?,
                 Values::Words(words) => write_text(words.get(row).unwrap_or_default(), out)?,
             }
@@ -88,7 +88,7 @@ impl Serialize for Row<'_> {
             match &column.values {
                 values if values.is_missing(self.row) => line.serialize_value(&None::<f64>)?,
                 Values::Numbers(values) => line.serialize_value(&values[self.row])?,
-                Values::Counts(values) => line.serialize_value(&values[self.row])?,
+                Values::Counts(values) => line.serialize_value(&values.get(self.row))?,
                 Values::Flags(values) => line.serialize_value(&values[self.row])?,
                 Values::Words(words) => line.serialize_value(&words.get(self.row))?,
             }
@@ -137,7 +137,7 @@ fn array(values: &Values, rows: Range<usize>) -> ArrayRef {
     match values {
         Values::Numbers(_) => Arc::new(rows.map(|row| values.number(row)).collect::<Float64Array>()),
         Values::Counts(counts) => {
-            let of = |row: usize| counts.get(row).copied().filter(|_| !values.is_missing(row));
+            let of = |row: usize| counts.get(row).filter(|_| !values.is_missing(row));
             Arc::new(rows.map(of).collect::<UInt32Array>())
         }
         Values::Flags(flags) => Arc::new(rows.map(|row| flags.get(row).copied()).collect::<BooleanArray>()),
@@ -162,9 +162,9 @@ mod tests {
         [None, Some("a, \"b\"")].iter().for_each(|word| words.push(*word));
         let table = Table {
             columns: vec![
-                column("member", Values::Counts(vec![0, 1])),
+                column("member", Values::Counts([0, 1].into_iter().collect())),
                 column("x", Values::Numbers(vec![f64::NAN, 0.5])),
-                column("n", Values::Counts(vec![u32::MAX, 3])),
+                column("n", Values::Counts([u32::MAX, 3].into_iter().collect())),
                 column("trusted", Values::Flags(vec![true, false])),
                 column("error", Values::Words(words)),
             ],

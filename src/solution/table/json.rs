@@ -1,6 +1,6 @@
 //! Columns as JSON: an object of lists by name, in which a missing value is null.
 
-use super::{Column, MISSING, Values, Words};
+use super::{Column, Counts, MISSING, Values, Words};
 use serde::de::{Error, MapAccess, SeqAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -70,8 +70,8 @@ impl Serialize for Values {
                 }
             }
             Self::Counts(values) => {
-                for value in values {
-                    list.serialize_element(&Some(*value).filter(|value| *value != MISSING))?;
+                for value in values.iter() {
+                    list.serialize_element(&Some(value).filter(|value| *value != MISSING))?;
                 }
             }
             Self::Flags(values) => {
@@ -128,7 +128,7 @@ impl<'de> Visitor<'de> for ValuesVisitor {
             let values = found.get_or_insert_with(|| {
                 let mut values = match &value {
                     Value::Flag(_) => Values::Flags(Vec::new()),
-                    Value::Count(_) => Values::Counts(Vec::new()),
+                    Value::Count(_) => Values::Counts(Counts::default()),
                     Value::Number(_) => Values::Numbers(Vec::new()),
                     Value::Word(_) => Values::Words(Words::default()),
                 };

@@ -47,10 +47,7 @@ impl Table {
                     bytes.push(WORDS);
                     put(words.words.len(), &mut bytes)?;
                     words.words.iter().try_for_each(|word| put_text(word.as_bytes(), &mut bytes))?;
-                    for row in 0..words.places.len() {
-                        let place = words.places.get(row).unwrap_or(MISSING);
-                        bytes.extend_from_slice(&place.to_le_bytes());
-                    }
+                    words.places.iter().for_each(|place| bytes.extend_from_slice(&place.to_le_bytes()));
                 }
             }
         }
@@ -151,9 +148,9 @@ mod tests {
         [Some("stick>slip"), None, Some("\"é\n"), Some("stick>slip")].iter().for_each(|word| words.push(*word));
         Table {
             columns: vec![
-                column("member", Values::Counts(vec![5, 6, 7, 8])),
+                column("member", Values::Counts([5, 6, 7, 8].into_iter().collect())),
                 column("x", Values::Numbers(vec![-0.0, f64::NAN, 5e-324, f64::MAX])),
-                column("n", Values::Counts(vec![MISSING; 4])),
+                column("n", Values::Counts([MISSING; 4].into_iter().collect())),
                 column("trusted", Values::Flags(vec![true, false, true, true])),
                 column("word", Values::Words(words)),
             ],

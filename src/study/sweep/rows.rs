@@ -3,7 +3,8 @@
 use super::features;
 use problem::Control;
 use solution::{
-    CheckCode, Collected, Column, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance, Values, Words,
+    CheckCode, Collected, Column, Counts, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance, Values,
+    Words,
 };
 use specification::{Search, Specification, SpecificationError, SweepPlan};
 use std::borrow::Cow;
@@ -251,11 +252,11 @@ fn warnings(solution: &Solution) -> String {
 /// A table with all columns and no row.
 fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -> Table {
     let words = || Values::Words(Words::default());
-    let mut columns = vec![("member", Values::Counts(Vec::new()))];
+    let mut columns = vec![("member", Values::Counts(Counts::default()))];
     columns.extend(plan.targets.iter().map(|target| (target.name.as_str(), Values::Numbers(Vec::new()))));
     for (name, reduction) in reducers.names.iter().zip(&reducers.reductions) {
         let values = match reduction {
-            Reduction::Count(_) => Values::Counts(Vec::new()),
+            Reduction::Count(_) => Values::Counts(Counts::default()),
             Reduction::ModeWord => words(),
             _ => Values::Numbers(Vec::new()),
         };
@@ -273,8 +274,8 @@ fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -
         ("status", words()),
         ("trusted", Values::Flags(Vec::new())),
         ("error", words()),
-        ("steps", Values::Counts(Vec::new())),
-        ("switches", Values::Counts(Vec::new())),
+        ("steps", Values::Counts(Counts::default())),
+        ("switches", Values::Counts(Counts::default())),
         ("residual", Values::Numbers(Vec::new())),
         ("warnings", words()),
     ]);
