@@ -1,8 +1,9 @@
 //! The numbers of a table in a few: how many there are, mean, standard deviation, extremes and quantiles.
 
-use super::table::Table;
+use crate::columnar::Members;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io;
 use utoipa::ToSchema;
 
 /// The quantiles that are given.
@@ -28,21 +29,23 @@ pub struct OfNumber {
     pub quantiles: BTreeMap<String, f64>,
 }
 
-impl Table {
-    /// The distribution of each number that was collected.
-    pub fn summary(&self) -> Summary {
-        let mut summary = Summary::new();
-        for name in &self.collected {
-            let Some(values) = self.column(name) else { continue };
-            // No more than is needed, and only those of one column at a time: there may be millions.
-            let mut numbers = Vec::with_capacity((0..values.len()).filter(|row| !values.is_missing(*row)).count());
-            numbers.extend((0..values.len()).filter_map(|row| values.number(row)));
-            if let Some(of) = OfNumber::of(numbers) {
-                summary.insert(name.clone(), of);
-            }
+/// The distribution of each number that was collected.
+///
+/// # Errors
+/// Those of reading the table.
+pub fn summary(members: &dyn Members) -> io::Result<Summary> {
+    let mut summary = Summary::new();
+    for name in &members.head().collected {
+        // No more than is needed, and one column at a time: there may be millions.
+        let (mut count, mut numbers) = (0, Vec::new());
+        members.visit(name, |values| count += (0..values.len()).filter(|row| values.number(*row).is_some()).count())?;
+        numbers.reserve_exact(count);
+        members.visit(name, |values| numbers.extend((0..values.len()).filter_map(|row| values.number(row))))?;
+        if let Some(of) = OfNumber::of(numbers) {
+            summary.insert(name.clone(), of);
         }
-        summary
     }
+    Ok(summary)
 }
 
 impl OfNumber {

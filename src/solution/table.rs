@@ -9,7 +9,7 @@ mod counts;
 mod json;
 mod rows;
 
-pub use answer::Incomplete;
+pub use answer::{Incomplete, answer};
 pub use counts::Counts;
 
 use counts::MISSING;
@@ -17,6 +17,7 @@ use json::{by_name, schema_of_columns};
 use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::ops::Range;
 use utoipa::ToSchema;
 
 /// One row for each member of a sweep, in the order of members.
@@ -245,6 +246,20 @@ impl Values {
         true
     }
 
+    /// The values in some rows.
+    pub fn part(&self, rows: Range<usize>) -> Self {
+        match self {
+            Self::Numbers(values) => Self::Numbers(values.get(rows).unwrap_or_default().to_vec()),
+            Self::Counts(values) => Self::Counts(rows.filter_map(|row| values.get(row)).collect()),
+            Self::Flags(values) => Self::Flags(values.get(rows).unwrap_or_default().to_vec()),
+            Self::Words(words) => {
+                let mut part = Words::default();
+                rows.take_while(|row| *row < words.places.len()).for_each(|row| part.push(words.get(row)));
+                Self::Words(part)
+            }
+        }
+    }
+
     /// The same kind of values, without any.
     pub fn emptied(&self) -> Self {
         match self {
@@ -293,15 +308,6 @@ impl Table {
     /// Whether there is a column of that name behind those of what was swept and collected.
     pub fn has(&self, name: &str) -> bool {
         self.columns[self.columns.len() - self.own()..].iter().any(|column| column.name == name)
-    }
-
-    /// Rows of members that reached their end and are not trusted.
-    pub fn untrusted(&self) -> u64 {
-        let (Some(Values::Flags(trusted)), Some(status)) = (self.column("trusted"), self.column("status")) else {
-            return 0;
-        };
-        let is_untrusted = |row: &usize| !trusted[*row] && status.word(*row) == Some("completed");
-        (0..trusted.len()).filter(is_untrusted).count() as u64
     }
 
     /// The same columns, without any row.

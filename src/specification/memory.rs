@@ -13,8 +13,8 @@ const FEW_STEPS: usize = 100;
 
 /// Columns of a table beside what is swept and collected.
 const OWN_COLUMNS: usize = 8;
-/// The bytes of a value of a table, in memory and as text.
-const OF_A_VALUE: usize = 24;
+/// The bytes of a value of a table, and of what its summary is made of.
+const OF_A_VALUE: usize = 8;
 /// Those of a sweep of few members: the compiled problem twice, the plan, the summary; measured.
 const OF_A_SWEEP: usize = 32 << 10;
 
@@ -29,7 +29,7 @@ impl Specification {
             .saturating_add(self.table_bytes())
     }
 
-    /// The table of a sweep, and its JSON, into which it is written.
+    /// The table of a sweep, or of the part of it that is to be solved.
     fn table_bytes(&self) -> usize {
         let Some(sweep) = self.sweep() else { return 0 };
         let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len();

@@ -6,10 +6,13 @@ use dvi::solution::encodings::write_json;
 use dvi::specification::Specification;
 use serde_json::Value;
 use std::fs;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
+
+const TWO: NonZeroUsize = NonZeroUsize::new(2).unwrap();
 
 /// Longer than any sweep of these tests takes on a busy machine.
 const PATIENCE: Duration = Duration::from_secs(300);
@@ -26,7 +29,7 @@ fn oscillators(members: usize, end: u32) -> String {
 fn undisturbed(document: &str) -> Vec<u8> {
     let specification = Specification::from_json(document.as_bytes()).unwrap();
     let mut json = Vec::new();
-    write_json(&dvi::solve(&specification, &Control::new()), &mut json).unwrap();
+    write_json(&dvi::solve_on(TWO, &specification, &Control::new()), &mut json).unwrap();
     json
 }
 
@@ -66,7 +69,7 @@ fn rows_of(folder: &Path, path: &str) -> PathBuf {
 
 #[test]
 fn kills_in_the_middle_repeat_no_finished_chunk_and_change_no_byte() {
-    let document = oscillators(3000, 60);
+    let document = oscillators(4000, 150);
     let folder = Folder::new();
     let start = || Server::start(&folder, &["--workers", "2"]);
     let mut server = start();
@@ -82,17 +85,17 @@ fn kills_in_the_middle_repeat_no_finished_chunk_and_change_no_byte() {
             known = server.rows(&path, known + 1);
         }
         server.kill();
-        assert!(known == 3000 || rows_of(folder.path(), &path).exists());
+        assert!(known == 4000 || rows_of(folder.path(), &path).exists());
         server = start();
         let status = server.get(&path).json();
         let done = status["members"]["done"].as_u64().unwrap();
         assert!(done >= known, "{done} rows of {known} after kill {kill}: {status}");
     }
     let ended = server.succeeds(&path);
-    assert_eq!(ended["members"]["done"], 3000);
+    assert_eq!(ended["members"]["done"], 4000);
     assert!(server.get(&format!("{path}/results")).body.into_bytes() == undisturbed(&document));
     assert!(!rows_of(folder.path(), &path).exists(), "the rows are in the table");
-    assert_eq!(ended["attempt"], 4, "{ended}");
+    assert!(ended["attempt"].as_u64() > Some(1), "{ended}");
     drop(server);
     let check = Command::new(crate::process::DVI).args(["store", "check"]).arg(folder.path()).output().unwrap();
     assert!(check.status.success(), "{}", String::from_utf8_lossy(&check.stdout));

@@ -9,16 +9,15 @@ use super::chunks::{Chunk, Chunks, Settled, Solved as ChunkSolved, TARGET};
 use super::ended::{Ending, Fault, Held};
 use super::intake::{Lane, LaneCell};
 use super::job::{Halt, Job, State};
-use super::results::{Long, Results, TooLarge};
+use super::results::Results;
 use super::row_log::RowLog;
-use super::spool::Spool;
+use super::spool::{Backing, Spool};
 use super::work::Assignment;
-use super::{Encoded, Jobs, is_damage};
-use crate::digest::Fingerprint;
+use super::{Jobs, is_damage};
 use crate::worker::{Death, Finished, Left, Limits, Lost, Members, Origin, Solved, Supervisor, Watch};
 use problem::Control;
-use solution::columnar::write_columns;
-use solution::{Incomplete, Solution, Status, Table};
+use solution::columnar::{PartsIndex, PartsWriter, Skeleton, StoredMembers};
+use solution::{Incomplete, Solution, Status, Table, answer};
 use std::io;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -216,6 +215,9 @@ impl Jobs {
             ChunkSolved::Lost(Lost { code: fault.code().to_owned(), message }, done)
         };
         let solved = match finished {
+            Ok(Finished::Solved(_, Left::Rows(rows, bytes))) if !are_rows(&bytes, chunk.members.start, rows) => {
+                lost(Fault::Defect, "the worker gave rows of other members".to_owned())
+            }
             Ok(Finished::Solved(solved, Left::Rows(rows, bytes))) if rows > 0 || is_stopped => {
                 let solved = ChunkSolved::Rows { rows, steps: solved.steps, bytes: bytes.len() };
                 return (solved, bytes);
@@ -325,39 +327,42 @@ impl Jobs {
         let (chunks, spool, limit) = (Arc::clone(chunks), self.store.spool(job.id), self.bounds.result_bytes);
         let is_dismissed = job.halted() == Some(Halt::Dismiss);
         let make = move || {
-            let Some(table) = table(&chunks).map_err(Unmade::Unread)? else { return Ok(None) };
-            let solution = table.into_answer(chunks.facts.members, incomplete.unwrap_or(Incomplete::MEMBERS_MISSING));
+            let Some((backing, index)) = parts(&chunks, spool)? else { return Ok(None) };
+            let (source, _) = backing.open()?;
+            let members = StoredMembers::new(source, index.clone(), 0);
+            let incomplete = incomplete.unwrap_or(Incomplete::MEMBERS_MISSING);
+            let solution = answer(&members, chunks.facts.members, incomplete)?;
+            drop(members);
             let failed = solution.error.as_ref().map(|failure| failure.message.as_str());
             let ending = Ending::of(solution.status, failed, is_dismissed && solution.status == Status::Stopped);
-            let results = encoded(&solution, spool, limit)?;
+            let results = Results::of_members(backing, index, Skeleton::of(&solution)?, limit)?;
             Ok(Some(Made { ending, solution, results }))
         };
-        spawn_blocking(make).await.unwrap_or_else(|error| Err(Unmade::Unread(io::Error::other(error))))
+        spawn_blocking(make).await.unwrap_or_else(|error| Err(Unmade::from(io::Error::other(error))))
     }
 }
 
-/// The table of all rows in the log.
-fn table(chunks: &Chunks) -> io::Result<Option<Table>> {
-    let log = chunks.log();
-    let mut table: Option<Table> = None;
+/// Whether `bytes` are so many rows, from that of member `first` on.
+fn are_rows(bytes: &[u8], first: usize, rows: usize) -> bool {
+    let Ok(table) = Table::of_bytes(bytes) else { return false };
+    let Some(members) = table.column("member") else { return false };
+    table.rows() == rows && (0..rows).all(|row| members.number(row) == Some((first + row) as f64))
+}
+
+/// All rows in the log, in the order of members, as the parts of a table in `spool`; `None` if there are none.
+fn parts(chunks: &Chunks, mut spool: Spool) -> io::Result<Option<(Backing, PartsIndex)>> {
+    let (log, mut writer) = (chunks.log(), PartsWriter::default());
     for (_, rows) in log.in_order() {
-        let part = Table::of_bytes(&rows?)?;
-        match &mut table {
-            Some(table) => table.append(part).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error.0))?,
-            None => table = Some(part),
-        }
+        writer.add(Table::of_bytes(&rows?)?, &mut spool)?;
     }
-    Ok(table)
+    Ok(writer.end(&mut spool)?.map(|index| (spool.end(), index)))
 }
 
-/// The results that a solution is, long ones in `spool`.
-fn encoded(solution: &Solution, mut spool: Spool, limit: usize) -> Result<Results, Unmade> {
-    match Encoded::of(solution, limit).map_err(|TooLarge| Unmade::TooLarge)? {
-        Encoded::Text(json) => Ok(Results::read(json)),
-        Encoded::Columns(json, skeleton) => {
-            let index = write_columns(&solution.trajectory, &skeleton, &mut spool).map_err(Unmade::Unread)?;
-            let index = Fingerprint::of(&index);
-            Ok(Results::Columns(Long { backing: spool.end(), json, index }))
+impl From<io::Error> for Unmade {
+    fn from(error: io::Error) -> Self {
+        match error.kind() {
+            io::ErrorKind::FileTooLarge => Self::TooLarge,
+            _ => Self::Unread(error),
         }
     }
 }

@@ -147,7 +147,7 @@ impl Files {
             return Ok(None);
         }
         let mut bytes = Vec::new();
-        let index = Fingerprint::of(&write_columns(&trajectory, &skeleton, &mut bytes)?);
+        let index = Fingerprint::of(&write_columns(&trajectory, None, &skeleton, &mut bytes)?);
         self.write(id, &bytes)?;
         Ok(Some(index))
     }

@@ -213,7 +213,8 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
         Encoded::Text(json) => (None, json),
         Encoded::Columns(json, skeleton) => {
             let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task });
-            let index = Fingerprint::of(&write_columns(&solution.trajectory, &skeleton, &mut pieces)?);
+            let (trajectory, table) = (&solution.trajectory, solution.table.as_ref());
+            let index = Fingerprint::of(&write_columns(trajectory, table, &skeleton, &mut pieces)?);
             // The rest of the buffer goes with the last report.
             (Some(Prints { json, index }), pieces.into_parts().1.map_err(io::Error::other)?)
         }

@@ -2,18 +2,15 @@
 //! others.
 
 use super::csv::write_text;
-use crate::{Solution, Table, Values, Verdict};
+use crate::columnar::Members;
+use crate::{Column, Solution, Table, Values, Verdict};
 use arrow_array::{ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray, UInt32Array};
 use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, DataType, Field, Schema};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::collections::HashMap;
 use std::io::{self, Write};
-use std::ops::Range;
 use std::sync::Arc;
-
-/// Rows of a batch of an Arrow stream.
-const BATCH: usize = 1 << 14;
 
 /// A form of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,34 +29,117 @@ pub enum MembersForm {
 /// Those of `out`.
 pub fn write_members(solution: &Solution, form: MembersForm, out: &mut impl Write) -> io::Result<()> {
     let Some(table) = &solution.table else { return Ok(()) };
-    match form {
-        MembersForm::Csv => write_csv(table, out),
-        MembersForm::Lines => write_lines(table, out),
-        MembersForm::Arrow => write_arrow(table, &solution.verdict, out),
+    let mut pieces = MembersPieces::new(form, &solution.verdict);
+    while pieces.write(table, out)? {}
+    Ok(())
+}
+
+/// The table of a sweep in the making, a part of its rows at a time.
+pub struct MembersPieces {
+    form: MembersForm,
+    /// Whether the answer is trusted, and the verdict as JSON.
+    verdict: (bool, String),
+    /// The part that comes next.
+    part: usize,
+    arrow: Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>,
+}
+
+impl MembersPieces {
+    /// The table of an answer on which this is the verdict.
+    pub fn new(form: MembersForm, verdict: &Verdict) -> Self {
+        // Every number of a verdict is finite, so that it has a JSON form.
+        let verdict = (verdict.trusted, serde_json::to_string(verdict).unwrap_or_default());
+        Self { form, verdict, part: 0, arrow: None }
+    }
+
+    /// Writes the next piece; says whether there is more.
+    ///
+    /// # Errors
+    /// Those of the table and of `out`.
+    pub fn write(&mut self, members: &dyn Members, out: &mut dyn Write) -> io::Result<bool> {
+        let is_first = self.part == 0;
+        let rows = if self.part < members.parts() { members.part(self.part)? } else { members.head().head() };
+        self.part += 1;
+        let is_last = self.part >= members.parts();
+        match self.form {
+            MembersForm::Csv => {
+                if is_first {
+                    write_header(&rows, out)?;
+                }
+                write_csv(&rows, out)?;
+            }
+            MembersForm::Lines => write_lines(&rows, out)?,
+            MembersForm::Arrow => {
+                if is_first {
+                    self.begin_arrow(&rows)?;
+                }
+                if let Some((schema, writer)) = &mut self.arrow {
+                    if rows.rows() > 0 {
+                        let columns = rows.columns.iter().map(|column| array(&column.values)).collect();
+                        let batch = RecordBatch::try_new(Arc::clone(schema), columns).map_err(broken)?;
+                        writer.write(&batch).map_err(broken)?;
+                    }
+                    if is_last {
+                        writer.finish().map_err(broken)?;
+                    }
+                    let written = writer.get_mut();
+                    out.write_all(written)?;
+                    written.clear();
+                }
+            }
+        }
+        Ok(!is_last)
+    }
+
+    fn begin_arrow(&mut self, table: &Table) -> io::Result<()> {
+        let provenance = &table.provenance;
+        let metadata: HashMap<String, String> = [
+            ("dvi.trusted", self.verdict.0.to_string()),
+            ("dvi.verdict", self.verdict.1.clone()),
+            ("dvi.program", provenance.version.clone()),
+            ("dvi.features", provenance.features.clone()),
+            ("dvi.digest", provenance.digest.clone()),
+            ("dvi.members", table.members.to_string()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into();
+        let field = |column: &Column| {
+            let kind = match &column.values {
+                Values::Numbers(_) => DataType::Float64,
+                Values::Counts(_) => DataType::UInt32,
+                Values::Flags(_) => DataType::Boolean,
+                Values::Words(_) => DataType::Utf8,
+            };
+            Field::new(&column.name, kind, true)
+        };
+        let fields: Vec<Field> = table.columns.iter().map(field).collect();
+        let schema = Arc::new(Schema::new_with_metadata(fields, metadata));
+        let writer = StreamWriter::try_new(Vec::new(), &schema).map_err(broken)?;
+        self.arrow = Some((schema, writer));
+        Ok(())
     }
 }
 
-fn write_csv(table: &Table, out: &mut impl Write) -> io::Result<()> {
+fn write_header(table: &Table, out: &mut dyn Write) -> io::Result<()> {
     for (k, column) in table.columns.iter().enumerate() {
         if k > 0 {
             out.write_all(b",")?;
         }
         write_text(&column.name, out)?;
     }
-    out.write_all(b"\n")?;
+    out.write_all(b"\n")
+}
+
+fn write_csv(table: &Table, out: &mut dyn Write) -> io::Result<()> {
     for row in 0..table.rows() {
         for (k, column) in table.columns.iter().enumerate() {
             if k > 0 {
                 out.write_all(b",")?;
             }
-            if column.values.is_missing(row) {
-                continue;
-            }
             match &column.values {
-                Values::Numbers(values) => serde_json::to_writer(&mut *out, &values[row])?,
-                Values::Counts(values) => serde_json::to_writer(&mut *out, &values.get(row))?,
-                Values::Flags(values) => serde_json::to_writer(&mut *out, &values[row])?,
+                values if values.is_missing(row) => {}
                 Values::Words(words) => write_text(words.get(row).unwrap_or_default(), out)?,
+                values => values.write_json(row, out)?,
             }
         }
         out.write_all(b"\n")?;
@@ -67,7 +147,7 @@ fn write_csv(table: &Table, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-fn write_lines(table: &Table, out: &mut impl Write) -> io::Result<()> {
+fn write_lines(table: &Table, out: &mut dyn Write) -> io::Result<()> {
     for row in 0..table.rows() {
         serde_json::to_writer(&mut *out, &Row { table, row })?;
         out.write_all(b"\n")?;
@@ -97,43 +177,8 @@ impl Serialize for Row<'_> {
     }
 }
 
-fn write_arrow(table: &Table, verdict: &Verdict, out: &mut impl Write) -> io::Result<()> {
-    let provenance = &table.provenance;
-    let metadata: HashMap<String, String> = [
-        ("dvi.trusted", verdict.trusted.to_string()),
-        // Every number of a verdict is finite, so that it has a JSON form.
-        ("dvi.verdict", serde_json::to_string(verdict).unwrap_or_default()),
-        ("dvi.program", provenance.version.clone()),
-        ("dvi.features", provenance.features.clone()),
-        ("dvi.digest", provenance.digest.clone()),
-        ("dvi.members", table.members.to_string()),
-    ]
-    .map(|(key, value)| (key.to_owned(), value))
-    .into();
-    let fields: Vec<Field> = table
-        .columns
-        .iter()
-        .map(|column| {
-            let kind = match &column.values {
-                Values::Numbers(_) => DataType::Float64,
-                Values::Counts(_) => DataType::UInt32,
-                Values::Flags(_) => DataType::Boolean,
-                Values::Words(_) => DataType::Utf8,
-            };
-            Field::new(&column.name, kind, true)
-        })
-        .collect();
-    let schema = Arc::new(Schema::new_with_metadata(fields, metadata));
-    let mut writer = StreamWriter::try_new(&mut *out, &schema).map_err(broken)?;
-    for first in (0..table.rows()).step_by(BATCH) {
-        let rows = first..(first + BATCH).min(table.rows());
-        let columns = table.columns.iter().map(|column| array(&column.values, rows.clone())).collect();
-        writer.write(&RecordBatch::try_new(Arc::clone(&schema), columns).map_err(broken)?).map_err(broken)?;
-    }
-    writer.finish().map_err(broken)
-}
-
-fn array(values: &Values, rows: Range<usize>) -> ArrayRef {
+fn array(values: &Values) -> ArrayRef {
+    let rows = 0..values.len();
     match values {
         Values::Numbers(_) => Arc::new(rows.map(|row| values.number(row)).collect::<Float64Array>()),
         Values::Counts(counts) => {
@@ -152,7 +197,7 @@ fn broken(error: ArrowError) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Column, TableProvenance, Words};
+    use crate::{TableProvenance, Words};
     use arrow_array::Array;
     use arrow_ipc::reader::StreamReader;
 

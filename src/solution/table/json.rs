@@ -5,6 +5,7 @@ use serde::de::{Error, MapAccess, SeqAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
+use std::io::{self, Write};
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
@@ -57,6 +58,22 @@ impl<'de> Visitor<'de> for ColumnsVisitor {
             return Err(A::Error::custom("the columns are not of one length"));
         }
         Ok(columns)
+    }
+}
+
+impl Values {
+    /// Writes the value in a row, null where there is none.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn write_json(&self, row: usize, out: &mut dyn Write) -> io::Result<()> {
+        match self {
+            Self::Flags(values) => serde_json::to_writer(out, &values.get(row))?,
+            Self::Words(words) => serde_json::to_writer(out, &words.get(row))?,
+            Self::Counts(values) => serde_json::to_writer(out, &values.get(row).filter(|value| *value != MISSING))?,
+            Self::Numbers(_) => serde_json::to_writer(out, &self.number(row))?,
+        }
+        Ok(())
     }
 }
 

@@ -26,31 +26,9 @@ impl Table {
     /// It has more rows, or longer words, than four bytes count.
     pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
-        let head = Self { failed: self.failed, ..self.emptied() };
-        put_text(&serde_json::to_vec(&head)?, &mut bytes)?;
+        put_text(&serde_json::to_vec(&self.head())?, &mut bytes)?;
         put(self.rows(), &mut bytes)?;
-        for column in &self.columns {
-            match &column.values {
-                Values::Numbers(values) => {
-                    bytes.push(NUMBERS);
-                    values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
-                }
-                Values::Counts(values) => {
-                    bytes.push(COUNTS);
-                    values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
-                }
-                Values::Flags(values) => {
-                    bytes.push(FLAGS);
-                    bytes.extend(values.iter().map(|value| u8::from(*value)));
-                }
-                Values::Words(words) => {
-                    bytes.push(WORDS);
-                    put(words.words.len(), &mut bytes)?;
-                    words.words.iter().try_for_each(|word| put_text(word.as_bytes(), &mut bytes))?;
-                    words.places.iter().for_each(|place| bytes.extend_from_slice(&place.to_le_bytes()));
-                }
-            }
-        }
+        self.columns.iter().try_for_each(|column| column.values.put(&mut bytes))?;
         Ok(bytes)
     }
 
@@ -64,20 +42,54 @@ impl Table {
         let mut table: Self = serde_json::from_slice(rest.take(length)?)?;
         let rows = rest.count()?;
         for column in &mut table.columns {
-            let [kind] = rest.numbers::<1>(1)?[..] else { return Err(cut_off()) };
-            column.values = match kind {
-                [NUMBERS] => {
-                    Values::Numbers(rest.numbers(rows)?.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
-                }
-                [COUNTS] => {
-                    Values::Counts(rest.numbers(rows)?.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect())
-                }
-                [FLAGS] => Values::Flags(rest.take(rows)?.iter().map(|byte| *byte != 0).collect()),
-                [WORDS] => Values::Words(rest.words(rows)?),
-                _ => return Err(cut_off()),
-            };
+            column.values = rest.values(rows)?;
         }
         if rest.0.is_empty() { Ok(table) } else { Err(cut_off()) }
+    }
+
+    /// The table without its rows, and with the number of those that failed.
+    pub fn head(&self) -> Self {
+        Self { failed: self.failed, ..self.emptied() }
+    }
+}
+
+impl Values {
+    /// Appends the values as bytes.
+    ///
+    /// # Errors
+    /// There are more words, or longer ones, than four bytes count.
+    pub fn put(&self, bytes: &mut Vec<u8>) -> io::Result<()> {
+        match self {
+            Self::Numbers(values) => {
+                bytes.push(NUMBERS);
+                values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+            }
+            Self::Counts(values) => {
+                bytes.push(COUNTS);
+                values.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+            }
+            Self::Flags(values) => {
+                bytes.push(FLAGS);
+                bytes.extend(values.iter().map(|value| u8::from(*value)));
+            }
+            Self::Words(words) => {
+                bytes.push(WORDS);
+                put(words.words.len(), bytes)?;
+                words.words.iter().try_for_each(|word| put_text(word.as_bytes(), bytes))?;
+                words.places.iter().for_each(|place| bytes.extend_from_slice(&place.to_le_bytes()));
+            }
+        }
+        Ok(())
+    }
+
+    /// The values of so many rows that [`Values::put`] wrote.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::InvalidData`] if the bytes are others.
+    pub fn of_bytes(bytes: &[u8], rows: usize) -> io::Result<Self> {
+        let mut rest = Rest(bytes);
+        let values = rest.values(rows)?;
+        if rest.0.is_empty() { Ok(values) } else { Err(cut_off()) }
     }
 }
 
@@ -114,6 +126,17 @@ impl<'b> Rest<'b> {
 
     fn count(&mut self) -> io::Result<usize> {
         self.numbers(1)?.first().map(|bytes| u32::from_le_bytes(*bytes) as usize).ok_or_else(cut_off)
+    }
+
+    fn values(&mut self, rows: usize) -> io::Result<Values> {
+        let [kind] = self.numbers::<1>(1)?[..] else { return Err(cut_off()) };
+        Ok(match kind {
+            [NUMBERS] => Values::Numbers(self.numbers(rows)?.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()),
+            [COUNTS] => Values::Counts(self.numbers(rows)?.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect()),
+            [FLAGS] => Values::Flags(self.take(rows)?.iter().map(|byte| *byte != 0).collect()),
+            [WORDS] => Values::Words(self.words(rows)?),
+            _ => return Err(cut_off()),
+        })
     }
 
     fn words(&mut self, rows: usize) -> io::Result<Words> {
