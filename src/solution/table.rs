@@ -7,10 +7,12 @@
 mod answer;
 mod counts;
 mod json;
+mod lists;
 mod rows;
 
 pub use answer::{Incomplete, answer};
 pub use counts::Counts;
+pub use lists::Lists;
 
 use counts::MISSING;
 use json::{by_name, schema_of_columns};
@@ -38,6 +40,9 @@ pub struct Table {
     /// The names of the columns that were collected.
     #[serde(default)]
     pub collected: Vec<String>,
+    /// The times of the trajectories that were kept, in columns of lists such as `trajectory.x`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub times: Vec<f64>,
     /// What made it.
     #[serde(flatten)]
     pub provenance: TableProvenance,
@@ -77,6 +82,8 @@ pub enum Values {
     Flags(Vec<bool>),
     /// Words by their places in a list.
     Words(Words),
+    /// Lists of numbers.
+    Lists(Lists),
 }
 
 /// Words, each kept once.
@@ -144,6 +151,7 @@ impl PartialEq for Values {
             (Self::Counts(a), Self::Counts(b)) => a == b,
             (Self::Flags(a), Self::Flags(b)) => a == b,
             (Self::Words(a), Self::Words(b)) => a == b,
+            (Self::Lists(a), Self::Lists(b)) => a == b,
             // Of what has no value at all the type is not told by the text.
             (a, b) => a.len() == b.len() && (0..a.len()).all(|row| a.is_missing(row) && b.is_missing(row)),
         }
@@ -158,6 +166,7 @@ impl Values {
             Self::Counts(values) => values.len(),
             Self::Flags(values) => values.len(),
             Self::Words(words) => words.places.len(),
+            Self::Lists(lists) => lists.len(),
         }
     }
 
@@ -173,6 +182,7 @@ impl Values {
             Self::Counts(values) => values.get(row).is_none_or(|value| value == MISSING),
             Self::Flags(values) => values.get(row).is_none(),
             Self::Words(words) => words.get(row).is_none(),
+            Self::Lists(lists) => lists.numbers(row).is_none(),
         }
     }
 
@@ -181,7 +191,7 @@ impl Values {
         match self {
             Self::Numbers(values) => values.get(row).copied().filter(|value| value.is_finite()),
             Self::Counts(values) => values.get(row).filter(|value| *value != MISSING).map(f64::from),
-            Self::Flags(_) | Self::Words(_) => None,
+            Self::Flags(_) | Self::Words(_) | Self::Lists(_) => None,
         }
     }
 
@@ -189,7 +199,7 @@ impl Values {
     pub fn word(&self, row: usize) -> Option<&str> {
         match self {
             Self::Words(words) => words.get(row),
-            Self::Numbers(_) | Self::Counts(_) | Self::Flags(_) => None,
+            Self::Numbers(_) | Self::Counts(_) | Self::Flags(_) | Self::Lists(_) => None,
         }
     }
 
@@ -200,6 +210,7 @@ impl Values {
             Self::Counts(values) => values.reserve(rows),
             Self::Flags(values) => values.reserve_exact(rows),
             Self::Words(words) => words.places.reserve(rows),
+            Self::Lists(lists) => lists.reserve(rows),
         }
     }
 
@@ -210,6 +221,15 @@ impl Values {
             Self::Counts(values) => values.push(value.map_or(MISSING, |value| value as u32)),
             Self::Flags(values) => values.push(value.is_some_and(|value| value != 0.0)),
             Self::Words(words) => words.push(None),
+            Self::Lists(lists) => lists.push(&[]),
+        }
+    }
+
+    /// Adds a list, or a part of one.
+    pub fn push_list(&mut self, list: &[f64]) {
+        match self {
+            Self::Lists(lists) => lists.push(list),
+            other => other.push_number(None),
         }
     }
 
@@ -241,6 +261,13 @@ impl Values {
             (Self::Counts(values), Self::Counts(other)) => other.iter().for_each(|value| values.push(value)),
             (Self::Flags(values), Self::Flags(other)) => values.extend(other),
             (Self::Words(words), Self::Words(other)) => words.append(&other),
+            (Self::Lists(lists), Self::Lists(other)) if lists.length() == other.length() || lists.is_empty() => {
+                if lists.is_empty() {
+                    lists.take_length(&other);
+                }
+                (0..other.len()).filter_map(|row| other.get(row)).for_each(|list| lists.push(list));
+            }
+            (Self::Lists(_), Self::Lists(other)) if other.is_empty() => {}
             _ => return false,
         }
         true
@@ -257,6 +284,11 @@ impl Values {
                 rows.take_while(|row| *row < words.places.len()).for_each(|row| part.push(words.get(row)));
                 Self::Words(part)
             }
+            Self::Lists(lists) => {
+                let mut part = Lists::new(lists.length());
+                rows.filter_map(|row| lists.get(row)).for_each(|list| part.push(list));
+                Self::Lists(part)
+            }
         }
     }
 
@@ -267,6 +299,7 @@ impl Values {
             Self::Counts(_) => Self::Counts(Counts::default()),
             Self::Flags(_) => Self::Flags(Vec::new()),
             Self::Words(_) => Self::Words(Words::default()),
+            Self::Lists(lists) => Self::Lists(Lists::new(lists.length())),
         }
     }
 
@@ -279,6 +312,11 @@ impl Values {
                 let mut ordered = Words::default();
                 order.iter().for_each(|row| ordered.push(words.get(*row)));
                 Self::Words(ordered)
+            }
+            Self::Lists(lists) => {
+                let mut ordered = Lists::new(lists.length());
+                order.iter().filter_map(|row| lists.get(*row)).for_each(|list| ordered.push(list));
+                Self::Lists(ordered)
             }
         }
     }
@@ -323,6 +361,7 @@ impl Table {
             failed: self.failed,
             swept: self.swept.clone(),
             collected: self.collected.clone(),
+            times: self.times.clone(),
             provenance: self.provenance.clone(),
         }
     }
@@ -403,6 +442,7 @@ mod tests {
             failed: errors.iter().flatten().count() as u64,
             swept: vec!["x".to_owned()],
             collected: Vec::new(),
+            times: Vec::new(),
             provenance: TableProvenance { version: "1".to_owned(), ..TableProvenance::default() },
         }
     }

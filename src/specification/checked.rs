@@ -199,7 +199,11 @@ impl Specification {
                         are_inputs,
                     };
                     let horizon = (time.start, time.end);
-                    let plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    let mut plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    if let Some(plan) = &mut plan {
+                        let kept = (columns.named(&output_fields), output_times.as_deref());
+                        plan.keep(&asked, kept, search.is_some(), &mut found);
+                    }
                     lacks_plan = plan.is_none();
                     plan
                 }

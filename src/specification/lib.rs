@@ -115,7 +115,7 @@ pub use static_vi::{StaticVariable, ViProblem};
 pub use study::{Exact, Rung, StudyPlan, StudyRequest};
 pub use summary::Summary;
 pub use sweep::{
-    AtTime, Design, DesignName, KeepName, Range, Reducer, Rule, Selector, SweepChunk, SweepPlan, SweepRequest,
+    AtTime, Design, DesignName, KeepName, Kept, Range, Reducer, Rule, Selector, SweepChunk, SweepPlan, SweepRequest,
     TableOfMembers, Target, edited,
 };
 pub use tables::{InterpolationName, TableOfPoints};

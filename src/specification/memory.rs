@@ -32,7 +32,7 @@ impl Specification {
     /// The table of a sweep, or of the part of it that is to be solved.
     fn table_bytes(&self) -> usize {
         let Some(sweep) = self.sweep() else { return 0 };
-        let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len();
+        let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len() + sweep.numbers_kept();
         sweep.chunk().members.len().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
     }
 

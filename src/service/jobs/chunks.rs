@@ -120,7 +120,8 @@ impl Chunks {
 
     /// The sweep that an earlier process began, with the rows in `log`.
     pub fn restored(facts: SweepFacts, log: RowLog, is_dismissed: bool) -> Self {
-        let mut division = Division::default();
+        let width = (facts.kept > 0).then_some((size_of::<f64>() * facts.kept) as f64);
+        let mut division = Division { width, ..Division::default() };
         division.open(0..facts.members, None);
         for record in log.records() {
             division.close(&record.members);
@@ -336,7 +337,7 @@ mod tests {
     use super::*;
 
     fn chunks(members: usize) -> Chunks {
-        Chunks::new(SweepFacts { members, seconds: None })
+        Chunks::new(SweepFacts { members, seconds: None, kept: 0 })
     }
 
     fn rows(rows: usize) -> Solved {
@@ -428,7 +429,7 @@ mod tests {
         for members in [10..20, 0..5, 95..100, 20..21] {
             log.append(members, 2, Vec::new(), None);
         }
-        let sweep = Chunks::restored(SweepFacts { members: 100, seconds: None }, log, false);
+        let sweep = Chunks::restored(SweepFacts { members: 100, seconds: None, kept: 0 }, log, false);
         assert_eq!((sweep.rows(), sweep.progress()), (21, (0.21, 8)));
         let mut seen = Vec::new();
         through(&sweep, 1, |chunk| {

@@ -56,9 +56,9 @@ impl Backing {
     /// I/O errors of the disk.
     pub fn append(self, bytes: &[u8]) -> io::Result<Self> {
         match &self {
-            Self::Memory(memory) => Ok(Self::memory([memory, bytes].concat())),
-            Self::Scratch(Scratch(path)) => {
-                let written = OpenOptions::new().append(true).open(path).and_then(|mut file| file.write_all(bytes));
+            Self::Memory(memory) => Ok(Self::memory([memory.as_slice(), bytes].concat())),
+            Self::Scratch(scratch) => {
+                let written = OpenOptions::new().append(true).open(scratch.path()).and_then(|mut file| file.write_all(bytes));
                 match written {
                     Ok(()) => Ok(self),
                     Err(error) => {

@@ -394,6 +394,9 @@ pub struct SweepFacts {
     /// The wall time that its client allows, in seconds, if it is bounded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
+    /// The numbers of the trajectory of a member that are kept.
+    #[serde(default)]
+    pub kept: usize,
 }
 
 impl Facts {
@@ -404,9 +407,11 @@ impl Facts {
             horizon: specification.time(),
             problem: specification.problem().into(),
             memory: specification.memory_bytes(),
-            sweep: specification
-                .sweep()
-                .map(|sweep| SweepFacts { members: sweep.members(), seconds: specification.wall_seconds() }),
+            sweep: specification.sweep().map(|sweep| SweepFacts {
+                members: sweep.members(),
+                seconds: specification.wall_seconds(),
+                kept: sweep.numbers_kept(),
+            }),
         }
     }
 }

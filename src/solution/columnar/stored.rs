@@ -357,6 +357,7 @@ mod tests {
                 failed: 0,
                 swept: Vec::new(),
                 collected: vec!["x".to_owned()],
+                times: Vec::new(),
                 provenance: TableProvenance::default(),
             };
             let solution = table.into_answer(3 * PART, Incomplete::CANCELLED);

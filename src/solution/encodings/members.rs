@@ -4,7 +4,8 @@
 use super::csv::write_text;
 use crate::columnar::Members;
 use crate::{Column, Solution, Table, Values, Verdict};
-use arrow_array::{ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray, UInt32Array};
+use arrow_array::types::Float64Type;
+use arrow_array::{ArrayRef, BooleanArray, FixedSizeListArray, Float64Array, RecordBatch, StringArray, UInt32Array};
 use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, DataType, Field, Schema};
 use serde::ser::{Serialize, SerializeMap, Serializer};
@@ -100,6 +101,7 @@ impl MembersPieces {
             ("dvi.features", provenance.features.clone()),
             ("dvi.digest", provenance.digest.clone()),
             ("dvi.members", table.members.to_string()),
+            ("dvi.times", serde_json::to_string(&table.times).unwrap_or_default()),
         ]
         .map(|(key, value)| (key.to_owned(), value))
         .into();
@@ -109,6 +111,10 @@ impl MembersPieces {
                 Values::Counts(_) => DataType::UInt32,
                 Values::Flags(_) => DataType::Boolean,
                 Values::Words(_) => DataType::Utf8,
+                Values::Lists(lists) => {
+                    let length = i32::try_from(lists.length()).unwrap_or(i32::MAX);
+                    DataType::new_fixed_size_list(DataType::Float64, length, true)
+                }
             };
             Field::new(&column.name, kind, true)
         };
@@ -139,6 +145,12 @@ fn write_csv(table: &Table, out: &mut dyn Write) -> io::Result<()> {
             match &column.values {
                 values if values.is_missing(row) => {}
                 Values::Words(words) => write_text(words.get(row).unwrap_or_default(), out)?,
+                Values::Lists(_) => {
+                    // A list of JSON in quotes: CSV has no lists.
+                    let mut list = Vec::new();
+                    column.values.write_json(row, &mut list)?;
+                    write_text(&String::from_utf8_lossy(&list), out)?;
+                }
                 values => values.write_json(row, out)?,
             }
         }
@@ -171,6 +183,9 @@ impl Serialize for Row<'_> {
                 Values::Counts(values) => line.serialize_value(&values.get(self.row))?,
                 Values::Flags(values) => line.serialize_value(&values[self.row])?,
                 Values::Words(words) => line.serialize_value(&words.get(self.row))?,
+                Values::Lists(lists) => {
+                    line.serialize_value(&lists.numbers(self.row).map(|list| list.collect::<Vec<_>>()))?;
+                }
             }
         }
         line.end()
@@ -187,6 +202,11 @@ fn array(values: &Values) -> ArrayRef {
         }
         Values::Flags(flags) => Arc::new(rows.map(|row| flags.get(row).copied()).collect::<BooleanArray>()),
         Values::Words(words) => Arc::new(rows.map(|row| words.get(row)).collect::<StringArray>()),
+        Values::Lists(lists) => {
+            let length = i32::try_from(lists.length()).unwrap_or(i32::MAX);
+            let of = rows.map(|row| lists.numbers(row).map(|list| list.collect::<Vec<_>>()));
+            Arc::new(FixedSizeListArray::from_iter_primitive::<Float64Type, _, _>(of, length))
+        }
     }
 }
 
@@ -217,6 +237,7 @@ mod tests {
             failed: 0,
             swept: vec![],
             collected: vec![],
+            times: vec![],
             provenance: TableProvenance { digest: "abc".to_owned(), ..TableProvenance::default() },
         };
         Solution { table: Some(table), ..Solution::default() }

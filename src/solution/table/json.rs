@@ -1,6 +1,6 @@
 //! Columns as JSON: an object of lists by name, in which a missing value is null.
 
-use super::{Column, Counts, MISSING, Values, Words};
+use super::{Column, Counts, Lists, MISSING, Values, Words};
 use serde::de::{Error, MapAccess, SeqAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -72,6 +72,7 @@ impl Values {
             Self::Words(words) => serde_json::to_writer(out, &words.get(row))?,
             Self::Counts(values) => serde_json::to_writer(out, &values.get(row).filter(|value| *value != MISSING))?,
             Self::Numbers(_) => serde_json::to_writer(out, &self.number(row))?,
+            Self::Lists(lists) => serde_json::to_writer(out, &lists.numbers(row).map(List::of))?,
         }
         Ok(())
     }
@@ -101,6 +102,11 @@ impl Serialize for Values {
                     list.serialize_element(&words.get(row))?;
                 }
             }
+            Self::Lists(lists) => {
+                for row in 0..lists.len() {
+                    list.serialize_element(&lists.numbers(row).map(List::of))?;
+                }
+            }
         }
         list.end()
     }
@@ -109,6 +115,17 @@ impl Serialize for Values {
 impl<'de> Deserialize<'de> for Values {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_seq(ValuesVisitor)
+    }
+}
+
+/// The numbers of a list.
+#[derive(Serialize)]
+#[serde(transparent)]
+struct List(Vec<Option<f64>>);
+
+impl List {
+    fn of(numbers: impl Iterator<Item = Option<f64>>) -> Self {
+        Self(numbers.collect())
     }
 }
 
@@ -122,6 +139,7 @@ enum Value {
     Count(u32),
     Number(f64),
     Word(String),
+    List(Vec<Option<f64>>),
 }
 
 impl<'de> Visitor<'de> for ValuesVisitor {
@@ -148,6 +166,7 @@ impl<'de> Visitor<'de> for ValuesVisitor {
                     Value::Count(_) => Values::Counts(Counts::default()),
                     Value::Number(_) => Values::Numbers(Vec::new()),
                     Value::Word(_) => Values::Words(Words::default()),
+                    Value::List(list) => Values::Lists(Lists::new(list.len())),
                 };
                 (0..missing).for_each(|_| values.push_number(None));
                 values
@@ -158,6 +177,10 @@ impl<'de> Visitor<'de> for ValuesVisitor {
                 (Values::Numbers(values), Value::Number(value)) => values.push(value),
                 (Values::Numbers(values), Value::Count(value)) => values.push(f64::from(value)),
                 (Values::Words(words), Value::Word(word)) => words.push(Some(&word)),
+                (Values::Lists(lists), Value::List(list)) if list.len() == lists.length() => {
+                    let list: Vec<f64> = list.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect();
+                    lists.push(&list);
+                }
                 _ => return Err(A::Error::custom("a column has values of one kind")),
             }
         }

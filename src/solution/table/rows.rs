@@ -5,12 +5,13 @@
 //! rows       how many (4)
 //! columns    of each its kind (1), and its values, little-endian:
 //!            numbers 8 bytes, NaN where there is none; counts 4 bytes, the largest where there is none; truths 1 byte;
-//!            words: how many (4), each with its bytes (4) before it, then the place of each row in that list (4)
+//!            words: how many (4), each with its bytes (4) before it, then the place of each row in that list (4);
+//!            lists: their length (4), then their numbers
 //! ```
 //!
 //! Unlike JSON, a column whose values are all missing keeps its kind.
 
-use super::{MISSING, Table, Values, Words};
+use super::{Lists, MISSING, Table, Values, Words};
 use std::io;
 
 /// The kinds of columns.
@@ -18,6 +19,7 @@ const NUMBERS: u8 = 0;
 const COUNTS: u8 = 1;
 const FLAGS: u8 = 2;
 const WORDS: u8 = 3;
+const LISTS: u8 = 4;
 
 impl Table {
     /// The table as bytes.
@@ -78,6 +80,11 @@ impl Values {
                 words.words.iter().try_for_each(|word| put_text(word.as_bytes(), bytes))?;
                 words.places.iter().for_each(|place| bytes.extend_from_slice(&place.to_le_bytes()));
             }
+            Self::Lists(lists) => {
+                bytes.push(LISTS);
+                put(lists.length(), bytes)?;
+                lists.values().iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+            }
         }
         Ok(())
     }
@@ -135,6 +142,19 @@ impl<'b> Rest<'b> {
             [COUNTS] => Values::Counts(self.numbers(rows)?.iter().map(|bytes| u32::from_le_bytes(*bytes)).collect()),
             [FLAGS] => Values::Flags(self.take(rows)?.iter().map(|byte| *byte != 0).collect()),
             [WORDS] => Values::Words(self.words(rows)?),
+            [LISTS] => {
+                let length = self.count()?;
+                let mut lists = Lists::new(length);
+                // Lists of nothing take no bytes, however many there are.
+                let count = if length == 0 { rows.min(self.0.len()) } else { rows };
+                let numbers = self.numbers(count.checked_mul(length).ok_or_else(cut_off)?)?;
+                let numbers: Vec<f64> = numbers.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+                numbers.chunks_exact(length.max(1)).for_each(|list| lists.push(list));
+                if lists.len() != rows {
+                    return Err(cut_off());
+                }
+                Values::Lists(lists)
+            }
             _ => return Err(cut_off()),
         })
     }
@@ -169,6 +189,8 @@ mod tests {
         let column = |name: &str, values: Values| Column { name: name.to_owned(), values };
         let mut words = Words::default();
         [Some("stick>slip"), None, Some("\"é\n"), Some("stick>slip")].iter().for_each(|word| words.push(*word));
+        let mut lists = Lists::new(2);
+        [&[1.0, -0.0][..], &[f64::MIN], &[], &[2.0, 3.0]].iter().for_each(|list| lists.push(list));
         Table {
             columns: vec![
                 column("member", Values::Counts([5, 6, 7, 8].into_iter().collect())),
@@ -176,11 +198,13 @@ mod tests {
                 column("n", Values::Counts([MISSING; 4].into_iter().collect())),
                 column("trusted", Values::Flags(vec![true, false, true, true])),
                 column("word", Values::Words(words)),
+                column("trajectory.x", Values::Lists(lists)),
             ],
             members: 1_000_000,
             failed: 1,
             swept: vec!["x".to_owned()],
             collected: vec!["n".to_owned(), "word".to_owned()],
+            times: vec![0.0, 0.5],
             provenance: TableProvenance { digest: "abc".to_owned(), ..TableProvenance::default() },
         }
     }

@@ -37,11 +37,15 @@ choices! {
     /// What is kept of each run of a sweep beside its row.
     KeepName {
         "nothing" Nothing: "The row alone: trajectories would take as much for each member as a solve does."
+        "trajectories" Trajectories: "The fields of `output` at its times, each a column of lists: `trajectory.x`."
     }
 }
 
 /// The most members.
 const MOST_MEMBERS: usize = 10_000_000;
+/// The most numbers of trajectories that are kept, of all members and of one.
+const MOST_KEPT: usize = 10_000_000;
+const MOST_KEPT_OF_ONE: usize = 1_000_000;
 /// The most slices of a latin hypercube: four bytes each.
 const MOST_SLICES: u64 = 1 << 25;
 /// The most names that are swept: each is a column.
@@ -101,6 +105,8 @@ pub struct SweepPlan {
     pub digest: Arc<str>,
     /// The document, with vectors as they are written.
     source: Arc<Json>,
+    /// The trajectories that are kept of each member, if any are.
+    pub kept: Option<Arc<Kept>>,
     /// The members that are to be solved, where that is a part of them.
     chunk: Option<SweepChunk>,
 }
@@ -114,6 +120,15 @@ pub struct SweepChunk {
     pub lost: Option<(String, String)>,
     /// The time after which no further member is begun; at least one member is solved.
     pub within: Option<Duration>,
+}
+
+/// Trajectories that are kept of each member.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kept {
+    /// The names of the fields.
+    pub names: Vec<String>,
+    /// The times.
+    pub times: Vec<f64>,
 }
 
 /// What a sweep is checked with: what was found while the document was read.
@@ -148,7 +163,15 @@ impl SweepRequest {
             return None;
         }
         let digest = hexadecimal(&digest(source.to_string().as_bytes()));
-        Some(SweepPlan { targets, design: Arc::new(design), reducers, digest: digest.into(), source, chunk: None })
+        Some(SweepPlan {
+            targets,
+            design: Arc::new(design),
+            reducers,
+            digest: digest.into(),
+            source,
+            kept: None,
+            chunk: None,
+        })
     }
 
     /// Names of columns are not to stand twice.
@@ -301,6 +324,72 @@ impl SweepRequest {
             return None;
         }
         Some(first)
+    }
+}
+
+impl SweepPlan {
+    /// Has the trajectories of the fields of these names kept, if `request` asks for that.
+    pub(super) fn keep(
+        &mut self,
+        request: &SweepRequest,
+        (names, times): (Vec<String>, Option<&[f64]>),
+        is_search: bool,
+        errors: &mut Errors,
+    ) {
+        if request.keep == KeepName::Nothing {
+            return;
+        }
+        let place = Pointer::Root.key("sweep");
+        let place = place.key("keep");
+        if is_search {
+            let detail = "an orbit or a state of rest is kept by what is collected of it";
+            return errors.report(&place, "conflict", detail);
+        }
+        let Some(times) = times else {
+            let detail = "how many steps each member takes is not known beforehand";
+            let error = SpecificationError::new(place.to_string(), "missing_key", detail);
+            return errors.push(error.expected("times, such as `\"output\": {\"times\": {\"count\": 101}}`"));
+        };
+        let of_one = times.len().saturating_mul(names.len());
+        let values = of_one.saturating_mul(self.members());
+        if of_one > MOST_KEPT_OF_ONE || values > MOST_KEPT {
+            let detail = format!(
+                "{values} numbers: {} times of {} fields of {} members",
+                times.len(),
+                names.len(),
+                self.members()
+            );
+            let error = SpecificationError::new(place.to_string(), "too_many_runs", detail);
+            return errors.push(error.expected(format!(
+                "at most {MOST_KEPT} numbers, {MOST_KEPT_OF_ONE} of a member: fewer `output.times` or `output.fields`, or what is collected"
+            )));
+        }
+        let is_column = |name: &str| {
+            self.reducers.names.iter().any(|known| known == name)
+                || self.targets.iter().any(|target| target.name == name)
+        };
+        if let Some(name) = names.iter().map(|name| column_of(name)).find(|name| is_column(name)) {
+            let detail = format!("the table has a column `{name}` already, which the trajectory would have");
+            return errors.report(&place, "duplicate_name", detail);
+        }
+        self.kept = Some(Arc::new(Kept { names, times: times.to_vec() }));
+    }
+
+    /// The numbers that are kept of the trajectory of a member.
+    pub fn numbers_kept(&self) -> usize {
+        self.kept.as_ref().map_or(0, |kept| kept.names.len() * kept.times.len())
+    }
+}
+
+/// The name of the column of a trajectory.
+fn column_of(field: &str) -> String {
+    format!("trajectory.{field}")
+}
+
+impl Kept {
+    /// The names of the columns.
+    pub fn columns(&self) -> impl Iterator<Item = String> {
+        self.names.iter().map(|name| column_of(name))
     }
 }
 

@@ -3,8 +3,8 @@
 use super::features;
 use problem::Control;
 use solution::{
-    CheckCode, Collected, Column, Counts, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance, Values,
-    Words,
+    CheckCode, Collected, Column, Counts, Lists, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance,
+    Values, Words,
 };
 use specification::{Search, Specification, SpecificationError, SweepPlan};
 use std::borrow::Cow;
@@ -150,8 +150,10 @@ impl<'s> Template<'s> {
     /// What to run: no trajectory but its end, where derivatives are taken.
     fn plan_of(&self, member: &Specification) -> Plan {
         let mut plan = member.plan();
-        plan.times = Some(vec![plan.end]);
-        plan.fields = Vec::new();
+        if self.plan.kept.is_none() {
+            plan.times = Some(vec![plan.end]);
+            plan.fields = Vec::new();
+        }
         // The program has the parameters of the member bound.
         plan.reducers = member.sweep().map(|sweep| Arc::new(sweep.reducers.clone()));
         plan
@@ -218,6 +220,11 @@ impl Rows {
             (None, None) => None,
         };
         let warnings = solution.map(warnings).filter(|warnings| !warnings.is_empty());
+        let trajectory = solution.map(|solution| solution.trajectory.fields.as_slice()).unwrap_or_default();
+        for column in columns.filter(|values| matches!(values, Values::Lists(_))).enumerate() {
+            let (field, lists) = column;
+            lists.push_list(trajectory.get(field).map(|field| field.values.as_slice()).unwrap_or_default());
+        }
         let own = self.table.columns.len() - self.table.own();
         for Column { name, values } in &mut self.table.columns[own..] {
             match name.as_str() {
@@ -229,7 +236,9 @@ impl Rows {
                 "steps" => values.push_number(Some(steps as f64)),
                 "switches" => values.push_number(Some(switches as f64)),
                 "residual" => values.push_number(residual),
-                _ => values.push_word(warnings.as_deref()),
+                "warnings" => values.push_word(warnings.as_deref()),
+                // Those of trajectories have theirs.
+                _ => {}
             }
         }
     }
@@ -279,12 +288,17 @@ fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -
         ("residual", Values::Numbers(Vec::new())),
         ("warnings", words()),
     ]);
+    let kept = plan.kept.as_deref();
+    let of_trajectories: Vec<String> = kept.iter().flat_map(|kept| kept.columns()).collect();
+    let length = kept.map_or(0, |kept| kept.times.len());
+    columns.extend(of_trajectories.iter().map(|name| (name.as_str(), Values::Lists(Lists::new(length)))));
     Table {
         columns: columns.into_iter().map(|(name, values)| Column { name: name.to_owned(), values }).collect(),
         members: plan.members() as u64,
         failed: 0,
         swept: plan.targets.iter().map(|target| target.name.clone()).collect(),
         collected: reducers.names.clone(),
+        times: kept.map_or_else(Vec::new, |kept| kept.times.clone()),
         provenance: TableProvenance {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             features: features(),
