@@ -241,7 +241,8 @@ fn trajectories_that_are_kept_are_those_of_the_solves_alone() {
     assert_eq!(json["table"]["times"], json!([0.0, 0.5, 1.0, 3.0]));
     let swept = specification.clone();
     specification.as_object_mut().unwrap().remove("sweep");
-    for (row, (k, f)) in [1, 2, 3].iter().flat_map(|k| [-1.0, 0.1, 0.5].map(|f| (k, f))).enumerate() {
+    // The names of the document are in the order of the alphabet.
+    for (row, (f, k)) in [-1.0, 0.1, 0.5].iter().flat_map(|f| [1, 2, 3].map(|k| (*f, k))).enumerate() {
         if f < 0.0 {
             assert!(columns["trajectory.v"][row].is_null() && columns["status"][row] == "failed");
             continue;

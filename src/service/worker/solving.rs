@@ -187,6 +187,10 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
         let summary = serde_json::to_vec(&specification.summary())?;
         return desk.report(&Report::Checked { task, facts, resident }, &summary);
     }
+    if members.is_some() && specification.sweep().is_none() {
+        // A part of nothing: the front does not ask for that.
+        return desk.report(&Report::Refused { task, interrupted: false }, b"[]");
+    }
     // What it takes to begin a part of a sweep is to be a small part of what is done then.
     let least = BEGINNING * begun.elapsed();
     let is_part = members.is_some();

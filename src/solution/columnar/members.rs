@@ -11,8 +11,9 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 use std::sync::Arc;
 
-/// The rows of a part.
-pub const PART: usize = 1 << 10;
+/// The rows of a part: with its kind, a column of numbers takes no more than 8 KiB, as a chunk of a trajectory does, and is
+/// what an allocator hands out from what was freed.
+pub const PART: usize = 1000;
 
 /// A table, a part of its rows at a time.
 pub trait Members: Send + Sync {
