@@ -444,10 +444,12 @@ mod tests {
         let sweep = chunks(10);
         let chunk = sweep.take(1).unwrap();
         assert!(sweep.queues() && !sweep.queues());
+        // Not before the chunk that a worker has taken.
+        assert_eq!(sweep.settle(Some(Halt::Dismiss), false), None);
+        sweep.end(&chunk, None, &Solved::Nothing, Duration::ZERO);
         assert_eq!(sweep.settle(None, false), None);
         assert_eq!(sweep.settle(Some(Halt::Dismiss), false), Some(Settled::Table(Some(Incomplete::CANCELLED))));
         assert!(sweep.take(1).is_none());
-        sweep.end(&chunk, None, &Solved::Nothing, Duration::ZERO);
         sweep.resume();
         assert_eq!(sweep.settle(Some(Halt::Park), false), Some(Settled::Parked));
         sweep.resume();
