@@ -67,7 +67,7 @@ pub enum Making {
     /// A table, in one of its formats.
     Table(TablePieces),
     /// The table of a sweep, in one of its formats.
-    Members(MembersPieces),
+    Members(Box<MembersPieces>),
 }
 
 /// A part of the results, and the state of its generation.

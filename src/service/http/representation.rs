@@ -93,7 +93,7 @@ impl Representation {
         let numbers = part.numbers();
         if let Some(form) = self.of_members().filter(|_| part.columns.members().is_some()) {
             let verdict = part.skeleton.verdict().map_err(|error| unreadable(id, &error))?;
-            let making = Making::Members(MembersPieces::new(form, &verdict));
+            let making = Making::Members(MembersPieces::new(form, &verdict).into());
             return pieces(Unwritten { part, making }, numbers, id, shared);
         }
         if let Some(form) = self.of_members().filter(|_| part.skeleton.has_table()) {

@@ -310,7 +310,7 @@ mod tests {
         let mut flipped = bytes.clone();
         flipped[2 * HEAD + 150] ^= 1;
         fs::write(&path.0, &flipped).unwrap();
-        assert_eq!(log.drop_damaged(), [10..20]);
+        assert!(log.drop_damaged().into_iter().eq(std::iter::once(10..20)));
         assert_eq!(all(&log).len(), 2);
     }
 }

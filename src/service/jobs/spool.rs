@@ -58,7 +58,8 @@ impl Backing {
         match &self {
             Self::Memory(memory) => Ok(Self::memory([memory.as_slice(), bytes].concat())),
             Self::Scratch(scratch) => {
-                let written = OpenOptions::new().append(true).open(scratch.path()).and_then(|mut file| file.write_all(bytes));
+                let written =
+                    OpenOptions::new().append(true).open(scratch.path()).and_then(|mut file| file.write_all(bytes));
                 match written {
                     Ok(()) => Ok(self),
                     Err(error) => {
