@@ -9,7 +9,7 @@ use super::stored::Source;
 use crate::{Column, Table, Values};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// The rows of a part: with its kind, a column of numbers takes no more than 8 KiB, as a chunk of a trajectory does, and is
 /// what an allocator hands out from what was freed.
@@ -28,6 +28,14 @@ pub trait Members: Send + Sync {
     /// # Errors
     /// Those of the disk; [`io::ErrorKind::InvalidData`] where the column is not as it was written.
     fn values(&self, part: usize, column: usize) -> io::Result<Values>;
+
+    /// Compares the checksums of all that is stored.
+    ///
+    /// # Errors
+    /// As of [`Members::values`].
+    fn verify(&self) -> io::Result<()> {
+        Ok(())
+    }
 }
 
 impl dyn Members + '_ {
@@ -63,15 +71,6 @@ impl dyn Members + '_ {
     pub fn visit(&self, name: &str, mut visit: impl FnMut(&Values)) -> io::Result<()> {
         let Some(column) = self.head().columns.iter().position(|column| column.name == name) else { return Ok(()) };
         (0..self.parts()).try_for_each(|part| self.values(part, column).map(|values| visit(&values)))
-    }
-
-    /// Reads all values once.
-    ///
-    /// # Errors
-    /// As of [`Members::values`].
-    pub fn verify(&self) -> io::Result<()> {
-        let columns = self.head().columns.len();
-        (0..self.parts()).try_for_each(|part| (0..columns).try_for_each(|column| self.values(part, column).map(drop)))
     }
 }
 
@@ -175,6 +174,8 @@ pub struct StoredMembers {
     /// Where each column of each part begins.
     offsets: Vec<u64>,
     end: u64,
+    /// What was read last: one allocation for all columns, of which there may be many thousand.
+    bytes: Mutex<Vec<u8>>,
 }
 
 impl StoredMembers {
@@ -186,7 +187,7 @@ impl StoredMembers {
             offsets.push(end);
             end = end.saturating_add(*bytes);
         }
-        Self { source, index, offsets, end }
+        Self { source, index, offsets, end, bytes: Mutex::default() }
     }
 
     /// Where it ends.
@@ -197,6 +198,21 @@ impl StoredMembers {
     /// Its index.
     pub fn index(&self) -> &PartsIndex {
         &self.index
+    }
+
+    /// Calls `read` with the rows of a part and the bytes of a column of it, which are as they were written.
+    fn read<T>(&self, part: usize, column: usize, read: impl FnOnce(usize, &[u8]) -> io::Result<T>) -> io::Result<T> {
+        let damaged = || io::Error::new(io::ErrorKind::InvalidData, "a table is not as it was written");
+        let of = self.index.parts.get(part).ok_or_else(damaged)?;
+        let (length, sum) = *of.columns.get(column).ok_or_else(damaged)?;
+        let offset = *self.offsets.get(part * self.index.head.columns.len() + column).ok_or_else(damaged)?;
+        let mut bytes = self.bytes.lock().unwrap_or_else(PoisonError::into_inner);
+        bytes.resize(usize::try_from(length).map_err(|_| damaged())?, 0);
+        self.source.read_at(offset, &mut bytes).map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => damaged(),
+            _ => error,
+        })?;
+        if checksum(&bytes) == sum { read(of.rows, &bytes) } else { Err(damaged()) }
     }
 }
 
@@ -210,15 +226,12 @@ impl Members for StoredMembers {
     }
 
     fn values(&self, part: usize, column: usize) -> io::Result<Values> {
-        let damaged = || io::Error::new(io::ErrorKind::InvalidData, "a table is not as it was written");
-        let of = self.index.parts.get(part).ok_or_else(damaged)?;
-        let (length, sum) = *of.columns.get(column).ok_or_else(damaged)?;
-        let offset = *self.offsets.get(part * self.index.head.columns.len() + column).ok_or_else(damaged)?;
-        let mut bytes = vec![0; usize::try_from(length).map_err(|_| damaged())?];
-        self.source.read_at(offset, &mut bytes).map_err(|error| match error.kind() {
-            io::ErrorKind::UnexpectedEof => damaged(),
-            _ => error,
-        })?;
-        if checksum(&bytes) == sum { Values::of_bytes(&bytes, of.rows) } else { Err(damaged()) }
+        self.read(part, column, |rows, bytes| Values::of_bytes(bytes, rows))
+    }
+
+    fn verify(&self) -> io::Result<()> {
+        let columns = self.index.head.columns.len();
+        (0..self.parts())
+            .try_for_each(|part| (0..columns).try_for_each(|column| self.read(part, column, |_, _| Ok(()))))
     }
 }
