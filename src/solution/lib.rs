@@ -55,7 +55,7 @@ pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
 pub use study::{Series, Study, StudyRun};
 pub use summary::{OfNumber, Summary};
-pub use table::{Column, Table, TableProvenance, Unmergeable, Values, Words};
+pub use table::{Column, Counts, Incomplete, Lists, Table, TableProvenance, Unmergeable, Values, Words, answer};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
 pub use verdict::{Caveat, CheckCode, Checks, Measured, Reason, Verdict};

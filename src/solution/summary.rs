@@ -1,8 +1,9 @@
 //! Summary statistics of the numbers in a table: count, mean, standard deviation, extremes and quantiles.
 
-use super::table::Table;
+use crate::columnar::Members;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io;
 use utoipa::ToSchema;
 
 /// The quantiles in a summary.
@@ -29,19 +30,23 @@ pub struct OfNumber {
     pub quantiles: BTreeMap<String, f64>,
 }
 
-impl Table {
-    /// The distribution of each collected number.
-    pub fn summary(&self) -> Summary {
-        let mut summary = Summary::new();
-        for name in &self.collected {
-            let Some(values) = self.column(name) else { continue };
-            let numbers: Vec<f64> = (0..values.len()).filter_map(|row| values.number(row)).collect();
-            if let Some(of) = OfNumber::of(numbers) {
-                summary.insert(name.clone(), of);
-            }
+/// The distribution of each number that was collected.
+///
+/// # Errors
+/// Those of reading the table.
+pub fn summary(members: &dyn Members) -> io::Result<Summary> {
+    let mut summary = Summary::new();
+    for name in &members.head().collected {
+        // No more than is needed, and one column at a time: there may be millions.
+        let (mut count, mut numbers) = (0, Vec::new());
+        members.visit(name, |values| count += (0..values.len()).filter(|row| values.number(*row).is_some()).count())?;
+        numbers.reserve_exact(count);
+        members.visit(name, |values| numbers.extend((0..values.len()).filter_map(|row| values.number(row))))?;
+        if let Some(of) = OfNumber::of(numbers) {
+            summary.insert(name.clone(), of);
         }
-        summary
     }
+    Ok(summary)
 }
 
 impl OfNumber {
@@ -56,7 +61,7 @@ impl OfNumber {
         let mean = numbers.iter().map(|x| x / unit).sum::<f64>() / count;
         let squares = numbers.iter().map(|x| (x / unit - mean).powi(2)).sum::<f64>();
         let sd = if numbers.len() > 1 { (squares / (count - 1.0)).sqrt() * unit } else { 0.0 };
-        numbers.sort_by(f64::total_cmp);
+        numbers.sort_unstable_by(f64::total_cmp);
         let quantile = |part: f64| {
             let place = part * (count - 1.0);
             let below = place as usize;

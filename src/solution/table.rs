@@ -1,21 +1,28 @@
 //! The table of a sweep: one row per member; columns for each swept name, each collected number, and the outcome of the
 //! member.
 //!
-//! Memory: eight bytes per number, four per count, one or four per text (repeated texts are stored once). A missing
-//! number is NaN in memory, and null or empty in every written form.
+//! Columns are kept as such: eight bytes a number, up to four bytes a count or a word (words that come again are kept once). A number
+//! that is missing is NaN here, and null or nothing wherever it is written.
 
+mod answer;
+mod counts;
 mod json;
+mod lists;
+mod rows;
 
+pub use answer::{Incomplete, answer};
+pub use counts::Counts;
+pub use lists::Lists;
+
+use counts::MISSING;
 use json::{by_name, schema_of_columns};
 use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::ops::Range;
 use utoipa::ToSchema;
 
-/// Marks a missing count or text.
-const MISSING: u32 = u32::MAX;
-
-/// One row per member of a sweep, in the order of members.
+/// One row for each member of a sweep, in the order of members.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Table {
     /// The columns by name: `member`, from zero; the swept names; the collected values; `status`, `trusted`, `error`,
@@ -33,7 +40,10 @@ pub struct Table {
     /// Names of the collected columns.
     #[serde(default)]
     pub collected: Vec<String>,
-    /// The program and specification that the table comes from.
+    /// The times of the trajectories that were kept, in columns of lists such as `trajectory.x`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub times: Vec<f64>,
+    /// What made it.
     #[serde(flatten)]
     pub provenance: TableProvenance,
 }
@@ -66,77 +76,26 @@ pub struct Column {
 pub enum Values {
     /// Numbers; NaN if missing.
     Numbers(Vec<f64>),
-    /// Counts; [`u32::MAX`] if missing.
-    Counts(Vec<u32>),
-    /// Booleans.
+    /// Counts; [`u32::MAX`] where there is none.
+    Counts(Counts),
+    /// Truths.
     Flags(Vec<bool>),
     /// Texts, as indices into a list.
     Words(Words),
+    /// Lists of numbers.
+    Lists(Lists),
 }
 
 /// A column of texts, each distinct text stored once.
 #[derive(Clone, Debug, Default)]
 pub struct Words {
-    places: Places,
+    /// The place of the word of each row.
+    places: Counts,
     words: Vec<String>,
     known: FxHashMap<String, u32>,
 }
 
-/// Indices into the list of texts: one byte each as long as there are few texts, for example in the columns of
-/// outcomes.
-#[derive(Clone, Debug)]
-enum Places {
-    Narrow(Vec<u8>),
-    Wide(Vec<u32>),
-}
-
-impl Default for Places {
-    fn default() -> Self {
-        Self::Narrow(Vec::new())
-    }
-}
-
-impl Places {
-    fn len(&self) -> usize {
-        match self {
-            Self::Narrow(places) => places.len(),
-            Self::Wide(places) => places.len(),
-        }
-    }
-
-    fn get(&self, row: usize) -> Option<u32> {
-        match self {
-            Self::Narrow(places) => {
-                places.get(row).map(|place| if *place == u8::MAX { MISSING } else { u32::from(*place) })
-            }
-            Self::Wide(places) => places.get(row).copied(),
-        }
-    }
-
-    fn push(&mut self, place: u32) {
-        if let Self::Narrow(places) = self {
-            match u8::try_from(place) {
-                _ if place == MISSING => return places.push(u8::MAX),
-                Ok(place) if place < u8::MAX => return places.push(place),
-                _ => {}
-            }
-            let wide = (0..self.len()).map(|row| self.get(row).unwrap_or(MISSING)).collect();
-            *self = Self::Wide(wide);
-        }
-        if let Self::Wide(places) = self {
-            places.push(place);
-        }
-    }
-
-    fn reserve(&mut self, rows: usize) {
-        match self {
-            Self::Narrow(places) => places.reserve_exact(rows),
-            Self::Wide(places) => places.reserve_exact(rows),
-        }
-    }
-}
-
-/// The reason why tables are not parts of one.
+/// Why tables are not parts of one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unmergeable(pub String);
 
@@ -170,9 +129,8 @@ impl Words {
 
     fn append(&mut self, other: &Self) {
         let places: Vec<u32> = other.words.iter().map(|word| self.place(word)).collect();
-        for row in 0..other.places.len() {
-            let place = other.places.get(row).and_then(|place| places.get(place as usize)).copied();
-            self.places.push(place.unwrap_or(MISSING));
+        for place in other.places.iter() {
+            self.places.push(places.get(place as usize).copied().unwrap_or(MISSING));
         }
     }
 }
@@ -193,7 +151,8 @@ impl PartialEq for Values {
             (Self::Counts(a), Self::Counts(b)) => a == b,
             (Self::Flags(a), Self::Flags(b)) => a == b,
             (Self::Words(a), Self::Words(b)) => a == b,
-            // A column without any value has no type in its written form.
+            (Self::Lists(a), Self::Lists(b)) => a == b,
+            // Of what has no value at all the type is not told by the text.
             (a, b) => a.len() == b.len() && (0..a.len()).all(|row| a.is_missing(row) && b.is_missing(row)),
         }
     }
@@ -207,6 +166,7 @@ impl Values {
             Self::Counts(values) => values.len(),
             Self::Flags(values) => values.len(),
             Self::Words(words) => words.places.len(),
+            Self::Lists(lists) => lists.len(),
         }
     }
 
@@ -219,9 +179,10 @@ impl Values {
     pub fn is_missing(&self, row: usize) -> bool {
         match self {
             Self::Numbers(values) => values.get(row).is_none_or(|value| !value.is_finite()),
-            Self::Counts(values) => values.get(row).is_none_or(|value| *value == MISSING),
+            Self::Counts(values) => values.get(row).is_none_or(|value| value == MISSING),
             Self::Flags(values) => values.get(row).is_none(),
             Self::Words(words) => words.get(row).is_none(),
+            Self::Lists(lists) => lists.numbers(row).is_none(),
         }
     }
 
@@ -229,8 +190,8 @@ impl Values {
     pub fn number(&self, row: usize) -> Option<f64> {
         match self {
             Self::Numbers(values) => values.get(row).copied().filter(|value| value.is_finite()),
-            Self::Counts(values) => values.get(row).copied().filter(|value| *value != MISSING).map(f64::from),
-            Self::Flags(_) | Self::Words(_) => None,
+            Self::Counts(values) => values.get(row).filter(|value| *value != MISSING).map(f64::from),
+            Self::Flags(_) | Self::Words(_) | Self::Lists(_) => None,
         }
     }
 
@@ -238,7 +199,7 @@ impl Values {
     pub fn word(&self, row: usize) -> Option<&str> {
         match self {
             Self::Words(words) => words.get(row),
-            Self::Numbers(_) | Self::Counts(_) | Self::Flags(_) => None,
+            Self::Numbers(_) | Self::Counts(_) | Self::Flags(_) | Self::Lists(_) => None,
         }
     }
 
@@ -246,9 +207,10 @@ impl Values {
     pub fn reserve(&mut self, rows: usize) {
         match self {
             Self::Numbers(values) => values.reserve_exact(rows),
-            Self::Counts(values) => values.reserve_exact(rows),
+            Self::Counts(values) => values.reserve(rows),
             Self::Flags(values) => values.reserve_exact(rows),
             Self::Words(words) => words.places.reserve(rows),
+            Self::Lists(lists) => lists.reserve(rows),
         }
     }
 
@@ -259,6 +221,15 @@ impl Values {
             Self::Counts(values) => values.push(value.map_or(MISSING, |value| value as u32)),
             Self::Flags(values) => values.push(value.is_some_and(|value| value != 0.0)),
             Self::Words(words) => words.push(None),
+            Self::Lists(lists) => lists.push(&[]),
+        }
+    }
+
+    /// Adds a list, or a part of one.
+    pub fn push_list(&mut self, list: &[f64]) {
+        match self {
+            Self::Lists(lists) => lists.push(list),
+            other => other.push_number(None),
         }
     }
 
@@ -287,33 +258,65 @@ impl Values {
         }
         match (self, other) {
             (Self::Numbers(values), Self::Numbers(other)) => values.extend(other),
-            (Self::Counts(values), Self::Counts(other)) => values.extend(other),
+            (Self::Counts(values), Self::Counts(other)) => other.iter().for_each(|value| values.push(value)),
             (Self::Flags(values), Self::Flags(other)) => values.extend(other),
             (Self::Words(words), Self::Words(other)) => words.append(&other),
+            (Self::Lists(lists), Self::Lists(other)) if lists.length() == other.length() || lists.is_empty() => {
+                if lists.is_empty() {
+                    lists.take_length(&other);
+                }
+                (0..other.len()).filter_map(|row| other.get(row)).for_each(|list| lists.push(list));
+            }
+            (Self::Lists(_), Self::Lists(other)) if other.is_empty() => {}
             _ => return false,
         }
         true
     }
 
-    /// An empty column of the same type.
+    /// The values in some rows.
+    pub fn part(&self, rows: Range<usize>) -> Self {
+        match self {
+            Self::Numbers(values) => Self::Numbers(values.get(rows).unwrap_or_default().to_vec()),
+            Self::Counts(values) => Self::Counts(rows.filter_map(|row| values.get(row)).collect()),
+            Self::Flags(values) => Self::Flags(values.get(rows).unwrap_or_default().to_vec()),
+            Self::Words(words) => {
+                let mut part = Words::default();
+                rows.take_while(|row| *row < words.places.len()).for_each(|row| part.push(words.get(row)));
+                Self::Words(part)
+            }
+            Self::Lists(lists) => {
+                let mut part = Lists::new(lists.length());
+                rows.filter_map(|row| lists.get(row)).for_each(|list| part.push(list));
+                Self::Lists(part)
+            }
+        }
+    }
+
+    /// The same kind of values, without any.
     pub fn emptied(&self) -> Self {
         match self {
             Self::Numbers(_) => Self::Numbers(Vec::new()),
-            Self::Counts(_) => Self::Counts(Vec::new()),
+            Self::Counts(_) => Self::Counts(Counts::default()),
             Self::Flags(_) => Self::Flags(Vec::new()),
             Self::Words(_) => Self::Words(Words::default()),
+            Self::Lists(lists) => Self::Lists(Lists::new(lists.length())),
         }
     }
 
     fn reordered(&self, order: &[usize]) -> Self {
         match self {
             Self::Numbers(values) => Self::Numbers(order.iter().map(|row| values[*row]).collect()),
-            Self::Counts(values) => Self::Counts(order.iter().map(|row| values[*row]).collect()),
+            Self::Counts(values) => Self::Counts(order.iter().filter_map(|row| values.get(*row)).collect()),
             Self::Flags(values) => Self::Flags(order.iter().map(|row| values[*row]).collect()),
             Self::Words(words) => {
                 let mut ordered = Words::default();
                 order.iter().for_each(|row| ordered.push(words.get(*row)));
                 Self::Words(ordered)
+            }
+            Self::Lists(lists) => {
+                let mut ordered = Lists::new(lists.length());
+                order.iter().filter_map(|row| lists.get(*row)).for_each(|list| ordered.push(list));
+                Self::Lists(ordered)
             }
         }
     }
@@ -345,16 +348,7 @@ impl Table {
         self.columns[self.columns.len() - self.own()..].iter().any(|column| column.name == name)
     }
 
-    /// Number of members that reached their end and are not trusted.
-    pub fn untrusted(&self) -> u64 {
-        let (Some(Values::Flags(trusted)), Some(status)) = (self.column("trusted"), self.column("status")) else {
-            return 0;
-        };
-        let is_untrusted = |row: &usize| !trusted[*row] && status.word(*row) == Some("completed");
-        (0..trusted.len()).filter(is_untrusted).count() as u64
-    }
-
-    /// A table with the same columns and no rows.
+    /// The same columns, without any row.
     pub fn emptied(&self) -> Self {
         let emptied = |column: &Column| Column { name: column.name.clone(), values: column.values.emptied() };
         Self { columns: self.columns.iter().map(emptied).collect(), failed: 0, ..self.clone_heads() }
@@ -367,6 +361,7 @@ impl Table {
             failed: self.failed,
             swept: self.swept.clone(),
             collected: self.collected.clone(),
+            times: self.times.clone(),
             provenance: self.provenance.clone(),
         }
     }
@@ -439,7 +434,7 @@ mod tests {
         let column = |name: &str, values: Values| Column { name: name.to_owned(), values };
         Table {
             columns: vec![
-                column("member", Values::Counts(members.to_vec())),
+                column("member", Values::Counts(members.iter().copied().collect())),
                 column("x", Values::Numbers(numbers.to_vec())),
                 column("error", words(errors)),
             ],
@@ -447,6 +442,7 @@ mod tests {
             failed: errors.iter().flatten().count() as u64,
             swept: vec!["x".to_owned()],
             collected: Vec::new(),
+            times: Vec::new(),
             provenance: TableProvenance { version: "1".to_owned(), ..TableProvenance::default() },
         }
     }

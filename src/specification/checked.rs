@@ -201,7 +201,11 @@ impl Specification {
                         are_inputs,
                     };
                     let horizon = (time.start, time.end);
-                    let plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    let mut plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    if let Some(plan) = &mut plan {
+                        let kept = (columns.named(&output_fields), output_times.as_deref());
+                        plan.keep(&asked, kept, search.is_some(), &mut found);
+                    }
                     lacks_plan = plan.is_none();
                     plan
                 }
@@ -394,7 +398,11 @@ impl Specification {
         self.sweep.as_ref()
     }
 
-    /// The user's wall-clock limit, in seconds.
+    pub(super) fn sweep_mut(&mut self) -> Option<&mut SweepPlan> {
+        self.sweep.as_mut()
+    }
+
+    /// The wall-clock time the user allows, in seconds.
     pub fn wall_seconds(&self) -> Option<f64> {
         self.limits.wall_seconds
     }

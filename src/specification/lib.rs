@@ -116,8 +116,8 @@ pub use static_vi::{StaticVariable, ViProblem};
 pub use study::{Exact, Rung, StudyPlan, StudyRequest};
 pub use summary::Summary;
 pub use sweep::{
-    AtTime, Design, DesignName, KeepName, Range, Reducer, Rule, Selector, SweepPlan, SweepRequest, TableOfMembers,
-    Target, edited,
+    AtTime, Design, DesignName, KeepName, Kept, Range, Reducer, Rule, Selector, SweepChunk, SweepPlan, SweepRequest,
+    TableOfMembers, Target, edited,
 };
 pub use tables::{InterpolationName, TableOfPoints};
 pub use times::Times;

@@ -13,9 +13,9 @@ const FEW_STEPS: usize = 100;
 
 /// Columns of a table other than swept and collected values.
 const OWN_COLUMNS: usize = 8;
-/// Bytes per value of a table, in memory and as text.
-const OF_A_VALUE: usize = 24;
-/// Bytes of a sweep with few members, measured: the compiled problem twice, the plan, the summary.
+/// The bytes of a value of a table, and of what its summary is made of.
+const OF_A_VALUE: usize = 8;
+/// Those of a sweep of few members: the compiled problem twice, the plan, the summary; measured.
 const OF_A_SWEEP: usize = 32 << 10;
 
 impl Specification {
@@ -29,11 +29,11 @@ impl Specification {
             .saturating_add(self.table_bytes())
     }
 
-    /// The table of a sweep, and its JSON text.
+    /// The table of a sweep, or of the part of it that is to be solved.
     fn table_bytes(&self) -> usize {
         let Some(sweep) = self.sweep() else { return 0 };
-        let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len();
-        sweep.members().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
+        let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len() + sweep.numbers_kept();
+        sweep.chunk().members.len().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
     }
 
     /// Number of runs kept at once: sensitivities have a second set of equations.

@@ -130,7 +130,12 @@ impl Columns<'_> {
         self.outputs.iter().copied().chain(further.map(String::as_str))
     }
 
-    /// The columns kept by default.
+    /// The names of these fields.
+    pub fn named(&self, fields: &[usize]) -> Vec<String> {
+        fields.iter().filter_map(|field| self.names().nth(*field)).map(str::to_owned).collect()
+    }
+
+    /// What is kept where nothing is asked for.
     fn kept(&self) -> Vec<usize> {
         let observables = self.outputs.len() + self.observables.names.len();
         let further = observables - self.observables.integrals..observables + self.derivatives.len();

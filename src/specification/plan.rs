@@ -55,7 +55,7 @@ impl Specification {
             first_step: method.first_step,
             max_step: method.max_step.unwrap_or(f64::INFINITY),
             min_step: method.min_step.unwrap_or(0.0),
-            interpolated: (self.sweep().is_none()
+            interpolated: (self.sweep().is_none_or(|sweep| sweep.kept.is_some())
                 && self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t))))
                 || self.observables().is_followed()
                 || self.search().is_some()

@@ -15,7 +15,7 @@ pub fn solve(specification: &Specification, control: &Control) -> Solution {
 /// number.
 pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &Control) -> Solution {
     let mut solution = match (specification.sweep(), specification.study()) {
-        (Some(plan), _) => sweep(specification, 0..plan.members(), threads, control),
+        (Some(plan), _) => sweep(specification, plan.chunk().members, threads, control),
         (None, None) => solve_once(specification, control),
         (None, Some(plan)) => {
             let solution = control.part(0.0..FIRST, || solve_once(specification, control));

@@ -4,6 +4,7 @@
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
+use dvi::solution::encodings::MembersForm;
 use dvi::solution::{Solution, Status, Table, encodings};
 use dvi::specification::{Specification, edited};
 use serde_json::{Value, json};
@@ -225,6 +226,56 @@ fn a_member_is_the_solve_of_its_values_alone() {
             }
         }
     }
+}
+
+#[test]
+fn trajectories_that_are_kept_are_those_of_the_solves_alone() {
+    let mut specification = json!({
+        "problem": {"dvi": {"parameters": {"k": 1, "f": 1},
+            "states": {"x": {"initial": 2, "rate": "v"}, "v": {"initial": 0, "rate": "-k*x - s"}},
+            "variables": {"s": {"inequality": "-v"}}, "set": [{"box": {"of": ["s"], "lower": "-f", "upper": "f"}}]}},
+        "time": {"end": 3}, "output": {"times": [0, 0.5, 1, 3], "fields": ["v", "s"]},
+        "sweep": {"over": {"k": [1, 2, 3], "f": [-1, 0.1, 0.5]}, "keep": "trajectories"}});
+    let whole = json_of(&dvi::solve(&read(&specification), &Control::new()));
+    let json: Value = serde_json::from_str(&whole).unwrap();
+    let columns = &json["table"]["columns"];
+    assert_eq!(json["table"]["times"], json!([0.0, 0.5, 1.0, 3.0]));
+    let swept = specification.clone();
+    specification.as_object_mut().unwrap().remove("sweep");
+    // The names of the document are in the order of the alphabet.
+    for (row, (f, k)) in [-1.0, 0.1, 0.5].iter().flat_map(|f| [1, 2, 3].map(|k| (*f, k))).enumerate() {
+        if f < 0.0 {
+            assert!(columns["trajectory.v"][row].is_null() && columns["status"][row] == "failed");
+            continue;
+        }
+        let parameters = &mut specification["problem"]["dvi"]["parameters"];
+        (parameters["k"], parameters["f"]) = (json!(k), json!(f));
+        let alone = dvi::solve(&read(&specification), &Control::new());
+        for name in ["v", "s"] {
+            let told = &columns[format!("trajectory.{name}")][row];
+            assert_eq!(told, &json!(alone.trajectory.field(name).unwrap()), "{name} of row {row}");
+        }
+        assert_eq!(columns["x"][row].as_f64().map(f64::to_bits), Some(x_at_the_end(&specification).to_bits()));
+    }
+    let read_back = encodings::read_json(whole.as_bytes()).unwrap().table.unwrap();
+    assert_eq!(serde_json::to_value(&read_back).unwrap(), json["table"]);
+    for (form, told) in [(MembersForm::Csv, ",\"[0.0,-"), (MembersForm::Lines, "\"trajectory.v\":[0.0,-")] {
+        let (mut bytes, solution) = (Vec::new(), Solution { table: Some(read_back.clone()), ..Solution::default() });
+        encodings::write_members(&solution, form, &mut bytes).unwrap();
+        assert_eq!(String::from_utf8(bytes).unwrap().matches(told).count(), 6, "{form:?}");
+    }
+    let parts = [0..2, 2..4, 4..9].map(|members| {
+        let part = dvi::study::sweep(&read(&swept), members, NonZeroUsize::MIN, &Control::new());
+        encodings::read_json(json_of(&part).as_bytes()).unwrap().table.unwrap()
+    });
+    assert_eq!(json_of(&dvi::study::merge(parts).unwrap()), whole);
+}
+
+/// The state at the end, whatever fields are asked for.
+fn x_at_the_end(specification: &Value) -> f64 {
+    let mut specification = specification.clone();
+    specification["output"]["fields"] = json!(["x"]);
+    *dvi::solve(&read(&specification), &Control::new()).trajectory.field("x").unwrap().last().unwrap()
 }
 
 #[test]

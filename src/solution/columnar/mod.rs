@@ -4,17 +4,20 @@
 //!
 //! ```text
 //! columns    the times, then each field: 8 bytes a number, little-endian, in chunks of 1024 rows, the last one shorter
-//! index      JSON: number of rows, names, a checksum per chunk, and the solution without its columns
+//! members    the table of a sweep, where there is one, in parts of some thousand rows
+//! index      JSON: how many rows, the names, a checksum a chunk, and the solution without its columns
 //! ```
 //!
 //! The caller keeps the length and a digest of the index, from which everything else is found.
 
 mod checksum;
+mod members;
 mod pieces;
 mod skeleton;
 mod stored;
 
 pub(super) use checksum::checksum;
+pub use members::{Members, PART, PartsIndex, PartsWriter, StoredMembers, write_parts};
 pub use pieces::{JsonPieces, TablePieces, write_whole};
 pub use skeleton::Skeleton;
 pub use stored::{Source, Stored, write_columns};
@@ -47,6 +50,11 @@ pub trait Columns: Send + Sync {
     /// # Errors
     /// As of [`Columns::values`].
     fn partition_point(&self, is_before: &dyn Fn(f64) -> bool) -> io::Result<usize>;
+
+    /// The table of a sweep, where it is kept apart from the rest of the solution.
+    fn members(&self) -> Option<&dyn Members> {
+        None
+    }
 }
 
 /// The rows from `first` on and before `end`, one in `every`.

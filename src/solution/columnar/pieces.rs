@@ -1,7 +1,7 @@
 //! Answers in pieces of bounded size: JSON one column after another, tables one row after another. The concatenated
 //! pieces equal the answer written as a whole.
 
-use super::{Columns, Rows, Skeleton};
+use super::{Columns, Members, Rows, Skeleton};
 use crate::encodings::Table;
 use crate::excerpt::Selection;
 use crate::{Field, Trajectory};
@@ -16,12 +16,14 @@ pub struct JsonPieces {
     skeleton: Skeleton,
     /// The column and row at which the next piece begins; `None` before the first piece.
     next: Option<(usize, usize)>,
+    /// The column and the part of the table of a sweep that come next, once it has been begun.
+    of_table: Option<(usize, usize)>,
 }
 
 impl JsonPieces {
     /// The JSON of a selection, with everything else from `skeleton`.
     pub fn new(selection: Selection, skeleton: Skeleton) -> Self {
-        Self { selection, skeleton, next: None }
+        Self { selection, skeleton, next: None, of_table: None }
     }
 
     /// Writes the next piece and returns whether there is more.
@@ -30,6 +32,10 @@ impl JsonPieces {
     /// Errors of reading the columns and of writing to `out`.
     pub fn write(&mut self, columns: &dyn Columns, out: &mut dyn Write) -> io::Result<bool> {
         let [before, between, after] = self.skeleton.around_columns();
+        let table = columns.members().zip(Skeleton::around_table(after));
+        if let (Some((members, (_, after))), Some(next)) = (table, &mut self.of_table) {
+            return write_part(members, next, after, out);
+        }
         let (mut column, mut row) = self.next.unwrap_or_default();
         if self.next.is_none() {
             out.write_all(before.as_bytes())?;
@@ -66,12 +72,45 @@ impl JsonPieces {
             return Ok(true);
         }
         out.write_all(b"}")?;
+        let (after, is_more) = table.map_or((after, false), |(_, (before, _))| (before, true));
         out.write_all(after.as_bytes())?;
-        Ok(false)
+        self.of_table = is_more.then_some((0, 0));
+        Ok(is_more)
     }
 }
 
-/// Writes the beginning of a column: of the times, or of a field with its index and name.
+/// Writes the next part of a column of a table, and what comes `after` the last one; says whether there is more.
+fn write_part(
+    members: &dyn Members,
+    (column, part): &mut (usize, usize),
+    after: &str,
+    out: &mut dyn Write,
+) -> io::Result<bool> {
+    let Some(named) = members.head().columns.get(*column) else {
+        out.write_all(after.as_bytes())?;
+        return Ok(false);
+    };
+    if *part == 0 {
+        begin(Some((*column, &named.name)), out)?;
+    }
+    if *part < members.parts() {
+        let values = members.values(*part, *column)?;
+        for row in 0..values.len() {
+            if *part + row > 0 {
+                out.write_all(b",")?;
+            }
+            values.write_json(row, out)?;
+        }
+        *part += 1;
+    }
+    if *part >= members.parts() {
+        out.write_all(b"]")?;
+        (*column, *part) = (*column + 1, 0);
+    }
+    Ok(true)
+}
+
+/// Writes what comes before the numbers of a column: of the times, or of a field with its place and its name.
 fn begin(field: Option<(usize, &str)>, out: &mut dyn Write) -> io::Result<()> {
     if let Some((place, name)) = field {
         if place > 0 {

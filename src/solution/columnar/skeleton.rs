@@ -2,7 +2,7 @@
 
 use crate::{
     Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
-    Summary, Trajectory, Verdict, Version,
+    Summary, Table, Trajectory, Verdict, Version,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
@@ -13,7 +13,10 @@ use std::ops::RangeInclusive;
 /// The text from the place of the times to the place of the fields, both empty.
 const EMPTY: &str = "\"trajectory\":{\"t\":[],\"fields\":{},";
 
-/// The JSON text, with empty places for the columns.
+/// The table of a sweep whose columns are elsewhere.
+const EMPTY_TABLE: &str = "\"table\":{\"columns\":{}";
+
+/// The text with the places of the columns empty, those of the table of a sweep as well.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Skeleton(String);
 
@@ -50,6 +53,11 @@ struct Parts<'a> {
     summary: Option<Summary>,
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     study: Option<Cow<'a, RawValue>>,
+}
+
+/// A table without its columns.
+fn head_of(table: &Table) -> serde_json::Result<Box<RawValue>> {
+    serde_json::value::to_raw_value(&Table { columns: Vec::new(), ..table.head() })
 }
 
 impl Skeleton {
@@ -90,7 +98,7 @@ impl Skeleton {
             sensitivities: sensitivities.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
-            table: table.as_ref().map(|table| evidence(serde_json::value::to_raw_value(table))).transpose()?,
+            table: table.as_ref().map(|table| evidence(head_of(table))).transpose()?,
             summary: summary.clone(),
             fit: fit.clone(),
             solution: of_static.clone(),
@@ -143,14 +151,21 @@ impl Skeleton {
         Ok(Self(serde_json::to_string(&parts)?))
     }
 
-    /// The solution with the columns of `trajectory`.
+    /// What stands before the columns of the table of a sweep and after them in a part of the text, if they are elsewhere.
+    pub fn around_table(text: &str) -> Option<(&str, &str)> {
+        let start = text.find(EMPTY_TABLE)? + EMPTY_TABLE.len() - "}".len();
+        Some(text.split_at(start))
+    }
+
+    /// The solution with `trajectory` for its columns, and the table of a sweep if that is elsewhere.
     ///
     /// # Errors
     /// The text is not that of a solution.
-    pub fn with(&self, trajectory: Trajectory) -> io::Result<Solution> {
+    pub fn with(&self, trajectory: Trajectory, table: Option<Table>) -> io::Result<Solution> {
         let solution: Solution = serde_json::from_str(&self.0)?;
         let events = solution.trajectory.events;
-        Ok(Solution { trajectory: Trajectory { events, ..trajectory }, ..solution })
+        let table = table.or(solution.table);
+        Ok(Solution { trajectory: Trajectory { events, ..trajectory }, table, ..solution })
     }
 
     /// Whether it is the answer of a sweep. The search cannot match within a JSON string, whose quotes are escaped.

@@ -1,8 +1,9 @@
 //! The stored form: written sequentially, read at any place, with every chunk verified against its checksum.
 
 use super::checksum::checksum;
+use super::members::{Members, PartsIndex, StoredMembers, write_parts};
 use super::{Columns, Rows, Skeleton};
-use crate::Trajectory;
+use crate::{Table, Trajectory};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 use std::ops::Range;
@@ -23,17 +24,27 @@ struct Index {
     names: Vec<String>,
     /// Checksums of the chunks of the times, then of those of each field.
     checksums: Vec<u64>,
+    /// The table of a sweep.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    members: Option<PartsIndex>,
     skeleton: String,
 }
 
-/// Version number of the stored form.
-const FORM: u32 = 1;
+/// The number of the form, and that of the form without the table of a sweep.
+const FORM: u32 = 2;
+const WITHOUT_MEMBERS: u32 = 1;
 
-/// Writes a trajectory with its skeleton, and returns the bytes of the index, which it has written last.
+/// Writes `trajectory`, the `table` if it is that of a sweep, and the rest of the solution; gives the bytes of the index,
+/// which are the last that it wrote.
 ///
 /// # Errors
-/// Errors of writing to `out`.
-pub fn write_columns(trajectory: &Trajectory, skeleton: &Skeleton, out: &mut impl Write) -> io::Result<Vec<u8>> {
+/// Those of `out`.
+pub fn write_columns(
+    trajectory: &Trajectory,
+    table: Option<&Table>,
+    skeleton: &Skeleton,
+    out: &mut impl Write,
+) -> io::Result<Vec<u8>> {
     let rows = trajectory.t.len();
     let (mut checksums, mut bytes) = (Vec::new(), Vec::with_capacity(CHUNK * WIDTH));
     for column in std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values)) {
@@ -48,7 +59,9 @@ pub fn write_columns(trajectory: &Trajectory, skeleton: &Skeleton, out: &mut imp
         }
     }
     let names = trajectory.fields.iter().map(|field| field.name.clone()).collect();
-    let index = Index { columns: FORM, rows, names, checksums, skeleton: skeleton.text().to_owned() };
+    let members = table.map_or(Ok(None), |table| write_parts(table, out))?;
+    let columns = if members.is_some() { FORM } else { WITHOUT_MEMBERS };
+    let index = Index { columns, rows, names, checksums, members, skeleton: skeleton.text().to_owned() };
     let index = serde_json::to_vec(&index)?;
     out.write_all(&index)?;
     Ok(index)
@@ -81,10 +94,11 @@ impl<S: Source + ?Sized> Source for Arc<S> {
 
 /// Columns in the stored form.
 pub struct Stored {
-    source: Box<dyn Source>,
+    source: Arc<dyn Source>,
     rows: usize,
     names: Vec<String>,
     checksums: Vec<u64>,
+    members: Option<StoredMembers>,
     skeleton: Skeleton,
 }
 
@@ -94,14 +108,33 @@ impl Stored {
     /// # Errors
     /// The bytes are not a valid index.
     pub fn open(source: impl Source + 'static, index: &[u8]) -> io::Result<Self> {
-        let Index { columns, rows, names, checksums, skeleton } = serde_json::from_slice(index)?;
-        if columns != FORM || checksums.len() != (1 + names.len()) * rows.div_ceil(CHUNK) {
-            return Err(io::Error::new(
-                io::ErrorKind::InvalidData,
-                format!("columns of stored form {columns} are not supported"),
-            ));
+        let Index { columns, rows, names, checksums, members, skeleton } = serde_json::from_slice(index)?;
+        let is_known = [FORM, WITHOUT_MEMBERS].contains(&columns);
+        if !is_known || checksums.len() != (1 + names.len()) * rows.div_ceil(CHUNK) {
+            return Err(io::Error::new(io::ErrorKind::InvalidData, format!("columns of form {columns} are not known")));
         }
-        Ok(Self { source: Box::new(source), rows, names, checksums, skeleton: Skeleton::of_text(skeleton)? })
+        let source: Arc<dyn Source> = Arc::new(source);
+        let start = ((1 + names.len()) * rows * WIDTH) as u64;
+        let members = members.map(|members| StoredMembers::new(Arc::clone(&source), members, start));
+        Ok(Self { source, rows, names, checksums, members, skeleton: Skeleton::of_text(skeleton)? })
+    }
+
+    /// The table of a sweep in `source`, and the rest of its solution, which has no trajectory.
+    pub fn of_members(source: Arc<dyn Source>, index: PartsIndex, skeleton: Skeleton) -> Self {
+        let members = Some(StoredMembers::new(Arc::clone(&source), index, 0));
+        Self { source, rows: 0, names: Vec::new(), checksums: Vec::new(), members, skeleton }
+    }
+
+    /// The bytes of the index, as they stand behind the columns.
+    ///
+    /// # Errors
+    /// There are none: the index has a JSON form.
+    pub fn index(&self) -> io::Result<Vec<u8>> {
+        let members = self.members.as_ref().map(|members| members.index().clone());
+        let columns = if members.is_some() { FORM } else { WITHOUT_MEMBERS };
+        let (names, checksums) = (self.names.clone(), self.checksums.clone());
+        let skeleton = self.skeleton.text().to_owned();
+        Ok(serde_json::to_vec(&Index { columns, rows: self.rows, names, checksums, members, skeleton })?)
     }
 
     /// The solution without its columns.
@@ -111,7 +144,8 @@ impl Stored {
 
     /// Number of bytes before the index.
     pub fn bytes(&self) -> u64 {
-        ((1 + self.names.len()) * self.rows * WIDTH) as u64
+        let columns = ((1 + self.names.len()) * self.rows * WIDTH) as u64;
+        self.members.as_ref().map_or(columns, StoredMembers::end)
     }
 
     /// The rows of a chunk.
@@ -189,6 +223,10 @@ impl Columns for Stored {
         let times = bytes.as_chunks::<WIDTH>().0;
         Ok(self.chunk(found).start + times.partition_point(|time| is_before(f64::from_le_bytes(*time))))
     }
+
+    fn members(&self) -> Option<&dyn Members> {
+        self.members.as_ref().map(|members| members as &dyn Members)
+    }
 }
 
 /// Reports a file that is too short as invalid data.
@@ -203,7 +241,9 @@ fn cut_off(error: io::Error) -> io::Error {
 mod tests {
     use super::super::write_whole;
     use super::*;
+    use crate::columnar::PART;
     use crate::encodings::{self, Csv};
+    use crate::{Column, Incomplete, TableProvenance, Values, Words};
     use crate::{Diagnostics, Event, EventKind, Excerpt, Field, Solution, Status, Verdict, Version};
     use std::num::NonZeroUsize;
 
@@ -239,7 +279,9 @@ mod tests {
 
     fn stored(solution: &Solution) -> (Vec<u8>, Vec<u8>) {
         let mut bytes = Vec::new();
-        let index = write_columns(&solution.trajectory, &Skeleton::of(solution).unwrap(), &mut bytes).unwrap();
+        let index =
+            write_columns(&solution.trajectory, solution.table.as_ref(), &Skeleton::of(solution).unwrap(), &mut bytes)
+                .unwrap();
         assert!(bytes.ends_with(&index));
         (bytes, index)
     }
@@ -289,6 +331,55 @@ mod tests {
         let mut table = super::super::TablePieces::new(crate::Selection::whole(&columns), Box::new(Csv));
         while table.write(&columns, &mut pieces).unwrap() {}
         assert!(whole == pieces);
+    }
+
+    #[test]
+    fn the_json_of_a_stored_table_is_that_of_the_solution() {
+        for rows in [0, 1, PART, 2 * PART + 5] {
+            let column = |name: &str, values: Values| Column { name: name.to_owned(), values };
+            let mut words = Words::default();
+            (0..rows).for_each(|row| {
+                words.push((row % 3 > 0).then_some(["", "a>\"b", "\"table\":{\"columns\":{}"][row % 3]))
+            });
+            let table = Table {
+                columns: vec![
+                    column("member", Values::Counts((0..rows as u32).collect())),
+                    column(
+                        "x",
+                        Values::Numbers(
+                            (0..rows).map(|k| if k % 7 == 0 { f64::NAN } else { -0.1 * k as f64 }).collect(),
+                        ),
+                    ),
+                    column("\"table\":{\"columns\":{}", Values::Numbers(vec![f64::NAN; rows])),
+                    column("error", Values::Words(words)),
+                    column("trusted", Values::Flags((0..rows).map(|k| k % 2 == 0).collect())),
+                ],
+                members: 3 * PART as u64,
+                failed: 0,
+                swept: Vec::new(),
+                collected: vec!["x".to_owned()],
+                times: Vec::new(),
+                provenance: TableProvenance::default(),
+            };
+            let solution = table.into_answer(3 * PART, Incomplete::CANCELLED);
+            let mut told = Vec::new();
+            encodings::write_json(&solution, &mut told).unwrap();
+            let (bytes, index) = stored(&solution);
+            let columns = Stored::open(bytes.clone(), &index).unwrap();
+            assert_eq!(columns.bytes() as usize, bytes.len() - index.len());
+            let mut json = Vec::new();
+            write_whole(&columns, columns.skeleton(), &mut json).unwrap();
+            assert!(json == told, "{rows} rows: {}", String::from_utf8_lossy(&json[..json.len().min(2000)]));
+            let members = columns.members().unwrap();
+            assert_eq!(Some(members.whole().unwrap()), solution.table);
+            members.verify().unwrap();
+            for place in (0..bytes.len() - index.len()).step_by(997) {
+                let mut flipped = bytes.clone();
+                flipped[place] ^= 1;
+                let read = Stored::open(flipped, &index).unwrap();
+                assert_eq!(read.members().unwrap().verify().unwrap_err().kind(), io::ErrorKind::InvalidData, "{place}");
+            }
+        }
     }
 
     #[test]

@@ -18,7 +18,7 @@ mod members;
 pub use arrow::Arrow;
 pub use csv::Csv;
 pub use lines::Lines;
-pub use members::{MembersForm, write_members};
+pub use members::{MembersForm, MembersPieces, write_members};
 
 use super::{Solution, Trajectory};
 use std::io::{self, Write};

@@ -27,20 +27,26 @@ use super::{reading, vectors};
 use problem::Control;
 use serde::Deserialize;
 use solution::Reducers;
+use std::ops;
 use std::sync::Arc;
+use std::time::Duration;
 use target::{targets, unknown};
 use utoipa::ToSchema;
 
 choices! {
     /// Data kept of each run of a sweep beside its row.
     KeepName {
-        "nothing" Nothing: "Only the row: a trajectory would take as much memory for each member as for a single solve."
+        "nothing" Nothing: "The row alone: trajectories would take as much for each member as a solve does."
+        "trajectories" Trajectories: "The fields of `output` at its times, each a column of lists: `trajectory.x`."
     }
 }
 
 /// Most members of a sweep.
 const MOST_MEMBERS: usize = 10_000_000;
-/// Most strata of a Latin hypercube, at four bytes each.
+/// The most numbers of trajectories that are kept, of all members and of one.
+const MOST_KEPT: usize = 10_000_000;
+const MOST_KEPT_OF_ONE: usize = 1_000_000;
+/// The most slices of a latin hypercube: four bytes each.
 const MOST_SLICES: u64 = 1 << 25;
 /// Most swept names, each of which is a column.
 const MOST_NAMES: usize = 256;
@@ -99,6 +105,30 @@ pub struct SweepPlan {
     pub digest: Arc<str>,
     /// The document, before vectors are expanded.
     source: Arc<Json>,
+    /// The trajectories that are kept of each member, if any are.
+    pub kept: Option<Arc<Kept>>,
+    /// The members that are to be solved, where that is a part of them.
+    chunk: Option<SweepChunk>,
+}
+
+/// Consecutive members of a sweep as one piece of work.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepChunk {
+    /// The members.
+    pub members: ops::Range<usize>,
+    /// Why these members cannot be solved, by its code and in words: their rows say so.
+    pub lost: Option<(String, String)>,
+    /// The time after which no further member is begun; at least one member is solved.
+    pub within: Option<Duration>,
+}
+
+/// Trajectories that are kept of each member.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kept {
+    /// The names of the fields.
+    pub names: Vec<String>,
+    /// The times.
+    pub times: Vec<f64>,
 }
 
 /// The inputs to the check of a sweep, prepared while the document was read.
@@ -133,7 +163,15 @@ impl SweepRequest {
             return None;
         }
         let digest = hexadecimal(&digest(source.to_string().as_bytes()));
-        Some(SweepPlan { targets, design: Arc::new(design), reducers, digest: digest.into(), source })
+        Some(SweepPlan {
+            targets,
+            design: Arc::new(design),
+            reducers,
+            digest: digest.into(),
+            source,
+            kept: None,
+            chunk: None,
+        })
     }
 
     /// Reports column names that occur twice.
@@ -288,6 +326,72 @@ impl SweepRequest {
     }
 }
 
+impl SweepPlan {
+    /// Has the trajectories of the fields of these names kept, if `request` asks for that.
+    pub(super) fn keep(
+        &mut self,
+        request: &SweepRequest,
+        (names, times): (Vec<String>, Option<&[f64]>),
+        is_search: bool,
+        errors: &mut Errors,
+    ) {
+        if request.keep == KeepName::Nothing {
+            return;
+        }
+        let place = Pointer::Root.key("sweep");
+        let place = place.key("keep");
+        if is_search {
+            let detail = "an orbit or a state of rest is kept by what is collected of it";
+            return errors.report(&place, "conflict", detail);
+        }
+        let Some(times) = times else {
+            let detail = "how many steps each member takes is not known beforehand";
+            let error = SpecificationError::new(place.to_string(), "missing_key", detail);
+            return errors.push(error.expected("times, such as `\"output\": {\"times\": {\"count\": 101}}`"));
+        };
+        let of_one = times.len().saturating_mul(names.len());
+        let values = of_one.saturating_mul(self.members());
+        if of_one > MOST_KEPT_OF_ONE || values > MOST_KEPT {
+            let detail = format!(
+                "{values} numbers: {} times of {} fields of {} members",
+                times.len(),
+                names.len(),
+                self.members()
+            );
+            let error = SpecificationError::new(place.to_string(), "too_many_runs", detail);
+            return errors.push(error.expected(format!(
+                "at most {MOST_KEPT} numbers, {MOST_KEPT_OF_ONE} of a member: fewer `output.times` or `output.fields`, or what is collected"
+            )));
+        }
+        let is_column = |name: &str| {
+            self.reducers.names.iter().any(|known| known == name)
+                || self.targets.iter().any(|target| target.name == name)
+        };
+        if let Some(name) = names.iter().map(|name| column_of(name)).find(|name| is_column(name)) {
+            let detail = format!("the table has a column `{name}` already, which the trajectory would have");
+            return errors.report(&place, "duplicate_name", detail);
+        }
+        self.kept = Some(Arc::new(Kept { names, times: times.to_vec() }));
+    }
+
+    /// The numbers that are kept of the trajectory of a member.
+    pub fn numbers_kept(&self) -> usize {
+        self.kept.as_ref().map_or(0, |kept| kept.names.len() * kept.times.len())
+    }
+}
+
+/// The name of the column of a trajectory.
+fn column_of(field: &str) -> String {
+    format!("trajectory.{field}")
+}
+
+impl Kept {
+    /// The names of the columns.
+    pub fn columns(&self) -> impl Iterator<Item = String> {
+        self.names.iter().map(|name| column_of(name))
+    }
+}
+
 impl TableOfMembers {
     fn ranges(&self, place: &Pointer<'_>, errors: &mut Errors) -> Option<Vec<Range>> {
         let rows = place.key("rows");
@@ -316,10 +420,27 @@ impl SweepPlan {
     pub fn members(&self) -> usize {
         self.design.members()
     }
+
+    /// The members that are to be solved: all, or a part of them.
+    pub fn chunk(&self) -> SweepChunk {
+        let all = || SweepChunk { members: 0..self.members(), lost: None, within: None };
+        self.chunk.clone().unwrap_or_else(all)
+    }
 }
 
 impl Specification {
-    /// The specification of a member with the given values, bound as parameters.
+    /// The same problem, with some members of its sweep alone; those that there are not are left out.
+    #[must_use]
+    pub fn with_chunk(mut self, chunk: SweepChunk) -> Self {
+        if let Some(plan) = self.sweep_mut() {
+            let end = chunk.members.end.min(plan.members());
+            let members = chunk.members.start.min(end)..end;
+            plan.chunk = Some(SweepChunk { members, ..chunk });
+        }
+        self
+    }
+
+    /// The specification of a member with these values: those of its parameters are bound, unless they change the structure.
     ///
     /// # Errors
     /// Values that cannot be bound, for example because they change the structure of the problem.
