@@ -1,5 +1,5 @@
 """ngspice on the circuits, from their netlists in its own language. It has no ideal diode: that of the emission coefficient
-0.01 has a forward voltage of some millivolts, and its error cannot fall below what that makes."""
+0.01 has a forward voltage of some millivolts and a capacitance of 10 pF, and its error cannot fall below what these make."""
 
 import re
 import shutil
