@@ -50,7 +50,11 @@ impl Specification {
         self.sensitivities().map_or(of_search, |sensitivities| sensitivities.by.len())
     }
 
+    /// The members of a sweep keep no steps that nobody asked for.
     fn trajectory_numbers(&self) -> usize {
+        if self.sweep().is_some() {
+            return 0;
+        }
         let times = self.output_times().map_or(FEW_STEPS, <[f64]>::len);
         times.saturating_mul(1 + self.output_fields().len())
     }

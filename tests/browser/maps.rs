@@ -37,7 +37,10 @@ fn a_picture_is_saved_as_a_film() {
     let page = Page::open("film", "/#example=friction_belt");
     page.wait("document.querySelector('#stage canvas') !== null");
     // What is saved is looked at here, in place of a file. The film is as long as it plays: at the highest speed two seconds.
-    page.value("window.films = []; URL.createObjectURL = (blob) => { window.films.push(blob); return 'about:blank'; }");
+    page.value(
+        "window.films = []; HTMLAnchorElement.prototype.click = () => {};
+        URL.createObjectURL = (blob) => { window.films.push(blob); return 'about:blank'; }",
+    );
     page.value("(() => { const speed = document.querySelector('#clock select'); speed.value = '4'; speed.dispatchEvent(new Event('change')); })()");
     page.value("document.getElementById('webm').click()");
     page.wait("window.films.length > 0");

@@ -84,7 +84,8 @@ impl Model for MechanicalModel {
         let structure = self.structure();
         let (n, rows) = (structure.coordinates, structure.rows());
         let located = specification.method().impacts() == Impacts::Locate;
-        let of_arcs = if located { OF_ARCS.saturating_mul(n) } else { 0 };
+        // A member of a sweep keeps neither arcs nor events.
+        let of_arcs = if located && specification.sweep().is_none() { OF_ARCS.saturating_mul(n) } else { 0 };
         // Mass matrix, implicit matrix and two Jacobians; responses to impulses.
         let matrices = n.saturating_mul(n).saturating_mul(4).saturating_add(n.saturating_mul(rows));
         matrices.saturating_add(of_arcs)
