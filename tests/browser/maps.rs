@@ -33,6 +33,7 @@ fn a_cell_of_a_map_is_the_run_that_it_opens() {
 }
 
 #[test]
+#[ignore = "recording ends the browser on some machines without a video encoder, and every test beside it"]
 fn a_picture_is_saved_as_a_film() {
     let page = Page::open("film", "/#example=friction_belt");
     page.wait("document.querySelector('#stage canvas') !== null");
