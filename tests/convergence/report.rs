@@ -72,7 +72,7 @@ fn a_peer_is_measured_at_the_same_times_in_the_same_norm() {
     assert!((errors.switches.expect("switches") - 0.01).abs() < 1e-9, "{errors:?}");
     assert!(errors.variables.is_none(), "what was not returned has no error");
     assert_eq!((found.runs[0].seconds, found.runs[0].spread), (2e-3, (1e-3, 3e-3)));
-    assert_eq!((found.runs[1].outcome, Chapter::lost(&[found.clone()])), (Outcome::Failed, (1, 2)));
+    assert_eq!((found.runs[1].outcome, Chapter::lost(std::slice::from_ref(&found))), (Outcome::Failed, (1, 2)));
     // What is no number is no answer, and no small error.
     let nothing: Vec<Option<f64>> = vec![None; times.len()];
     assert!(peer(&chapter, json!({"v": nothing}), json!(null)).runs[0].errors.as_ref().expect("errors").end.is_none());
