@@ -41,7 +41,7 @@ pub use diagnostics::{
 pub use excerpt::{Excerpt, ExcerptError, Selection};
 pub use fit::{DataColumn, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, Quantity, fit};
 pub use integrate::{describe, integrate};
-pub use observables::{Direction, EndedBy, Monitored, Observables};
+pub use observables::{Argument, Direction, EndedBy, Monitored, ObservableSlopes, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use orbit::{Orbit, Periodic, find_orbit};
 pub use problem::{Event, EventKind, Warning};
@@ -49,7 +49,7 @@ pub use provenance::Provenance;
 pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
-pub use sensitivities::{By, Checked, Sensitivities};
+pub use sensitivities::{By, Checked, EventSlope, Sensitivities, SlopedEvent};
 pub use static_vi::{StaticPlan, StaticSolution, describe_static, solve_static};
 pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
@@ -122,6 +122,9 @@ pub struct Solution {
     /// How derivatives at the end compare with a difference of runs, where they were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivities: Option<Checked>,
+    /// The derivatives of the times of events, where derivatives of a motion with impacts were asked for.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub event_slopes: Vec<EventSlope>,
     /// The orbit, where one was looked for and found; the trajectory is once along it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub orbit: Option<Orbit>,

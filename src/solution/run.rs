@@ -227,6 +227,7 @@ impl<'a> Run<'a> {
                 trajectory,
                 diagnostics: self.diagnostics,
                 sensitivities: None,
+                event_slopes: Vec::new(),
                 orbit: None,
                 steady_state: None,
                 table: None,

@@ -135,12 +135,16 @@ impl Specification {
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let time = time?;
-            let request = observables::Request { named: problem.written().named(), stop: &stop, view: view.as_ref() };
+            let differentiated = sensitivities.is_some().then(|| model.state_names().len());
+            let named = problem.written().named();
+            let request = observables::Request { named, stop: &stop, view: view.as_ref(), differentiated };
             let are_inputs = model.parameters().is_some();
             let observables = request.lower(&names, are_inputs, (&of_problem, start), &mut found);
             request.check(&*model, (output.global_error, study.is_some()), &mut found);
             let sensitivities =
-                sensitivities.and_then(|asked| asked.check(&*model, &root.key("sensitivities"), &mut found));
+                sensitivities.and_then(|asked| {
+                    asked.check((&*model, &observables, &method), &root.key("sensitivities"), &mut found)
+                });
             let alone = [
                 ("sensitivities", sensitivities.is_some()),
                 ("study", study.is_some()),
@@ -257,7 +261,7 @@ impl Specification {
     /// The same with another model of the same names, which has these values of its parameters.
     pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
         let mut bound = Self { model, analysis, digest: None, ..self.clone() };
-        bound.observables.program.bind(parameters);
+        bound.observables.bind(parameters);
         if let Some(sweep) = &mut bound.sweep {
             sweep.reducers.program.bind(parameters);
         }

@@ -1,13 +1,14 @@
 //! What is to be differentiated, and by what.
 
 use super::error::{Errors, SpecificationError};
+use super::method::{Impacts, Method};
 use super::model::Model;
 use super::pointer::Pointer;
 use super::wording::{abridged, listed};
 use expression::nearest;
-use models::DviModel;
+use models::{DviModel, MechanicalModel};
 use serde::{Deserialize, Serialize};
-use solution::{By, Sensitivities};
+use solution::{By, Observables, Sensitivities};
 use utoipa::ToSchema;
 
 /// The most unknowns of a problem that is differentiated: the equations of the derivatives of all stages are one full matrix.
@@ -18,30 +19,50 @@ const MOST_COLUMNS: usize = 10_000;
 /// What an initial value is named by, behind the name of its state.
 pub(super) const INITIAL: &str = ".initial";
 
-/// Derivatives of states by parameters and initial values, as columns `dx/dm` beside the states.
+/// Derivatives of states, definitions and integrals by parameters and initial values, as columns `dx/dm` beside the states; of
+/// a motion with located impacts also those of the times of its events, as `event_slopes`.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensitivitiesRequest {
     /// By what: parameters, and initial values as `x.initial`.
     pub to: Vec<String>,
-    /// Of what: states. Default all.
+    /// Of what: states, and definitions and integrals that are made of states, parameters and `t`. Default all states.
     pub of: Option<Vec<String>>,
 }
 
 impl SensitivitiesRequest {
     /// Checks it for a model.
-    pub(super) fn check(&self, model: &dyn Model, place: &Pointer<'_>, errors: &mut Errors) -> Option<Sensitivities> {
-        let dvi = differentiable(model, "derivatives are followed", place, errors)?;
+    pub(super) fn check(
+        &self,
+        (model, observables, method): (&dyn Model, &Observables, &Method),
+        place: &Pointer<'_>,
+        errors: &mut Errors,
+    ) -> Option<Sensitivities> {
+        match model.mechanical() {
+            Some(motion) => differentiable_motion(motion, method, place, errors)?,
+            None => differentiable(model, "derivatives are followed", place, errors).map(drop)?,
+        }
+        let states = model.state_names();
+        let outputs = model.output_names().len();
         let parameters = model.parameters().map_or(&[][..], |parameters| parameters.names());
-        let initial: Vec<String> = dvi.state_names.iter().map(|name| format!("{name}{INITIAL}")).collect();
+        let initial: Vec<String> = states.iter().map(|name| format!("{name}{INITIAL}")).collect();
         let mut found = Errors::default();
         let by = places(&self.to, parameters.iter().chain(&initial), &place.key("to"), &mut found);
         let by: Vec<By> =
             by.into_iter().map(|at| at.checked_sub(parameters.len()).map_or(By::Parameter(at), By::Initial)).collect();
+        let of_names = place.key("of");
         let of = match &self.of {
-            Some(of) => places(of, dvi.state_names.iter(), &place.key("of"), &mut found),
-            None => (0..dvi.state_names.len()).collect(),
+            Some(of) => places(of, states.iter().chain(&observables.names), &of_names, &mut found),
+            None => (0..states.len()).collect(),
         };
+        for (i, at) in of.iter().enumerate() {
+            let refused = at.checked_sub(states.len()).and_then(|own| *observables.slopes.refused.get(own)?);
+            let Some(why) = refused else { continue };
+            let name = &observables.names[at - states.len()];
+            let detail = format!("`{}` has no derivative here: {why}", abridged(name));
+            let error = SpecificationError::new(of_names.index(i).to_string(), "conflict", detail);
+            found.push(error.expected("states, or definitions and integrals made of states, parameters and `t`, without jumps in integrands"));
+        }
         if self.to.is_empty() {
             let error =
                 SpecificationError::new(place.key("to").to_string(), "empty", "there is nothing to differentiate by");
@@ -63,10 +84,43 @@ impl SensitivitiesRequest {
         let names = of
             .iter()
             .flat_map(|&state| by.iter().map(move |by| (state, by)))
-            .map(|(state, by)| format!("d{}/d{}", dvi.state_names[state], name_of(by)))
+            .map(|(at, by)| {
+                let of = states.get(at).unwrap_or_else(|| &observables.names[at - states.len()]);
+                format!("d{of}/d{}", name_of(by))
+            })
             .collect();
-        Some(Sensitivities { by, of, names })
+        let to = by.iter().map(|by| name_of(by).clone()).collect();
+        // Definitions and integrals stand behind all outputs.
+        let of = of.into_iter().map(|at| if at < states.len() { at } else { at - states.len() + outputs }).collect();
+        Some(Sensitivities { by, to, of, names })
     }
+}
+
+/// Refuses a motion that cannot be differentiated.
+fn differentiable_motion(
+    model: &MechanicalModel,
+    method: &Method,
+    place: &Pointer<'_>,
+    errors: &mut Errors,
+) -> Option<()> {
+    let unknowns = model.state_names.len();
+    let refused = if method.impacts() != Impacts::Locate {
+        let detail = "differences of time stepping do not converge to derivatives, nor do derivatives of its steps";
+        Some(("conflict", detail.to_owned(), "`\"impacts\": \"locate\"` in `method`, without `step`".to_owned()))
+    } else if unknowns > MOST_UNKNOWNS {
+        let expected = format!("at most {MOST_UNKNOWNS} coordinates and velocities, for derivatives");
+        Some(("too_many_unknowns", format!("{unknowns} coordinates and velocities"), expected))
+    } else if model.has_kinks {
+        let detail = "a force, a mass, a gap or a slip has a kink or a jump in coordinates or velocities, across which there \
+                      is no derivative";
+        let expected = "expressions that are smooth in coordinates and velocities; a gap of each surface of its own";
+        Some(("conflict", detail.to_owned(), expected.to_owned()))
+    } else {
+        None
+    };
+    let Some((code, detail, expected)) = refused else { return Some(()) };
+    errors.push(SpecificationError::new(place.to_string(), code, detail).expected(expected));
+    None
 }
 
 /// The equations of a model that can be differentiated; refused, where they cannot be, is `what` is done with Radau IIA alone.

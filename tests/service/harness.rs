@@ -37,6 +37,7 @@ pub fn halving(status: Status) -> Solution {
         error: None,
         ended_by: None,
         sensitivities: None,
+        event_slopes: Vec::new(),
         trajectory,
         diagnostics: Diagnostics::default(),
         orbit: None,

@@ -1,7 +1,7 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
 use crate::{
-    Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
+    Checked, EndedBy, Event, EventSlope, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
     Summary, Trajectory, Verdict, Version,
 };
 use serde::{Deserialize, Serialize};
@@ -36,6 +36,8 @@ struct Parts<'a> {
     diagnostics: Option<Cow<'a, RawValue>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensitivities: Option<Checked>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    event_slopes: Vec<EventSlope>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     orbit: Option<Orbit>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -68,6 +70,7 @@ impl Skeleton {
             trajectory,
             diagnostics,
             sensitivities,
+            event_slopes,
             orbit,
             steady_state,
             table,
@@ -88,6 +91,7 @@ impl Skeleton {
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
             diagnostics: Some(evidence(serde_json::value::to_raw_value(diagnostics))?),
             sensitivities: sensitivities.clone(),
+            event_slopes: event_slopes.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
             table: table.as_ref().map(|table| evidence(serde_json::value::to_raw_value(table))).transpose()?,

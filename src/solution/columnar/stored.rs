@@ -219,6 +219,7 @@ mod tests {
             error: None,
             ended_by: None,
             sensitivities: None,
+            event_slopes: Vec::new(),
             trajectory: Trajectory { t, fields, events },
             diagnostics: Diagnostics { switches: 7, ..Diagnostics::default() },
             orbit: None,

@@ -14,6 +14,7 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         error: None,
         ended_by: None,
         sensitivities: None,
+        event_slopes: Vec::new(),
         trajectory,
         diagnostics: Diagnostics::default(),
         orbit: None,

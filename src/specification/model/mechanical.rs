@@ -37,6 +37,10 @@ impl Model for MechanicalModel {
         &self.warnings
     }
 
+    fn mechanical(&self) -> Option<&MechanicalModel> {
+        Some(self)
+    }
+
     fn parameters(&self) -> Option<&Parameters> {
         self.parameters.as_ref().map(|(parameters, _)| parameters)
     }
