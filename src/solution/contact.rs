@@ -155,6 +155,24 @@ fn judge_located(
     }
 }
 
+/// The failure of a motion, by names.
+pub(super) fn failure_of(model: &MechanicalModel, error: ContactError, time: f64, states: &[f64]) -> Failure {
+    let message = match error {
+        ContactError::Force { component, t } => format!(
+            "the force on `{}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a \
+             number too large",
+            model.coordinates[component]
+        ),
+        ContactError::Gradient { contact, t } => format!(
+            "the gap of `{}` has no gradient where it closes, at t = {t:?}, which leaves no direction to its impulse: give \
+             it as a distance, or let `impacts` be `time_stepping`",
+            model.contacts[contact]
+        ),
+        _ => error.to_string(),
+    };
+    Failure { code: error.code().into(), message, time, state: states.to_vec() }
+}
+
 /// What both methods hand out, by name.
 struct Outputs<'p> {
     model: &'p MechanicalModel,
@@ -178,20 +196,7 @@ impl<'p> Outputs<'p> {
     }
 
     fn failure(&self, error: ContactError, time: f64) -> Failure {
-        let message = match error {
-            ContactError::Force { component, t } => format!(
-                "the force on `{}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a \
-                 number too large",
-                self.model.coordinates[component]
-            ),
-            ContactError::Gradient { contact, t } => format!(
-                "the gap of `{}` has no gradient where it closes, at t = {t:?}, which leaves no direction to its impulse: give \
-                 it as a distance, or let `impacts` be `time_stepping`",
-                self.model.contacts[contact]
-            ),
-            _ => error.to_string(),
-        };
-        Failure { code: error.code().into(), message, time, state: self.states.clone() }
+        failure_of(self.model, error, time, &self.states)
     }
 
     /// Adds to `q` and `v`, which are there, gaps, impulses and energies.

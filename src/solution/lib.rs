@@ -1,6 +1,7 @@
 //! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
 
 mod audit;
+mod branch;
 pub mod columnar;
 mod contact;
 mod convolution;
@@ -22,6 +23,7 @@ mod reducers;
 mod rigid_bodies;
 mod run;
 mod sensitivities;
+mod shooting;
 mod static_vi;
 mod statistics;
 mod steady_state;
@@ -33,6 +35,9 @@ mod uniqueness;
 mod verdict;
 mod version;
 
+pub use branch::{
+    Branch, BranchEvent, BranchEventKind, BranchOf, BranchPlan, follow_orbits, follow_orbits_of_motion, follow_rests,
+};
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
 pub use diagnostics::{
@@ -43,7 +48,7 @@ pub use fit::{DataColumn, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, Quan
 pub use integrate::{describe, integrate};
 pub use observables::{Argument, Direction, EndedBy, Monitored, ObservableSlopes, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
-pub use orbit::{Orbit, Periodic, find_orbit};
+pub use orbit::{Orbit, Periodic, find_orbit, find_orbit_of_motion};
 pub use problem::{Event, EventKind, Warning};
 pub use provenance::Provenance;
 pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
@@ -131,6 +136,9 @@ pub struct Solution {
     /// The state of rest, where one was looked for and found; the trajectory is a short run from it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steady_state: Option<SteadyState>,
+    /// The branch of orbits or states of rest, where `continue` asked for one; the trajectory is that of its last point.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub branch: Option<Branch>,
     /// One row for each member of a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub table: Option<Table>,

@@ -230,6 +230,7 @@ impl<'a> Run<'a> {
                 event_slopes: Vec::new(),
                 orbit: None,
                 steady_state: None,
+                branch: None,
                 table: None,
                 summary: None,
                 fit: None,

@@ -5,7 +5,7 @@
 mod motion;
 mod observed;
 
-pub(super) use motion::FollowedMotion;
+pub(super) use motion::{FollowedMotion, directions as directions_of_motion};
 
 use super::contact::{ContactPlan, integrate_contact_once};
 use super::integrate::integrate_once;
@@ -168,7 +168,8 @@ pub(super) fn failure(why: &str, time: f64, state: &[f64]) -> Failure {
     Failure { code: "no_derivative".into(), message, time, state: state.to_vec() }
 }
 
-fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
+/// The directions of parameters and initial values.
+pub(super) fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, count) = (structure.states, by.len());
     let slopes = model.slopes().map_err(|error| error.to_string())?;

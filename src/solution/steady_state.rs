@@ -59,11 +59,28 @@ pub struct SteadyState {
 }
 
 /// What was found.
-struct Rest {
-    x: Vec<f64>,
-    z: Vec<f64>,
-    face: ActiveFace,
-    residual: f64,
+pub(super) struct Rest {
+    pub x: Vec<f64>,
+    pub z: Vec<f64>,
+    pub face: ActiveFace,
+    pub residual: f64,
+}
+
+/// The state of rest that the start comes to.
+pub(super) fn rest_of(
+    model: &DviModel,
+    plan: &Plan,
+    settings: &Settings,
+    control: &Control,
+) -> Result<Rest, Failure> {
+    Search { model, plan, settings, control }.find()
+}
+
+/// Whether all real parts are negative; `None` where one is zero, or none are known. They fall.
+pub(super) fn is_stable(eigenvalues: &[[f64; 2]]) -> Option<bool> {
+    let fastest = eigenvalues.iter().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max);
+    let largest = eigenvalues.first().map(|[re, _]| *re);
+    largest.filter(|re| re.abs() > ON_AXIS * fastest).map(|re| re < 0.0)
 }
 
 /// Finds a state of rest from the start, and runs from there for a while.
@@ -75,7 +92,7 @@ pub fn find_steady_state(
     control: &Control,
 ) -> Solution {
     let began = Instant::now();
-    let found = Search { model, plan, settings, control }.find();
+    let found = rest_of(model, plan, settings, control);
     let (start, eigenvalues) = match &found {
         Ok(rest) => (rest.x.clone(), eigenvalues(model, plan.start, rest)),
         Err(_) => (plan.initial.clone(), Ok(Vec::new())),
@@ -109,8 +126,7 @@ pub fn find_steady_state(
         diagnostics.checks.caveat("no_eigenvalues", format!("the state of rest has no eigenvalues: {why}"));
     }
     let eigenvalues = eigenvalues.unwrap_or_default();
-    let largest = eigenvalues.first().map(|[re, _]| *re);
-    let stable = largest.filter(|re| re.abs() > ON_AXIS * fastest).map(|re| re < 0.0);
+    let stable = is_stable(&eigenvalues);
     let named = |names: &[String], values: Vec<f64>| names.iter().cloned().zip(values).collect();
     solution.steady_state = Some(SteadyState {
         states: named(&model.state_names, rest.x),
@@ -123,7 +139,7 @@ pub fn find_steady_state(
 }
 
 /// The eigenvalues of the equations at a state of rest, by falling real part.
-fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, String> {
+pub(super) fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, String> {
     let n = rest.x.len();
     let directions = Directions {
         initial: DMatrix::zeros(n, 0),

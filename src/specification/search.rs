@@ -4,16 +4,17 @@ use super::document::Time;
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
 use super::lowering::{Lowering, Named, Start};
-use super::method::out_of_range;
+use super::method::{Method, out_of_range};
 use super::model::Model;
 use super::pointer::Pointer;
-use super::sensitivities::differentiable;
+use super::sensitivities::{differentiable, differentiable_motion};
 use super::wording::{abridged, listed};
-use expression::nearest;
+use expression::{Tape, nearest};
+use problem::ConvexSet;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use solution::{Fit, Periodic};
+use solution::{BranchOf, BranchPlan, Fit, Periodic};
 use std::fmt;
 use std::sync::Arc;
 use utoipa::openapi::RefOr;
@@ -27,6 +28,26 @@ use utoipa::{PartialSchema, ToSchema};
 pub struct PeriodicRequest {
     /// The period.
     pub period: Period,
+    /// The branch of orbits over a parameter, which begins with this one.
+    #[serde(rename = "continue")]
+    pub branch: Option<ContinueRequest>,
+}
+
+/// A branch over one parameter, followed by its arclength, so that it may turn back: the answer is `branch`, with where it folds,
+/// where orbits double their period or become tori, where rest begins to oscillate, and where an orbit or a state of rest
+/// comes to touch what it did not.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ContinueRequest {
+    /// The parameter.
+    pub parameter: String,
+    /// Its value where the branch begins. Default the one it has.
+    pub from: Option<f64>,
+    /// Its value where the branch ends, if it comes so far.
+    pub to: f64,
+    /// The most points of the branch, 2 to 10,000. Default 200.
+    #[schema(minimum = 2, maximum = 10_000)]
+    pub points: Option<u32>,
 }
 
 /// A period that is given, by what drives the problem, or that is looked for too.
@@ -50,9 +71,13 @@ pub struct FreePeriod {
 
 /// A state of rest: states and variables that stay as they are, near to the initial values. The answer is `steady_state`. Of
 /// `time`, which may be left out, `start` alone counts.
-#[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct SteadyStateRequest {}
+pub struct SteadyStateRequest {
+    /// The branch of states of rest over a parameter, which begins with this one.
+    #[serde(rename = "continue")]
+    pub branch: Option<ContinueRequest>,
+}
 
 /// What is looked for.
 #[derive(Clone, Debug)]
@@ -61,6 +86,8 @@ pub enum Search {
     Periodic(Periodic),
     /// A state of rest.
     SteadyState,
+    /// A branch of orbits or of states of rest.
+    Branch(Arc<BranchPlan>),
     /// Parameters that fit data.
     Fit(Arc<Fit>),
 }
@@ -68,8 +95,12 @@ pub enum Search {
 /// What was asked for, before it is checked.
 pub(super) struct Request<'a> {
     pub periodic: Option<&'a PeriodicRequest>,
-    pub steady_state: Option<SteadyStateRequest>,
+    pub steady_state: Option<&'a SteadyStateRequest>,
 }
+
+/// The points of a branch where their number is not given, and the most.
+const POINTS: u32 = 200;
+const MOST_POINTS: u32 = 10_000;
 
 impl Request<'_> {
     /// The key, where there is one.
@@ -90,7 +121,7 @@ impl Request<'_> {
         errors: &mut Errors,
     ) -> Option<Time> {
         let begin = given.map_or(0.0, |time| time.start);
-        let Some(PeriodicRequest { period }) = self.periodic else {
+        let Some(PeriodicRequest { period, .. }) = self.periodic else {
             return match (given, self.steady_state) {
                 (Some(time), None) => Some(time),
                 (_, Some(_)) => Some(Time { start: begin, end: begin + 1.0 }),
@@ -121,8 +152,8 @@ impl Request<'_> {
     /// Checks it for a model, with a horizon of a period; `others` are the keys beside it that do not go with it.
     pub fn check(
         &self,
-        model: &dyn Model,
-        time: Time,
+        (model, method, time): (&dyn Model, &Method, Time),
+        (named, problem, start): (Named<'_>, &Pointer<'_>, Start<'_>),
         others: &[(&'static str, bool)],
         errors: &mut Errors,
     ) -> Option<Search> {
@@ -132,33 +163,96 @@ impl Request<'_> {
         if self.periodic.is_some() && self.steady_state.is_some() {
             found.report(&place, "conflict", "one thing is looked for at a time: `periodic` or `steady_state`");
         }
-        for (other, _) in others.iter().filter(|(_, given)| *given) {
-            found.report(&place, "conflict", format!("`{other}` belongs to a run over a given time"));
+        let branch = self.periodic.map_or_else(
+            || self.steady_state.and_then(|asked| asked.branch.as_ref()),
+            |asked| asked.branch.as_ref(),
+        );
+        for (other, _) in others.iter().filter(|(other, given)| *given && (*other != "sweep" || branch.is_some())) {
+            let what = if *other == "sweep" { "a branch is followed for one problem" } else { "belongs to a run over a given time" };
+            let detail = if *other == "sweep" { format!("{what}, and `sweep` asks for many") } else { format!("`{other}` {what}") };
+            found.report(&place, "conflict", detail);
         }
-        let what = if key == "periodic" { "an orbit is looked for" } else { "a state of rest is looked for" };
-        let dvi = differentiable(model, what, &place, &mut found);
-        let search = dvi.and_then(|dvi| {
-            let Some(PeriodicRequest { period }) = self.periodic else { return Some(Search::SteadyState) };
-            let length = time.end - time.start;
-            let Period::Free(FreePeriod { phase, .. }) = period else {
-                return Some(Search::Periodic(Periodic { period: length, phase: None }));
-            };
-            let names = || dvi.state_names.iter().map(String::as_str);
-            let at = names().position(|name| name == phase);
-            if at.is_none() {
-                let place = place.key("period");
-                let error = SpecificationError::new(
-                    place.key("phase").to_string(),
-                    "unknown_name",
-                    format!("`{}` is not a state", abridged(phase)),
-                );
-                found.push(error.expected(listed(names())).did_you_mean(nearest(phase, names())));
+        let states = model.state_names();
+        match (model.mechanical(), self.periodic) {
+            (Some(motion), Some(_)) => {
+                differentiable_motion(motion, method, &place, &mut found);
             }
-            Some(Search::Periodic(Periodic { period: length, phase: Some(at?) }))
+            (_, Some(_)) => {
+                differentiable(model, "an orbit is looked for", &place, &mut found);
+            }
+            (_, None) => {
+                differentiable(model, "a state of rest is looked for", &place, &mut found);
+            }
+        }
+        let of = match self.periodic {
+            None => Some(BranchOf::Rests),
+            Some(PeriodicRequest { period, .. }) => {
+                let length = time.end - time.start;
+                match period {
+                    Period::Given(expression) => {
+                        let mut lowering = Lowering::with_inputs(start, named, problem);
+                        let constant = lowering.parametric(expression, &place.key("period"));
+                        let program = constant.and_then(|constant| constant.node);
+                        let program = program.map(|node| Tape::compile(&lowering.graph, &[node]));
+                        Some(BranchOf::Orbits(Periodic { period: length, phase: None }, program))
+                    }
+                    Period::Free(FreePeriod { phase, .. }) => {
+                        let names = || states.iter().map(String::as_str);
+                        let at = names().position(|name| name == phase);
+                        if at.is_none() {
+                            let place = place.key("period");
+                            let detail = format!("`{}` is not a state", abridged(phase));
+                            let error =
+                                SpecificationError::new(place.key("phase").to_string(), "unknown_name", detail);
+                            found.push(error.expected(listed(names())).did_you_mean(nearest(phase, names())));
+                        }
+                        at.map(|at| BranchOf::Orbits(Periodic { period: length, phase: Some(at) }, None))
+                    }
+                }
+            }
+        };
+        let search = of.and_then(|of| match branch {
+            Some(asked) => asked.check(model, of, &place.key("continue"), &mut found),
+            None => Some(match of {
+                BranchOf::Rests => Search::SteadyState,
+                BranchOf::Orbits(periodic, _) => Search::Periodic(periodic),
+            }),
         });
         let search = search.filter(|_| found.is_empty());
         errors.append(found);
         search
+    }
+}
+
+impl ContinueRequest {
+    fn check(&self, model: &dyn Model, of: BranchOf, place: &Pointer<'_>, errors: &mut Errors) -> Option<Search> {
+        if matches!(of, BranchOf::Rests) && model.set().is_some_and(ConvexSet::has_blocks) {
+            let detail = "states of rest are followed on the faces of intervals";
+            let error = SpecificationError::new(place.to_string(), "conflict", detail);
+            errors.push(error.expected("a set of intervals, or no `continue`"));
+            return None;
+        }
+        let names = model.parameters().map_or(&[][..], |parameters| parameters.names());
+        let values = model.parameters().map_or(&[][..], |parameters| parameters.values());
+        let known = || names.iter().map(String::as_str);
+        let Some(parameter) = known().position(|name| name == self.parameter) else {
+            let detail = format!("`{}` is not a parameter that may vary", abridged(&self.parameter));
+            let error = SpecificationError::new(place.key("parameter").to_string(), "unknown_name", detail);
+            errors.push(error.expected(listed(known())).did_you_mean(nearest(&self.parameter, known())));
+            return None;
+        };
+        let from = self.from.unwrap_or(values[parameter]);
+        if from == self.to {
+            out_of_range(&place.key("to"), self.to, &format!("another value than {from}, where the branch begins"), errors);
+            return None;
+        }
+        let points = self.points.unwrap_or(POINTS);
+        if !(2..=MOST_POINTS).contains(&points) {
+            out_of_range(&place.key("points"), f64::from(points), &format!("2 to {MOST_POINTS}"), errors);
+            return None;
+        }
+        let name = self.parameter.clone();
+        Some(Search::Branch(Arc::new(BranchPlan { of, parameter, name, from, to: self.to, points: points as usize })))
     }
 }
 

@@ -97,7 +97,7 @@ impl SensitivitiesRequest {
 }
 
 /// Refuses a motion that cannot be differentiated.
-fn differentiable_motion(
+pub(super) fn differentiable_motion(
     model: &MechanicalModel,
     method: &Method,
     place: &Pointer<'_>,

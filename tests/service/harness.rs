@@ -43,6 +43,7 @@ pub fn halving(status: Status) -> Solution {
         orbit: None,
         provenance: None,
         steady_state: None,
+        branch: None,
         table: None,
         summary: None,
         fit: None,

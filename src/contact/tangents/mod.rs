@@ -180,6 +180,12 @@ impl Tangents {
         }
     }
 
+    /// The rates `(v, a)` of a state in the present mode, at the time reached.
+    pub fn rates(&mut self, x: &[f64]) -> Vec<f64> {
+        self.equations.evaluate_at(self.reached, x);
+        [&x[self.structure.coordinates..], &self.equations.a].concat()
+    }
+
     /// Hands over the derivatives of the times of events since the last call.
     pub fn take_events(&mut self) -> std::vec::Drain<'_, EventSlope> {
         self.events.drain(..)

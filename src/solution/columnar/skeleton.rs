@@ -1,7 +1,7 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
 use crate::{
-    Checked, EndedBy, Event, EventSlope, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
+    Branch, Checked, EndedBy, Event, EventSlope, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
     Summary, Trajectory, Verdict, Version,
 };
 use serde::{Deserialize, Serialize};
@@ -43,6 +43,8 @@ struct Parts<'a> {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     steady_state: Option<SteadyState>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    branch: Option<Branch>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     fit: Option<FitAnswer>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     solution: Option<StaticSolution>,
@@ -73,6 +75,7 @@ impl Skeleton {
             event_slopes,
             orbit,
             steady_state,
+            branch,
             table,
             summary,
             fit,
@@ -94,6 +97,7 @@ impl Skeleton {
             event_slopes: event_slopes.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
+            branch: branch.clone(),
             table: table.as_ref().map(|table| evidence(serde_json::value::to_raw_value(table))).transpose()?,
             summary: summary.clone(),
             fit: fit.clone(),

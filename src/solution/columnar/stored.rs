@@ -225,6 +225,7 @@ mod tests {
             orbit: None,
             provenance: None,
             steady_state: None,
+            branch: None,
             table: None,
             summary: None,
             fit: None,

@@ -20,6 +20,7 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         orbit: None,
         provenance: None,
         steady_state: None,
+        branch: None,
         table: None,
         summary: None,
         fit: None,

@@ -128,7 +128,8 @@ impl<'p> FollowedMotion<'p> {
     }
 }
 
-fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
+/// The directions of parameters and initial values, of a motion in the time since its start.
+pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, contacts, count) = (2 * structure.coordinates, structure.contacts.len(), by.len());
     let slopes = model.slopes().map_err(|error| error.to_string())?;
