@@ -133,9 +133,8 @@ impl Followed {
     /// Writes the columns at a time within the last step.
     pub fn write(&mut self, radau: &mut Radau<'_>, t: f64, out: &mut [f64]) {
         let Self { tangents, observed, states, outputs, of, by } = self;
-        let observed = observed.as_mut().map(|observed| {
-            observed.write(t, |t| along(tangents, radau, (*states, *by), t))
-        });
+        let observed =
+            observed.as_mut().map(|observed| observed.write(t, |t| along(tangents, radau, (*states, *by), t)));
         for (out, &place) in out.chunks_exact_mut(*by).zip(&*of) {
             match (place.checked_sub(*outputs), &observed) {
                 (Some(own), Some(observed)) => {
@@ -235,7 +234,8 @@ pub(super) fn check(
 ) {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     let run = |moved: &Moved<'_>| -> Option<Ended> {
-        let bound = if model.parameters.is_some() { model.with_parameters(moved.parameters).ok()? } else { model.clone() };
+        let bound =
+            if model.parameters.is_some() { model.with_parameters(moved.parameters).ok()? } else { model.clone() };
         let initial = moved.initial(&bound.initial);
         Some(integrate_once(&bound, &Plan { initial, ..moved.plan.clone() }, settings, analysis, control))
     };
@@ -253,7 +253,8 @@ pub(super) fn check_motion(
 ) {
     let values = model.parameters.as_ref().map_or(&[][..], |(parameters, _)| parameters.values());
     let run = |moved: &Moved<'_>| -> Option<Ended> {
-        let bound = if model.parameters.is_some() { model.with_parameters(moved.parameters).ok()? } else { model.clone() };
+        let bound =
+            if model.parameters.is_some() { model.with_parameters(moved.parameters).ok()? } else { model.clone() };
         let initial = moved.initial(&bound.initial);
         let plan = Plan { initial, ..moved.plan.clone() };
         Some(integrate_contact_once(&bound, &plan, contact, analysis, control))

@@ -267,10 +267,9 @@ fn shot(
     word: Vec<Passed>,
 ) -> Shot {
     let n = from.len();
-    let by_parameters = slopes.as_ref().map_or_else(
-        |_| DMatrix::zeros(n, 0),
-        |slopes| slopes.columns(n, slopes.ncols() - n).into_owned(),
-    );
+    let by_parameters = slopes
+        .as_ref()
+        .map_or_else(|_| DMatrix::zeros(n, 0), |slopes| slopes.columns(n, slopes.ncols() - n).into_owned());
     let monodromy = slopes.map(|slopes| slopes.columns(0, n).into_owned());
     Shot { from: from.to_vec(), period, to, slope, monodromy, by_parameters, scale, word }
 }

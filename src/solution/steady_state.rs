@@ -67,12 +67,7 @@ pub(super) struct Rest {
 }
 
 /// The state of rest that the start comes to.
-pub(super) fn rest_of(
-    model: &DviModel,
-    plan: &Plan,
-    settings: &Settings,
-    control: &Control,
-) -> Result<Rest, Failure> {
+pub(super) fn rest_of(model: &DviModel, plan: &Plan, settings: &Settings, control: &Control) -> Result<Rest, Failure> {
     Search { model, plan, settings, control }.find()
 }
 

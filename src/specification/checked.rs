@@ -143,10 +143,9 @@ impl Specification {
             request.check(&*model, (output.global_error, study.is_some()), &mut found);
             // Parameters of a problem that cannot be read are not known: what names them is checked once it can be.
             let is_read = found.is_empty() && errors.is_empty() || model.parameters().is_some();
-            let sensitivities =
-                sensitivities.filter(|_| is_read).and_then(|asked| {
-                    asked.check((&*model, &observables, &method), &root.key("sensitivities"), &mut found)
-                });
+            let sensitivities = sensitivities.filter(|_| is_read).and_then(|asked| {
+                asked.check((&*model, &observables, &method), &root.key("sensitivities"), &mut found)
+            });
             let alone = [
                 ("sensitivities", sensitivities.is_some()),
                 ("study", study.is_some()),
@@ -155,14 +154,16 @@ impl Specification {
             ];
             let beside = [&alone[..], &[("sweep", sweep.is_some())]].concat();
             let of_search = (problem.written().named(), &of_problem, start);
-            let search = is_read.then(|| asked.check((&*model, &method, time), of_search, &beside, &mut found)).flatten();
+            let search =
+                is_read.then(|| asked.check((&*model, &method, time), of_search, &beside, &mut found)).flatten();
             let analyses = [
                 ("periodic", periodic.is_some()),
                 ("steady_state", steady_state.is_some()),
                 ("sweep", sweep.is_some()),
             ];
             let others = [&analyses[..], &alone].concat();
-            let fit = fit.filter(|_| is_read).and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
+            let fit =
+                fit.filter(|_| is_read).and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
             let search = search.or(fit.map(|fit| Search::Fit(Arc::new(fit))));
             if study.is_some() && is_static {
                 found.report(

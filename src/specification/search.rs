@@ -163,13 +163,20 @@ impl Request<'_> {
         if self.periodic.is_some() && self.steady_state.is_some() {
             found.report(&place, "conflict", "one thing is looked for at a time: `periodic` or `steady_state`");
         }
-        let branch = self.periodic.map_or_else(
-            || self.steady_state.and_then(|asked| asked.branch.as_ref()),
-            |asked| asked.branch.as_ref(),
-        );
+        let branch = self
+            .periodic
+            .map_or_else(|| self.steady_state.and_then(|asked| asked.branch.as_ref()), |asked| asked.branch.as_ref());
         for (other, _) in others.iter().filter(|(other, given)| *given && (*other != "sweep" || branch.is_some())) {
-            let what = if *other == "sweep" { "a branch is followed for one problem" } else { "belongs to a run over a given time" };
-            let detail = if *other == "sweep" { format!("{what}, and `sweep` asks for many") } else { format!("`{other}` {what}") };
+            let what = if *other == "sweep" {
+                "a branch is followed for one problem"
+            } else {
+                "belongs to a run over a given time"
+            };
+            let detail = if *other == "sweep" {
+                format!("{what}, and `sweep` asks for many")
+            } else {
+                format!("`{other}` {what}")
+            };
             found.report(&place, "conflict", detail);
         }
         let states = model.state_names();
@@ -202,8 +209,7 @@ impl Request<'_> {
                         if at.is_none() {
                             let place = place.key("period");
                             let detail = format!("`{}` is not a state", abridged(phase));
-                            let error =
-                                SpecificationError::new(place.key("phase").to_string(), "unknown_name", detail);
+                            let error = SpecificationError::new(place.key("phase").to_string(), "unknown_name", detail);
                             found.push(error.expected(listed(names())).did_you_mean(nearest(phase, names())));
                         }
                         at.map(|at| BranchOf::Orbits(Periodic { period: length, phase: Some(at) }, None))
@@ -243,7 +249,12 @@ impl ContinueRequest {
         };
         let from = self.from.unwrap_or(values[parameter]);
         if from == self.to {
-            out_of_range(&place.key("to"), self.to, &format!("another value than {from}, where the branch begins"), errors);
+            out_of_range(
+                &place.key("to"),
+                self.to,
+                &format!("another value than {from}, where the branch begins"),
+                errors,
+            );
             return None;
         }
         let points = self.points.unwrap_or(POINTS);

@@ -61,7 +61,9 @@ impl SensitivitiesRequest {
             let name = &observables.names[at - states.len()];
             let detail = format!("`{}` has no derivative here: {why}", abridged(name));
             let error = SpecificationError::new(of_names.index(i).to_string(), "conflict", detail);
-            found.push(error.expected("states, or definitions and integrals made of states, parameters and `t`, without jumps in integrands"));
+            found.push(error.expected(
+                "states, or definitions and integrals made of states, parameters and `t`, without jumps in integrands",
+            ));
         }
         if self.to.is_empty() {
             let error =

@@ -6,8 +6,12 @@ use crate::locate::{Ending, ModeEquations, Status};
 use nalgebra::{DMatrix, RowDVector};
 use problem::{EventKind, MechanicalStructure};
 
-/// A monitor is crossed if its rate exceeds this fraction of the terms of the rate.
-const TRANSVERSAL: f64 = 1e-9;
+/// A monitor is crossed if its rate exceeds this fraction of the terms of the rate, which is rounding: whether a contact
+/// grazes within the tolerances is told by the run.
+const TRANSVERSAL: f64 = 1e-13;
+
+/// The part of the largest derivatives so far below which what is left of them is rounding.
+const CANCELLED: f64 = 1e-9;
 
 /// Flights of less than this fraction of each other do not get shorter: they have no limit.
 const SHORTER: f64 = 1e-6;
@@ -87,13 +91,19 @@ impl Crossed {
         let by_state = gradient.columns(0, 2 * columns.coordinates);
         let terms = by_state.iter().zip(rates).map(|(by, rate)| (by * rate).abs()).sum::<f64>() + time.abs();
         // What cancels leaves rounding of what was there before.
-        let sizes = by_state.abs() * (now.abs() + largest * TRANSVERSAL) + own.abs();
+        let sizes = by_state.abs() * (now.abs() + largest * CANCELLED) + own.abs();
         Self {
             rate: by_state.iter().zip(rates).map(|(by, rate)| by * rate).sum::<f64>() + time,
             terms,
             slopes: by_state * now + own,
             sizes,
         }
+    }
+
+    /// Moves it to a time `ahead`, where its rate and its derivatives change at these rates.
+    pub fn move_to(&mut self, ahead: f64, of_rate: f64, of_slopes: &RowDVector<f64>) {
+        self.rate += ahead * of_rate;
+        self.slopes += of_slopes * ahead;
     }
 
     /// The derivatives of the time at which the monitor crosses zero.
@@ -132,9 +142,9 @@ pub(super) fn contact(ending: Ending) -> usize {
 /// The ending that takes a contact from one status to another; `None` if no monitor does.
 pub(super) fn between(structure: &MechanicalStructure, k: usize, from: Status, to: Status) -> Option<Ending> {
     match (from, to) {
-        (Status::Open, Status::Open) | (Status::Frictionless, Status::Frictionless) | (Status::Stick, Status::Stick) => {
-            None
-        }
+        (Status::Open, Status::Open)
+        | (Status::Frictionless, Status::Frictionless)
+        | (Status::Stick, Status::Stick) => None,
         (Status::Open, _) => Some(Ending::Impact(k)),
         (_, Status::Open) => Some(Ending::Detachment(k)),
         (Status::Stick, Status::Slip(direction)) => Some(Ending::StickToSlip(k, direction)),

@@ -138,7 +138,8 @@ pub(super) fn pass(
             continue;
         }
         let d = u / u.norm();
-        let turning = if slips == 2 { (Matrix2::identity() - d * d.transpose()) * (bound / u.norm()) } else { Matrix2::zeros() };
+        let turning =
+            if slips == 2 { (Matrix2::identity() - d * d.transpose()) * (bound / u.norm()) } else { Matrix2::zeros() };
         for (i, row) in structure.tangents(k).enumerate() {
             matrix[(at(row), at(row))] += 1.0;
             matrix[(at(row), at(normal))] += contact.mu * d[i];

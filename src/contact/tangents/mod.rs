@@ -33,6 +33,7 @@ use event::Flights;
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use problem::{Mechanical, MechanicalStructure};
+use transition::Instant;
 
 /// A jump of the accelerations below this fraction of their terms counts as zero.
 const CONTINUOUS: f64 = 1e-9;
@@ -98,6 +99,8 @@ pub struct Tangents {
     /// The last arc.
     arc: Option<Arc>,
     reached: f64,
+    /// The transition at the time reached, if there was one.
+    instant: Option<Instant>,
     flights: Vec<Flights>,
     events: Vec<EventSlope>,
 }
@@ -114,7 +117,11 @@ impl Tangents {
     ) -> Result<Self, NoDerivative> {
         let structure = problem.structure().clone();
         let now = directions.initial.clone();
+        let (n, count) = (structure.coordinates, directions.count());
+        // The start has a time that nothing moves.
+        let start = Instant { times: DMatrix::zeros(n, count), happened: vec![true; n] };
         let mut tangents = Self {
+            instant: Some(start),
             equations: ModeEquations::new(problem),
             largest: now.abs(),
             flights: vec![Flights::default(); structure.contacts.len()],
@@ -149,6 +156,7 @@ impl Tangents {
         let (begin, transition) = (located.last.t, &located.transition);
         let end = transition.as_ref().map_or(located.state.t, |transition| transition.before.t);
         if end > begin {
+            self.instant = None;
             let step = radau.last_step();
             let arc = Arc::new(step, &self.now, &mut self.equations, &mut self.directions)?;
             self.now = arc.at(end);

@@ -40,7 +40,9 @@ pub enum NoDerivative {
     )]
     OffContact,
     /// Forces that are not unique.
-    #[error("contacts share a load in more than one way, so that the time at which one of them gives way is not unique")]
+    #[error(
+        "contacts share a load in more than one way, so that the time at which one of them gives way is not unique"
+    )]
     Redundant,
     /// Time stepping took over.
     #[error("no smooth motion could go on, and time stepping did, of which no derivatives are made")]

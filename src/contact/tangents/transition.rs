@@ -4,7 +4,7 @@ use super::event::{Crossed, EventSlope, TimedEvent, between, contact, kind};
 use super::impact::{self, Blow, Moved};
 use super::linearised::{Columns, Linearised, Place, Terms, solve};
 use super::{NoDerivative, Tangents};
-use crate::locate::{Ending, EventDriven, Impact, Status, Transition, held};
+use crate::locate::{Ending, EventDriven, Impact, ModeEquations, Status, Transition, held};
 use crate::velocity_step::State;
 use nalgebra::{DMatrix, RowDVector, Vector3};
 use problem::Constraints;
@@ -24,7 +24,8 @@ struct Islands {
 }
 
 impl Islands {
-    fn new(mass: &DMatrix<f64>, constraints: &Constraints, rows: impl Iterator<Item = usize>) -> Self {
+    /// `groups` are the rows of `J` that act together: those of a joint, or of all directions of a contact.
+    fn new(mass: &DMatrix<f64>, constraints: &Constraints, groups: impl Iterator<Item = Vec<usize>>) -> Self {
         let n = mass.nrows();
         let mut islands = Self { of: (0..n).collect() };
         for i in 0..n {
@@ -34,10 +35,10 @@ impl Islands {
                 }
             }
         }
-        for row in rows {
-            let mut of_row = (0..n).filter(|&i| constraints.row(row)[i] != 0.0);
-            if let Some(first) = of_row.next() {
-                of_row.for_each(|other| islands.join(first, other));
+        for rows in groups {
+            let mut moved = (0..n).filter(|&i| rows.iter().any(|&row| constraints.row(row)[i] != 0.0));
+            if let Some(first) = moved.next() {
+                moved.for_each(|other| islands.join(first, other));
             }
         }
         islands
@@ -51,6 +52,35 @@ impl Islands {
     /// The island of a row of `J`.
     fn of_row(&self, constraints: &Constraints, row: usize) -> Option<usize> {
         constraints.row(row).iter().position(|j| *j != 0.0).map(|i| self.of[i])
+    }
+}
+
+/// The derivatives of the time of the last transition, for each coordinate, and whether it was one of that coordinate's
+/// island.
+#[derive(Clone, Debug)]
+pub(super) struct Instant {
+    pub times: DMatrix<f64>,
+    pub happened: Vec<bool>,
+}
+
+/// Where a gap is zero near an impact, whose time is known to the rounding of the clock: of short flights that is a part of
+/// them, and of the derivatives that they are divided by.
+#[derive(Clone, Copy, Debug, Default)]
+struct Root {
+    /// How far ahead of the time of the impact the gap before it is zero.
+    ahead: f64,
+    /// The contact.
+    contact: Option<usize>,
+}
+
+impl Root {
+    /// How long ago the gap behind the impact was zero, at the last evaluation with velocities `v`.
+    fn since(&self, equations: &ModeEquations, v: &[f64]) -> f64 {
+        let Some(k) = self.contact.filter(|&k| equations.mode()[k] == Status::Open) else { return 0.0 };
+        let (structure, constraints) = (equations.shape(), equations.constraints());
+        let row = structure.normal(k);
+        let speed = constraints.velocity(row, v);
+        if speed > ALIKE * constraints.terms(row, v) { constraints.values[structure.joints + k] / speed } else { 0.0 }
     }
 }
 
@@ -109,16 +139,17 @@ impl Tangents {
         };
         let unmoved = self.now.clone();
         let mut rates = [v.as_slice(), &vec![0.0; n]].concat();
+        let mut roots = vec![Root::default(); n];
         if let Some(ending) = ending {
             let x = [q.as_slice(), v].concat();
             let linearised = Linearised::at(&mut self.equations, *t, &x, &mut self.directions)
                 .ok_or(NoDerivative::Smooth(radau::NoDerivative::Singular))?;
             rates[n..].copy_from_slice(&self.equations.a);
-            self.find_times(*ending, (transition, &mode), (&linearised, &rates), &mut moved.times)?;
+            roots = self.find_times(*ending, (transition, &mode), (&linearised, &rates), &mut moved.times)?;
         }
-        for i in 0..n {
+        for (i, Root { ahead, .. }) in roots.iter().enumerate() {
             let mut q = moved.q.row_mut(i);
-            q += moved.times.row(i) * rates[i];
+            q += moved.v.row(i) * *ahead + moved.times.row(i) * (rates[i] + ahead * rates[n + i]);
             let mut v = moved.v.row_mut(i);
             v += moved.times.row(i) * rates[n + i];
         }
@@ -130,11 +161,12 @@ impl Tangents {
         self.equations.set_mode(&mode, &located.loads, &least);
         let State { q, v, .. } = &located.state;
         self.equations.evaluate_at(*t, &[q.as_slice(), v].concat());
-        for i in 0..n {
-            let after = moved.q.row(i) - moved.times.row(i) * v[i];
-            self.now.row_mut(i).copy_from(&after);
-            let after = moved.v.row(i) - moved.times.row(i) * self.equations.a[i];
-            self.now.row_mut(n + i).copy_from(&after);
+        for (i, root) in roots.iter().enumerate() {
+            let (a, since) = (self.equations.a[i], root.since(&self.equations, v));
+            let of_v = moved.v.row(i) - moved.times.row(i) * a;
+            let of_q = moved.q.row(i) - moved.times.row(i) * (v[i] - since * a) + &of_v * since;
+            self.now.row_mut(i).copy_from(&of_q);
+            self.now.row_mut(n + i).copy_from(&of_v);
         }
         if self.now.iter().any(|value| !value.is_finite()) {
             return Err(NoDerivative::Smooth(radau::NoDerivative::Singular));
@@ -143,14 +175,14 @@ impl Tangents {
         Ok(moved.times)
     }
 
-    /// The derivatives of the times of what ends an arc, for each coordinate; records them.
+    /// The derivatives of the times of what ends an arc, for each coordinate; records them, and returns where gaps are zero.
     fn find_times(
         &mut self,
         ending: Ending,
         (transition, after): (&Transition, &[Status]),
         (linearised, rates): (&Linearised, &[f64]),
         times: &mut DMatrix<f64>,
-    ) -> Result<(), NoDerivative> {
+    ) -> Result<Vec<Root>, NoDerivative> {
         let Transition { before: State { t, q, v }, mode, impact, .. } = transition;
         let structure = self.structure.clone();
         let constraints = self.equations.constraints().clone();
@@ -160,8 +192,10 @@ impl Tangents {
         let has_impulse = |k: usize| impact.as_ref().is_some_and(|impact| impact.contacted.r[k].x > 0.0);
         let contacts = 0..structure.contacts.len();
         let coupled = |k: &usize| has_impulse(*k) || mode[*k].is_closed() || after[*k].is_closed();
-        let rows = contacts.clone().filter(coupled).flat_map(|k| std::iter::once(structure.normal(k)).chain(structure.tangents(k)));
-        let islands = Islands::new(&mass, &constraints, (0..structure.joints).chain(rows));
+        let of_contact = |k: usize| std::iter::once(structure.normal(k)).chain(structure.tangents(k)).collect();
+        let of_joints = (0..structure.joints).map(|row| vec![row]);
+        let groups = of_joints.chain(contacts.clone().filter(coupled).map(of_contact));
+        let islands = Islands::new(&mass, &constraints, groups);
         let state = (rates, &self.now, &self.largest);
         let crossed = |ending: Ending| Crossed::at(ending, &self.equations, linearised, &self.directions, state);
         let is_of_forces = |ending: &Ending| matches!(ending, Ending::Detachment(_) | Ending::StickToSlip(..));
@@ -185,17 +219,41 @@ impl Tangents {
             }
         }
         let mut found: Vec<(usize, RowDVector<f64>)> = Vec::new();
+        // What follows an event at once happens at its time, whatever the direction.
+        let mut followed: Vec<usize> = Vec::new();
+        for (i, &island) in islands.of.iter().enumerate() {
+            if let Some(instant) = self.instant.as_ref().filter(|instant| instant.happened[i])
+                && !followed.contains(&island)
+            {
+                followed.push(island);
+                found.push((island, instant.times.row(i).into_owned()));
+            }
+        }
+        let mut roots = vec![Root::default(); q.len()];
         for event in events {
             let k = contact(event);
             if linearised.is_redundant && is_of_forces(&event) {
                 return Err(NoDerivative::Redundant);
             }
-            let monitor = crossed(event);
+            let mut monitor = crossed(event);
             let island = islands.of_row(&constraints, structure.normal(k)).ok_or(NoDerivative::Grazing)?;
             let slopes = match found.iter().find(|(other, _)| *other == island) {
+                Some((_, times)) if followed.contains(&island) => times.clone(),
                 Some((_, times)) if monitor.agrees(times, ALIKE) => times.clone(),
                 Some(_) => return Err(NoDerivative::Several),
                 None => {
+                    if let Ending::Impact(k) = event {
+                        let ahead = -constraints.values[structure.joints + k] / monitor.rate;
+                        let ahead = if ahead.is_finite() { ahead } else { 0.0 };
+                        let root = Root { ahead, contact: Some(k) };
+                        let of_island = islands.of.iter().zip(&mut roots).filter(|(of, _)| **of == island);
+                        of_island.for_each(|(_, place)| *place = root);
+                        let row = structure.normal(k);
+                        let (n, p) = (q.len(), self.directions.count());
+                        let speed = linearised.velocity.row(row);
+                        let speeds = speed.columns(0, 2 * n) * &self.now + speed.columns(2 * n, p);
+                        monitor.move_to(ahead, self.equations.rate_of_row(row), &speeds);
+                    }
                     let slopes = monitor.times()?;
                     found.push((island, slopes.clone()));
                     slopes
@@ -220,12 +278,15 @@ impl Tangents {
                 self.events.push(recorded(*t, TimedEvent::Contact(kind(event)), &slopes));
             }
         }
+        let mut happened = vec![false; q.len()];
         for (i, island) in islands.of.iter().enumerate() {
             if let Some((_, slopes)) = found.iter().find(|(other, _)| other == island) {
                 times.row_mut(i).copy_from(slopes);
+                happened[i] = true;
             }
         }
-        Ok(())
+        self.instant = Some(Instant { times: times.clone(), happened });
+        Ok(roots)
     }
 
     /// Whether the monitor of an ending is zero at the last evaluation.

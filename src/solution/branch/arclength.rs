@@ -33,6 +33,8 @@ const LEAST_COSINE: f64 = 0.9;
 /// The most trials in the location of an event, and the width to which it is located, as a part of the step.
 const TRIALS: usize = 60;
 const WIDTH: f64 = 1e-9;
+/// The part of a step by which a point may be off the plane that it is looked for in.
+const ON_PLANE: f64 = 1e-3;
 /// Singular values below this part of the largest are zero, as for single orbits.
 const RANK: f64 = 1e-8;
 /// How far behind a border the branch is looked for, in units of the interval.
@@ -211,12 +213,7 @@ impl<'f, F: Family> Continuation<'f, F> {
     }
 
     /// A step to an end of the interval.
-    fn last_step(
-        &mut self,
-        last: &Solved<F::Word>,
-        ds: f64,
-        end: f64,
-    ) -> Result<(Solved<F::Word>, usize), Failure> {
+    fn last_step(&mut self, last: &Solved<F::Word>, ds: f64, end: f64) -> Result<(Solved<F::Word>, usize), Failure> {
         let n = last.w.len();
         let w: Vec<f64> = (0..n).map(|i| last.w[i] + ds * last.tangent[i] * self.scales.of(i)).collect();
         let p = if end > 0.0 { self.scales.to } else { self.scales.from };
@@ -253,7 +250,7 @@ impl<'f, F: Family> Continuation<'f, F> {
             let along: f64 = (0..n).map(|i| tangent[i] * (w[i] - origin.0[i]) / self.scales.of(i)).sum::<f64>()
                 + tangent[n] * (p - origin.1) / self.scales.of(n) * self.direction();
             let off = ds - along;
-            let is_on_plane = off.abs() <= 1e-6 * ds.max(SHORTEST);
+            let is_on_plane = off.abs() <= ON_PLANE * ds.max(SHORTEST);
             if distance <= 1.0 && (is_on_plane || correction == CORRECTIONS) {
                 if !evaluation.is_admissible {
                     return Err(inadmissible(&w, p));
@@ -292,22 +289,17 @@ impl<'f, F: Family> Continuation<'f, F> {
     }
 
     /// Locates the changes of sign of the tests between two points.
-    fn locate(
-        &mut self,
-        (last, next): (&Solved<F::Word>, &Solved<F::Word>),
-        ds: f64,
-        curve: &mut Curve<F::Word>,
-    ) {
+    fn locate(&mut self, (last, next): (&Solved<F::Word>, &Solved<F::Word>), ds: f64, curve: &mut Curve<F::Word>) {
         let after = curve.points.len() - 1;
         for (number, test) in self.tests.iter().enumerate() {
             let value = |point: &Solved<F::Word>| test(&point.spectrum, &point.tangent);
-            let (before, after) = (value(last), value(next));
-            if !(before.is_finite() && after.is_finite()) || before == 0.0 || before.signum() == after.signum() {
+            let (before, behind) = (value(last), value(next));
+            if !(before.is_finite() && behind.is_finite()) || before == 0.0 || before.signum() == behind.signum() {
                 continue;
             }
             // The bracket falls.
             let sign = before.signum();
-            let mut bracket = Bracket::new((0.0, sign * before), (ds, sign * after));
+            let mut bracket = Bracket::new((0.0, sign * before), (ds, sign * behind));
             let mut best = next.clone();
             for _ in 0..TRIALS {
                 if bracket.width() <= WIDTH * ds {

@@ -74,7 +74,8 @@ impl Branch {
     fn tell(self, solution: &mut Solution) {
         if let Some(why) = &self.ended {
             let end = self.parameter.last().copied().unwrap_or_default();
-            let message = format!("the branch ends at `{}` = {end:?}, before the end of its interval: {why}", self.name);
+            let message =
+                format!("the branch ends at `{}` = {end:?}, before the end of its interval: {why}", self.name);
             solution.diagnostics.checks.caveat("branch_ended", message);
         }
         solution.branch = Some(self);

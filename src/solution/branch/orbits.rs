@@ -113,6 +113,8 @@ struct Orbits<'a> {
     parameter: usize,
     values: Vec<f64>,
     periodic: Periodic,
+    /// The value that the state of the phase keeps.
+    anchor: f64,
     /// The period as a function of the parameters, where it is given.
     program: Option<Tape>,
     control: &'a Control,
@@ -145,7 +147,7 @@ impl Orbits<'_> {
         let mut from = w.to_vec();
         match self.periodic.phase {
             Some(phase) => {
-                let period = std::mem::replace(&mut from[phase], self.plan.initial[phase]);
+                let period = std::mem::replace(&mut from[phase], self.anchor);
                 (from, period)
             }
             None => (from, self.period_at(p)),
@@ -174,12 +176,7 @@ impl Orbits<'_> {
 impl Family for Orbits<'_> {
     type Word = Vec<Passed>;
 
-    fn evaluate(
-        &mut self,
-        w: &[f64],
-        p: f64,
-        _: Option<&Self::Word>,
-    ) -> Result<Evaluation<Self::Word>, Failure> {
+    fn evaluate(&mut self, w: &[f64], p: f64, _: Option<&Self::Word>) -> Result<Evaluation<Self::Word>, Failure> {
         let shot = self.shoot(w, p)?;
         let n = w.len();
         let monodromy = shot.monodromy.as_ref().map_err(|why| self.failure(why.clone()))?;
@@ -210,12 +207,7 @@ impl Family for Orbits<'_> {
         Ok(Evaluation { residual, jacobian, word: shot.word, spectrum, is_admissible: true })
     }
 
-    fn beyond(
-        &mut self,
-        at: &Solved<Self::Word>,
-        towards: &[f64],
-        p: f64,
-    ) -> Option<(Vec<f64>, f64, Self::Word)> {
+    fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)> {
         let mut w = towards.to_vec();
         for _ in 0..CORRECTIONS {
             let Evaluation { residual, jacobian, word, .. } = self.evaluate(&w, p, None).ok()?;
@@ -253,6 +245,7 @@ fn follow(
         parameter: asked.parameter,
         values: model.values(),
         periodic,
+        anchor: 0.0,
         program: program.cloned(),
         control,
         shots: 0,
@@ -295,10 +288,15 @@ fn first(orbits: &mut Orbits<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f
     orbits.shots += shots;
     let shot = found.map_err(|missed: Missed| missed.1)?;
     let settings = orbits.how.settings;
-    let largest = shot.scale.iter().zip(&settings.atol).map(|(scale, atol)| (scale - atol) / settings.rtol);
-    let mut sizes: Vec<f64> = largest.map(|size| if size > 0.0 { size } else { 1.0 }).collect();
+    // Below its tolerance a state is at zero, and has no size.
+    let sizes = shot.scale.iter().zip(&settings.atol).map(|(scale, atol)| {
+        let largest = (scale - atol) / settings.rtol;
+        if largest > *atol { largest } else { 1.0 }
+    });
+    let mut sizes: Vec<f64> = sizes.collect();
     if let Some(phase) = orbits.periodic.phase {
         sizes[phase] = shot.period;
+        orbits.anchor = shot.from[phase];
     }
     Ok((orbits.unknowns(&shot), sizes))
 }

@@ -32,7 +32,9 @@ pub fn follow_rests(
 ) -> Solution {
     let began = Instant::now();
     let values = model.parameters.as_ref().map_or_else(Vec::new, |parameters| parameters.values().to_vec());
-    let mut rests = Rests { model, plan, settings, parameter: asked.parameter, values, control, solved: 0 };
+    let span = (asked.to - asked.from).abs();
+    let mut rests =
+        Rests { model, plan, settings, parameter: asked.parameter, span, size: 1.0, values, control, solved: 0 };
     let curve = first(&mut rests, asked).and_then(|(w, sizes)| {
         let tests: Vec<Test> = OF_RESTS.iter().map(|(test, _)| *test).collect();
         let scales = Scales { from: asked.from, to: asked.to, unknowns: sizes };
@@ -44,6 +46,10 @@ pub fn follow_rests(
     let mut plan = plan.clone();
     plan.observables.bind(&rests.values_at(at));
     plan.initial = last.map_or_else(|| bound.initial.clone(), |point| point.w[..bound.initial.len()].to_vec());
+    // What Newton's method leaves of a state that is zero is none.
+    for (x, atol) in plan.initial.iter_mut().zip(&settings.atol) {
+        *x = if x.abs() < f64::EPSILON * atol { 0.0 } else { *x };
+    }
     let mut solution = find_steady_state(&bound, &plan, settings, analysis, control);
     solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
     match curve {
@@ -63,6 +69,10 @@ struct Rests<'a> {
     plan: &'a Plan,
     settings: &'a Settings,
     parameter: usize,
+    /// The length of its interval.
+    span: f64,
+    /// The size of the unknowns where the branch begins.
+    size: f64,
     values: Vec<f64>,
     control: &'a Control,
     solved: u64,
@@ -119,12 +129,7 @@ impl Rests<'_> {
 impl Family for Rests<'_> {
     type Word = ActiveFace;
 
-    fn evaluate(
-        &mut self,
-        w: &[f64],
-        p: f64,
-        near: Option<&ActiveFace>,
-    ) -> Result<Evaluation<ActiveFace>, Failure> {
+    fn evaluate(&mut self, w: &[f64], p: f64, near: Option<&ActiveFace>) -> Result<Evaluation<ActiveFace>, Failure> {
         self.solved += 1;
         let model = self.bound(p)?;
         let n = model.structure().states;
@@ -137,8 +142,7 @@ impl Family for Rests<'_> {
         };
         let (rates, sided) = self.rows(&model, w, &face);
         let directions = directions(&model, &[By::Parameter(self.parameter)]).map_err(|why| self.failure(why))?;
-        let mut tangents =
-            Tangents::new(model.problem(), directions).map_err(|why| self.failure(why.to_string()))?;
+        let mut tangents = Tangents::new(model.problem(), directions).map_err(|why| self.failure(why.to_string()))?;
         let [by_y, by_parameter] =
             tangents.derivatives(&face, self.plan.start, w).map_err(|why| self.failure(why.to_string()))?;
         let count = w.len();
@@ -148,12 +152,17 @@ impl Family for Rests<'_> {
         jacobian.set_column(count, &by_parameter.column(0));
         let mut residual = DVector::zeros(count);
         let mut is_admissible = true;
+        let largest = w.iter().map(|x| x.abs()).fold(0.0, f64::max);
+        let of_variables = self.settings.atol.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         for row in 0..count {
             let tolerance = |i: usize| {
-                let atol = self.settings.atol.get(i).copied().unwrap_or(f64::MIN_POSITIVE);
-                atol + self.settings.rtol * w[i].abs()
+                // Variables have no tolerance of their own.
+                let own = self.settings.atol.get(i).map(|atol| atol + self.settings.rtol * w[i].abs());
+                own.unwrap_or(of_variables + self.settings.rtol * largest)
             };
-            let size: f64 = (0..count).map(|i| by_y[(row, i)].abs() * tolerance(i)).sum();
+            // Where the derivatives by the states vanish, at a fold, the parameter has a tolerance too.
+            let of_parameter = by_parameter[(row, 0)].abs() * self.settings.rtol * self.span.max(p.abs());
+            let size = (0..count).map(|i| by_y[(row, i)].abs() * tolerance(i)).sum::<f64>() + of_parameter;
             let size = if size > 0.0 { size } else { f64::MIN_POSITIVE };
             residual[row] = match row.checked_sub(n) {
                 None => rates[row],
@@ -163,7 +172,7 @@ impl Family for Rests<'_> {
             row /= size;
         }
         for (k, Sided { margin, .. }) in sided.iter().enumerate() {
-            let size = w[n + k].abs() + w.iter().map(|x| x.abs()).fold(0.0, f64::max);
+            let size = w[n + k].abs() + largest.max(self.size);
             is_admissible &= *margin >= -self.settings.rtol.max(SLACK) * size.max(f64::MIN_POSITIVE);
         }
         let rest = Rest { x: w[..n].to_vec(), z: w[n..].to_vec(), face: face.clone(), residual: 0.0 };
@@ -171,12 +180,7 @@ impl Family for Rests<'_> {
         Ok(Evaluation { residual, jacobian, word: face, spectrum, is_admissible })
     }
 
-    fn beyond(
-        &mut self,
-        at: &Solved<ActiveFace>,
-        towards: &[f64],
-        p: f64,
-    ) -> Option<(Vec<f64>, f64, ActiveFace)> {
+    fn beyond(&mut self, at: &Solved<ActiveFace>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, ActiveFace)> {
         // The variable whose side is lost first is the one that is farthest off behind the border.
         let model = self.bound(p).ok()?;
         let (_, sided) = self.rows(&model, towards, &at.word);
@@ -212,7 +216,10 @@ fn first(rests: &mut Rests<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f64
     let rest = rest_of(&model, &plan, rests.settings, rests.control)?;
     let w = [rest.x, rest.z].concat();
     let largest = w.iter().map(|x| x.abs()).fold(0.0, f64::max);
-    let size = if largest > 0.0 { largest } else { 1.0 };
+    // Below the tolerances a state of rest is at zero, and has no size.
+    let least = rests.settings.atol.iter().copied().fold(0.0, f64::max);
+    let size = if largest > least { largest } else { 1.0 };
+    rests.size = size;
     let sizes = vec![size; w.len()];
     Ok((w, sizes))
 }

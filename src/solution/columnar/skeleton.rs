@@ -1,8 +1,8 @@
 //! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
 
 use crate::{
-    Branch, Checked, EndedBy, Event, EventSlope, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
-    Summary, Trajectory, Verdict, Version,
+    Branch, Checked, EndedBy, Event, EventSlope, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution,
+    Status, SteadyState, Summary, Trajectory, Verdict, Version,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;

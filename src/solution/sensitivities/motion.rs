@@ -115,9 +115,9 @@ impl<'p> FollowedMotion<'p> {
         let elapsed = t - self.start;
         let now = self.tangents.at(elapsed);
         let Self { tangents, observed, start, outputs, .. } = self;
-        let observed = observed.as_mut().map(|observed| {
-            observed.write(t, |t| (states(phase, t - *start), tangents.at(t - *start)))
-        });
+        let observed = observed
+            .as_mut()
+            .map(|observed| observed.write(t, |t| (states(phase, t - *start), tangents.at(t - *start))));
         for (out, &of) in out.chunks_exact_mut(self.asked.by.len()).zip(&self.asked.of) {
             let row = match (of.checked_sub(*outputs), &observed) {
                 (Some(own), Some(observed)) => observed.row(own),

@@ -78,12 +78,7 @@ impl ObservedSlopes {
     }
 
     /// The integrals of the derivatives of integrands between two times.
-    fn integral(
-        &mut self,
-        from: f64,
-        to: f64,
-        mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>),
-    ) -> DMatrix<f64> {
+    fn integral(&mut self, from: f64, to: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
         let (first, integrals, count) = (self.definitions, self.integrals, self.count);
         let mut sums = vec![0.0; integrals * count];
         quadrature::integrate(from, to, &mut sums, |t, out| {
