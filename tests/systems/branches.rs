@@ -202,11 +202,11 @@ fn states_of_rest_cross_borders_and_turn_at_them() {
         assert!((point["x"] - if *p < 0.0 { *p } else { 0.5 * p }).abs() < 1e-7, "{point:?} at {p}");
     }
     // x' = p - |x| rests at p and, unstable, at -p: both meet in a corner.
-    let branch = rests(bent("p + x - 2*z", 1.0, 1.0), "p", -1.0);
+    let branch = rests(bent("p + x - 2*z", 1.0, -1.0), "p", -1.0);
     assert_eq!(kinds(&branch), [BranchEventKind::Border]);
     assert_at(&branch, BranchEventKind::Border, 0.0, 1e-7);
-    assert!((branch.points.last().expect("points")["x"] + 1.0).abs() < 1e-7);
-    assert_eq!((branch.stable[0], *branch.stable.last().expect("points")), (Some(true), Some(false)));
+    assert!((branch.points.last().expect("points")["x"] - 1.0).abs() < 1e-7);
+    assert_eq!((branch.stable[0], *branch.stable.last().expect("points")), (Some(false), Some(true)));
 }
 
 #[test]

@@ -171,7 +171,7 @@ impl Tangents {
         if self.now.iter().any(|value| !value.is_finite()) {
             return Err(NoDerivative::Smooth(radau::NoDerivative::Singular));
         }
-        self.keep_to_constraints(&mode, located, &unmoved, &moved.times)?;
+        self.keep_to_constraints(&mode, located, (&unmoved, &rates), &moved.times)?;
         Ok(moved.times)
     }
 
@@ -347,7 +347,7 @@ impl Tangents {
         &mut self,
         mode: &[Status],
         located: &EventDriven<'_>,
-        before: &DMatrix<f64>,
+        (before, rates): (&DMatrix<f64>, &[f64]),
         times: &DMatrix<f64>,
     ) -> Result<(), NoDerivative> {
         let rows = held(&self.structure, mode);
@@ -364,9 +364,9 @@ impl Tangents {
         let tolerance = ALIKE.max(OFF * located.radau.rtol).min(MOST_OFF);
         // The scale of what may cancel: derivatives before and after, and what the time of the event moves.
         let mut size = self.now.abs() + before.abs() + &self.largest * f64::EPSILON.sqrt();
-        for (i, rate) in v.iter().chain(&a).enumerate() {
+        for (i, (after, before)) in v.iter().chain(&a).zip(rates).enumerate() {
             let mut row = size.row_mut(i);
-            row += times.row(i % n).abs() * rate.abs();
+            row += times.row(i % n).abs() * (after.abs() + before.abs());
         }
         let singular = NoDerivative::Smooth(radau::NoDerivative::Singular);
         let mut mass = DMatrix::zeros(n, n);

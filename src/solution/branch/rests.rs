@@ -21,6 +21,9 @@ use std::time::Instant;
 /// A variable may be off its side by this part of what decides it, where that is more than the tolerance.
 const SLACK: f64 = 1e-8;
 
+/// States below this part of their tolerance are zero.
+const AT_ZERO: f64 = 1e-3;
+
 /// Follows states of rest.
 pub fn follow_rests(
     model: &DviModel,
@@ -48,7 +51,7 @@ pub fn follow_rests(
     plan.initial = last.map_or_else(|| bound.initial.clone(), |point| point.w[..bound.initial.len()].to_vec());
     // What Newton's method leaves of a state that is zero is none.
     for (x, atol) in plan.initial.iter_mut().zip(&settings.atol) {
-        *x = if x.abs() < f64::EPSILON * atol { 0.0 } else { *x };
+        *x = if x.abs() < AT_ZERO * atol { 0.0 } else { *x };
     }
     let mut solution = find_steady_state(&bound, &plan, settings, analysis, control);
     solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();

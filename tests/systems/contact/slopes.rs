@@ -186,7 +186,7 @@ fn a_ball_whose_run_does_not_begin_at_zero_has_the_same_derivatives() {
 fn two_balls(left: f64, right: f64, e: f64) -> Value {
     json!({"parameters": {"a": left, "b": right, "e": e}, "coordinates": {"x": {"initial": 0, "velocity": 2},
         "y": {"initial": 1, "velocity": -1}}, "mass": [["a", 0], [0, "b"]],
-        "contacts": [{"name": "pair", "gap": "y - x - 0.1", "restitution": "e"}]})
+        "contacts": [{"name": "pair", "gap": "y - x - 0.13", "restitution": "e"}]})
 }
 
 #[test]
@@ -197,7 +197,7 @@ fn two_colliding_balls() {
         let solution = derived(two_balls(left, right, e), 1.0, json!({"to": to}));
         let exact = |t: f64, p: [C; 7]| -> [C; 4] {
             let [x, y, v, w, a, b, e] = p;
-            let meet = (y - x - 0.1) / (v - w);
+            let meet = (y - x - 0.13) / (v - w);
             if t < meet.re {
                 return [x + v * t, y + w * t, v, w];
             }
