@@ -26,8 +26,8 @@ const CORRECTIONS: usize = 12;
 /// A model whose parameters can be bound, of a motion with how it meets impacts.
 #[derive(Clone)]
 enum Model<'a> {
-    Dvi(DviModel),
-    Motion(MechanicalModel, &'a ContactPlan),
+    Dvi(Box<DviModel>),
+    Motion(Box<MechanicalModel>, &'a ContactPlan),
 }
 
 impl<'a> Model<'a> {
@@ -41,8 +41,10 @@ impl<'a> Model<'a> {
 
     fn bound(&self, values: &[f64]) -> Result<Self, String> {
         match self {
-            Self::Dvi(model) => model.with_parameters(values).map(Self::Dvi),
-            Self::Motion(model, contact) => model.with_parameters(values).map(|model| Self::Motion(model, contact)),
+            Self::Dvi(model) => model.with_parameters(values).map(|model| Self::Dvi(Box::new(model))),
+            Self::Motion(model, contact) => {
+                model.with_parameters(values).map(|model| Self::Motion(Box::new(model), contact))
+            }
         }
         .map_err(|why| why.to_string())
     }
@@ -89,7 +91,7 @@ pub fn follow_orbits(
     control: &Control,
 ) -> Solution {
     let how = How { settings, analysis };
-    follow(&Model::Dvi(model.clone()), plan, (asked, periodic, program), how, control)
+    follow(&Model::Dvi(Box::new(model.clone())), plan, (asked, periodic, program), how, control)
 }
 
 /// Follows orbits of a motion with located impacts.
@@ -102,7 +104,7 @@ pub fn follow_orbits_of_motion(
     control: &Control,
 ) -> Solution {
     let how = How { settings, analysis };
-    follow(&Model::Motion(model.clone(), contact), plan, (asked, periodic, program), how, control)
+    follow(&Model::Motion(Box::new(model.clone()), contact), plan, (asked, periodic, program), how, control)
 }
 
 /// The orbits over the parameter.
