@@ -97,7 +97,8 @@ impl Serialize for Row<'_> {
     }
 }
 
-fn write_arrow(table: &Table, verdict: &Verdict, out: &mut impl Write) -> io::Result<()> {
+/// The schema of the table of a sweep in Arrow, with the verdict and the provenance as its metadata.
+pub fn schema_of_members(table: &Table, verdict: &Verdict) -> Schema {
     let provenance = &table.provenance;
     let metadata: HashMap<String, String> = [
         ("dvi.trusted", verdict.trusted.to_string()),
@@ -123,7 +124,11 @@ fn write_arrow(table: &Table, verdict: &Verdict, out: &mut impl Write) -> io::Re
             Field::new(&column.name, kind, true)
         })
         .collect();
-    let schema = Arc::new(Schema::new_with_metadata(fields, metadata));
+    Schema::new_with_metadata(fields, metadata)
+}
+
+fn write_arrow(table: &Table, verdict: &Verdict, out: &mut impl Write) -> io::Result<()> {
+    let schema = Arc::new(schema_of_members(table, verdict));
     let mut writer = StreamWriter::try_new(&mut *out, &schema).map_err(broken)?;
     for first in (0..table.rows()).step_by(BATCH) {
         let rows = first..(first + BATCH).min(table.rows());

@@ -12,13 +12,15 @@
 
 mod arrow;
 mod csv;
+mod form;
 mod lines;
 mod members;
 
 pub use arrow::Arrow;
 pub use csv::Csv;
+pub use form::Form;
 pub use lines::Lines;
-pub use members::{MembersForm, write_members};
+pub use members::{MembersForm, schema_of_members, write_members};
 
 use super::{Solution, Trajectory};
 use std::io::{self, Write};
