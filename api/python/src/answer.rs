@@ -1,6 +1,7 @@
 //! An answer: its columns in place, its evidence as JSON, and the other forms that the library writes.
 
 use super::columns;
+use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule};
@@ -75,6 +76,32 @@ impl Answer {
             Some(table) => table.column(name).map(|values| columns::view_of_table(values, owner)).transpose(),
             None => solution.trajectory.field(name).map(|values| columns::view(values, owner)).transpose(),
         }
+    }
+
+    /// By how much the fields as functions of time differ from the run at most, in parts of their largest values; none where they are
+    /// not kept.
+    #[getter]
+    fn deviation(&self) -> Option<f64> {
+        self.solution.dense.as_ref().map(|dense| dense.deviation)
+    }
+
+    /// The fields at times, one after the other and in the order of `names`; none where they are not kept as functions of time, or a
+    /// time is outside of the run.
+    fn at<'py>(&self, py: Python<'py>, times: Vec<f64>) -> Option<Vec<Bound<'py, PyArray1<f64>>>> {
+        let dense = self.solution.dense.as_ref()?;
+        let evaluate = || {
+            let mut columns = vec![Vec::with_capacity(times.len()); dense.fields()];
+            let mut row = vec![0.0; dense.fields()];
+            for t in &times {
+                if !dense.at(*t, &mut row) {
+                    return None;
+                }
+                columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(*value));
+            }
+            Some(columns)
+        };
+        let columns = py.detach(evaluate)?;
+        Some(columns.into_iter().map(|column| PyArray1::from_vec(py, column)).collect())
     }
 
     /// All but the columns, as JSON.

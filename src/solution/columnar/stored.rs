@@ -230,6 +230,7 @@ mod tests {
             solution: None,
             study: None,
             collected: Vec::new(),
+            dense: None,
         }
     }
 

@@ -158,6 +158,7 @@ mod tests {
             solution: None,
             study: None,
             collected: Vec::new(),
+            dense: None,
         };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();
@@ -216,6 +217,7 @@ mod tests {
             solution: None,
             study: None,
             collected: Vec::new(),
+            dense: None,
         };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();

@@ -13,6 +13,7 @@ mod inertia;
 mod joints;
 mod motors;
 mod overlaps;
+mod robot;
 mod shapes;
 mod springs;
 mod vectors;
@@ -23,6 +24,7 @@ pub use forces::{AxesOfForce, BodyForce};
 pub use inertia::Inertia;
 pub use joints::{AxialJoint, BodyJoint, FixedJoint, PointJoint};
 pub use motors::{JointLimits, JointSpring, Motor, ServoMotor};
+pub use robot::{NumberOrVector, PoseOfRobot, RobotDescription, StartOfRobot};
 pub use shapes::{
     BoxShape, CapsuleShape, CompoundPart, CylinderShape, HalfSpaceShape, HullShape, MeshShape, RigidShape, SphereShape,
 };
@@ -45,7 +47,7 @@ use utoipa::ToSchema;
 use vectors::Vector;
 
 /// The most bodies of one scene.
-const MOST_BODIES: usize = 100_000;
+pub(super) const MOST_BODIES: usize = 100_000;
 
 /// Rigid bodies that touch, slide, roll, collide and hang on joints. SI units; the z axis of a shape is its own axis.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
@@ -75,7 +77,10 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Material>)]
     pub materials: Ordered<Material>,
+    /// A robot as URDF or MJCF describe it, whose bodies and joints stand before those of `bodies` and `joints`.
+    pub robot: Option<Box<RobotDescription>>,
     /// The bodies, at least one of which moves; at most 100,000.
+    #[serde(default)]
     pub bodies: Vec<RigidBody>,
     /// What holds where bodies touch.
     #[serde(default)]

@@ -290,11 +290,11 @@ class Problem:
         """The specification as text; the arguments are those of `to_dict`."""
         return dumps(self.to_dict(end, **settings), indent)
 
-    def solve(self, end: float, *, progress: Any = None, **settings: Any) -> Result:
+    def solve(self, end: float, *, dense: bool = False, progress: Any = None, **settings: Any) -> Result:
         """Solves it up to `end`; the other arguments are those of `to_dict` and of `dvi.solve`."""
         from ._solve import solve
 
-        return solve(self.to_dict(end, **settings), progress=progress)
+        return solve(self.to_dict(end, **settings), dense=dense, progress=progress)
 
     def check(self, end: float, **settings: Any) -> dict[str, Any]:
         """What it comes to, without a solve."""

@@ -164,8 +164,10 @@ class Result:
     def __call__(self, t: Union[float, npt.ArrayLike]) -> dict[str, Any]:
         """The values of all fields at a time or at an array of times, by name.
 
-        An answer does not keep its polynomials: the problem is solved once more with these output times, which Radau IIA then
-        evaluates within its steps. So it costs a solve, whose steps are those of a solve with such output times.
+        An answer of `solve(.., dense=True)` keeps its fields as functions of time: polynomials through their values in each step, which
+        differ from them by a hundredth of `rtol` at most (`deviation`). Any other answer is solved once more when it is first asked,
+        and kept so then: further calls cost no solve. Where a field is no smooth function within a step, or is an integral, each call is
+        a solve with these output times.
         """
         if self._specification is None:
             raise RuntimeError("an answer that was made elsewhere cannot be evaluated at other times; ask for output times")
@@ -177,18 +179,38 @@ class Result:
         asked, place = np.unique(times, return_inverse=True)
         if asked.size == 0:
             return {name: np.empty(times.shape) for name in self.names}
+        found = self._functions.at(asked.tolist()) or self._solved_at(asked)
+        columns = {name: column[place].reshape(times.shape) for name, column in zip(self.names, found)}
+        return columns if times.ndim else {name: float(column) for name, column in columns.items()}
+
+    @cached_property
+    def _functions(self) -> _dvi.Answer:
+        """The answer that keeps its fields as functions of time, where any does."""
+        if self._answer.deviation is not None or self._specification is None:
+            return self._answer
+        return self._specification.solve(dense=True)
+
+    def _solved_at(self, times: Floats) -> list[Floats]:
+        """The fields at times, by a solve that reports them."""
+        if self._specification is None:
+            return []
         try:
-            answer = self._specification.solve(None, asked.tolist())
+            answer = self._specification.solve(None, times.tolist())
         except _dvi.Malformed as error:
             from ._specification import SpecificationError
 
             raise SpecificationError.of_json(json.loads(error.args[0])) from None
         found = Result(answer, self._specification)
-        if len(found.t) < asked.size:
+        if len(found.t) < times.size:
             raise SolveError(found) if found.error else ValueError(f"the solve ended at t = {self.t[-1]}")
-        rows = np.searchsorted(found.t, asked)[place].reshape(times.shape)
-        columns = {name: found[name][rows] for name in self.names}
-        return columns if times.ndim else {name: float(column) for name, column in columns.items()}
+        rows = np.searchsorted(found.t, times)
+        return [found[name][rows] for name in self.names]
+
+    @property
+    def deviation(self) -> Optional[float]:
+        """By how much `r(t)` differs from the run at most, in parts of the largest values of the fields, where the answer keeps them as
+        functions of time."""
+        return self._answer.deviation
 
     # --- the evidence
 

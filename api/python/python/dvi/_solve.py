@@ -24,26 +24,29 @@ def read(source: Source) -> _dvi.Specification:
         raise SpecificationError.of_json(json.loads(error.args[0])) from None
 
 
-def solve(spec: Source, *, progress: Progress = None) -> Result:
+def solve(spec: Source, *, dense: bool = False, progress: Progress = None) -> Result:
     """Solves a specification in this process.
 
     `spec` is a dict, JSON text, the path of a file, or a `Problem`. Python's lock is free meanwhile, so that threads solve side by
     side; Ctrl-C stops the solve, and the `KeyboardInterrupt` has the trajectory so far as `result`. `progress=True` shows a bar
-    where tqdm is installed; a function is called with the fraction done and the steps made.
+    where tqdm is installed; a function is called with the fraction done and the steps made. With `dense=True` the answer keeps its
+    fields as functions of time, so that `result(t)` costs no solve; its steps are then those of a run with output times within them.
 
     Raises `SpecificationError` with all that is wrong with the specification, and `SolveError` with the trajectory so far where
     the end was not reached. An answer that is not trusted warns (`UntrustedWarning`), and says why in `verdict`.
     """
-    return run(read(spec), progress)
+    return run(read(spec), progress, dense=dense)
 
 
-def run(specification: _dvi.Specification, progress: Progress, threads: Optional[int] = None) -> Result:
+def run(
+    specification: _dvi.Specification, progress: Progress, threads: Optional[int] = None, dense: bool = False
+) -> Result:
     """Solves it; `threads` share the members of a sweep."""
     if threads is not None and threads < 1:
         raise ValueError("there is at least one thread")
     shown = _Bar(specification.label) if progress is True else None
     try:
-        answer = specification.solve(shown or (progress if callable(progress) else None), threads=threads)
+        answer = specification.solve(shown or (progress if callable(progress) else None), threads=threads, dense=dense)
     except KeyboardInterrupt as interrupt:
         if isinstance(so_far := getattr(interrupt, "answer", None), _dvi.Answer):
             interrupt.result = Result.by_kind(so_far, specification)  # type: ignore[attr-defined]
