@@ -7,13 +7,17 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Optional, Union, cast
 
 from ._searches import Fit, Orbit, Sensitivities, SteadyState
 from ._solve import Progress, read, run
 from ._specification import Source, text_of
 from ._sweep import Sweep
+
+
+#: How what is swept and what is collected are written.
+EXAMPLES = {"over": '{"m": [1, 2, 3]}', "collect": '{"peak": {"max": "abs(v)"}}'}
 
 
 def document_of(spec: Source) -> dict[str, Any]:
@@ -39,12 +43,15 @@ def with_sweep(
     """The specification with a sweep; what is not given is as in a `sweep` that it has."""
     document = document_of(spec)
     asked = dict(document.get("sweep") or {})
-    if over is not None:
+    if isinstance(over, Mapping):
         asked.pop("table", None)
         asked["over"] = {_name(name): values for name, values in over.items()}
     if table is not None:
         asked.pop("over", None)
         asked["table"] = _table(table)
+    for name, given in (("over", over), ("collect", collect)):
+        if given is not None and not isinstance(given, Mapping):
+            raise TypeError(f"`{name}` has an entry for each name, such as {EXAMPLES[name]}, not {given!r}")
     if collect is not None:
         asked["collect"] = {name: _reducer(reducer) for name, reducer in collect.items()}
     further = {"design": design, "count": count, "seed": seed}
@@ -245,11 +252,9 @@ def _spread(spread: Any) -> Any:
 
 
 def _parameters(parameters: Any) -> dict[str, Any]:
-    if isinstance(parameters, str) or hasattr(parameters, "text") or not isinstance(parameters, (Mapping, Sequence)):
-        return {_name(parameters): {}}
-    if not isinstance(parameters, Mapping):
-        return {_name(name): {} for name in parameters}
-    return {_name(name): _bounds(given) for name, given in parameters.items()}
+    if isinstance(parameters, Mapping):
+        return {_name(name): _bounds(given) for name, given in parameters.items()}
+    return {name: {} for name in _names(parameters)}
 
 
 def _bounds(given: Any) -> dict[str, Any]:
@@ -257,6 +262,9 @@ def _bounds(given: Any) -> dict[str, Any]:
         return dict(given or {})
     if isinstance(given, (int, float)):
         return {"initial": given}
-    lower, upper = given
+    try:
+        lower, upper = given
+    except (TypeError, ValueError):
+        raise ValueError(f"a parameter has bounds (lower, upper), where to begin, or None, not {given!r}") from None
     ends = {"lower": lower, "upper": upper}
     return {key: end for key, end in ends.items() if end is not None and math.isfinite(end)}

@@ -140,7 +140,8 @@ class Sweep(Result, kind="sweep"):
                 shape = (len(first), len(second))
                 drawn = panel.pcolormesh(second, first, np.ma.masked_invalid(values.reshape(shape)), shading="nearest")
                 bar = figure.colorbar(drawn, ax=panel, label=name)
-                bar.set_ticks(range(len(words)) if words else bar.get_ticks(), labels=words or None)
+                if words:
+                    bar.set_ticks(list(range(len(words))), labels=words)
                 panel.set(xlabel=self.swept[1], ylabel=over)
                 continue
             order = np.argsort(self[over], kind="stable")
