@@ -67,7 +67,7 @@ fn two_rods_move_by_lagranges_equations() {
         (0..2).map(|k| (found[k] + pose[k] - exact[k]).abs()).fold(0.0, f64::max)
     };
     let (coarse, fine) = (error(1e-3), error(2.5e-4));
-    assert!(fine < 2e-6 && coarse / fine > 12.0, "{coarse:e}, {fine:e}");
+    assert!(fine < 4e-6 && (14.0..18.0).contains(&(coarse / fine)), "{coarse:e}, {fine:e}");
 }
 
 #[test]
@@ -119,7 +119,7 @@ fn several_joints_of_one_body_are_one_after_the_other() {
 fn a_parallelogram_stays_one() {
     let pose = json!({"crank": {"position": 0.5, "velocity": 3}, "coupler": {"position": -0.5, "velocity": -3}, "rocker": {"position": 0.5, "velocity": 3}});
     let solution = solve(&specification("four_bar", pose, 0.5, 1e-3));
-    for (crank, rocker) in column(&solution, "crank.coordinate").iter().zip(column(&solution, "rocker.coordinate")) {
+    for (crank, rocker) in column(&solution, "crank_joint.coordinate").iter().zip(column(&solution, "rocker_joint.coordinate")) {
         assert!((crank - rocker).abs() < 1e-6, "{crank} and {rocker}");
     }
     assert!(column(&solution, "coupler.qy").iter().all(|q| q.abs() < 1e-6));

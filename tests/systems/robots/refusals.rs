@@ -39,7 +39,7 @@ fn shapes_in_other_files_are_refused_where_they_would_touch() {
     let (_, text) = model("pendulum");
     // In <visual> a mesh says nothing; in <collision> it is refused.
     let text = text.replace("<cylinder radius=\"0.02\" length=\"0.9\"/>", "<mesh filename=\"package://arm.stl\"/>");
-    assert_refused("urdf", &text, 31, "unsupported_element", "arm.stl");
+    assert_refused("urdf", &text, 32, "unsupported_element", "arm.stl");
     assert_refused("mjcf", &mjcf("<body><freejoint/>\n<geom type=\"mesh\" mesh=\"m\"/></body>"), 4, "unsupported_element", "mesh");
     let seen = "<body><freejoint/><inertial pos=\"0 0 0\" mass=\"1\" diaginertia=\"1 1 1\"/>\
                 <geom type=\"mesh\" mesh=\"m\" contype=\"0\" conaffinity=\"0\"/></body>";
