@@ -241,9 +241,7 @@ impl Server {
 }
 
 /// Begins to speak HTTP on a connection.
-async fn speak(
-    stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static,
-) -> Result<SendRequest<Body>, RemoteError> {
+async fn speak(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> Result<SendRequest<Body>, RemoteError> {
     let (sender, connection) = handshake(TokioIo::new(stream)).await.map_err(lost)?;
     tokio::spawn(connection);
     Ok(sender)

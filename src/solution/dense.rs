@@ -125,7 +125,16 @@ impl Sampling {
         let mut at = |k: usize, n: usize| {
             let mut values = vec![0.0; fields];
             let t = begin + 0.5 * (1.0 + point(k, n)) * (end - begin);
-            row(if k == 0 { begin } else if k == n { end } else { t }, &mut values);
+            row(
+                if k == 0 {
+                    begin
+                } else if k == n {
+                    end
+                } else {
+                    t
+                },
+                &mut values,
+            );
             values
         };
         let mut n = FIRST;

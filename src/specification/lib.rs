@@ -107,7 +107,8 @@ pub use output::Output;
 pub use rigid_bodies::{
     AxesOfForce, AxialJoint, BodyContacts, BodyForce, BodyJoint, BodyMotion, BodySpring, BoxShape, CapsuleShape,
     CompoundPart, CylinderShape, FixedJoint, HalfSpaceShape, HullShape, Inertia, JointLimits, JointSpring, Material,
-    MaterialPair, MeshShape, Motor, NumberOrVector, PointJoint, PoseOfRobot, RigidBodiesProblem, RigidBody, RigidShape, RobotDescription, ServoMotor, SphereShape, StartOfRobot,
+    MaterialPair, MeshShape, Motor, NumberOrVector, PointJoint, PoseOfRobot, RigidBodiesProblem, RigidBody, RigidShape,
+    RobotDescription, ServoMotor, SphereShape, StartOfRobot,
 };
 pub use schema::json_schema;
 pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};

@@ -142,8 +142,7 @@ fn an_encrypted_service_is_asked_by_those_who_trust_it() {
         command.args(["solve", "--server", &format!("https://{host}:{port}"), "--format", "csv", "-"]);
         command.env_remove("SSL_CERT_FILE").env_remove("SSL_CERT_DIR");
         command.envs(trusted.map(|file| ("SSL_CERT_FILE", file)));
-        let mut child =
-            command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         child.stdin.take().unwrap().write_all(DECAY.as_bytes()).unwrap();
         child.wait_with_output().unwrap()
     };

@@ -57,7 +57,8 @@ fn read(format: &str, text: &str, pose: Option<&Json>) -> Description {
                 // The library names the place behind its words.
                 let words = error.to_string();
                 let detail = words.rsplit_once(" at ").map_or(words.as_str(), |(words, _)| words).to_owned();
-                let expected = "XML, without entities of its own; <xacro:..> is expanded by the program xacro".to_owned();
+                let expected =
+                    "XML, without entities of its own; <xacro:..> is expanded by the program xacro".to_owned();
                 let error =
                     DescriptionError { at: At::Text(place), code: "syntax", detail, expected, did_you_mean: None };
                 reader.errors.push(error);
@@ -93,7 +94,8 @@ fn of_document(format: &str, root: Element<'_, '_>, poses: &Poses<'_>, reader: &
     let expected = FORMATS.iter().find(|(key, _)| *key == format).map_or("", |(_, tag)| *tag);
     if root.tag() != expected {
         let other = FORMATS.iter().find(|(_, tag)| *tag == root.tag());
-        let hint = other.map_or_else(|| format!("<{expected}>"), |(key, _)| format!("<{expected}>, or the key `{key}`"));
+        let hint =
+            other.map_or_else(|| format!("<{expected}>"), |(key, _)| format!("<{expected}>, or the key `{key}`"));
         reader.report(root.start(), "unknown_choice", format!("the description is a <{}>", abridged(root.tag())), hint);
         return Robot::default();
     }
@@ -156,7 +158,9 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Origins {
     let texts: Vec<(&'static str, &str)> = given
         .iter()
         .filter_map(|(key, value)| match value {
-            Json::Text(text) => FORMATS.iter().find(|(format, _)| format == key).map(|(format, _)| (*format, text.as_str())),
+            Json::Text(text) => {
+                FORMATS.iter().find(|(format, _)| format == key).map(|(format, _)| (*format, text.as_str()))
+            }
             _ => None,
         })
         .collect();
@@ -390,7 +394,7 @@ pub(super) fn document(text: &str) -> Option<Json> {
 }
 
 /// The format of a text, by the root of its XML.
-fn format_of(text: &str) -> Option<&'static str> {
+pub(super) fn format_of(text: &str) -> Option<&'static str> {
     let text = text.trim_start();
     if !text.starts_with('<') {
         return None;

@@ -67,7 +67,8 @@ mod tests {
     fn velocities_are_the_rates_of_places() {
         // Two hinges and a slider, moved by a little.
         let place = |s: f64| {
-            let axis = |at: [f64; 3], along: [f64; 3], is_slider| Axis { at: at.into(), along: along.into(), is_slider };
+            let axis =
+                |at: [f64; 3], along: [f64; 3], is_slider| Axis { at: at.into(), along: along.into(), is_slider };
             let root = Motion::at_rest(Isometry3::translation(0.1, 0.2, 0.3));
             let (first, ..) = root.behind(&axis([0.0; 3], [0.0, 2.0, 0.0], false), (0.4 + 0.7 * s, 0.7));
             let elbow = first.carrying(&Isometry3::new(Vector3::new(0.0, 0.0, 1.0), Vector3::x() * FRAC_PI_2));

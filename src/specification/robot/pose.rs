@@ -45,7 +45,8 @@ impl<'j> Poses<'j> {
 
     fn report(&self, keys: &[&str], code: &'static str, detail: String, expected: &str) {
         let keys = std::iter::once("pose").chain(keys.iter().copied()).map(str::to_owned).collect();
-        let error = DescriptionError { at: At::Keys(keys), code, detail, expected: expected.into(), did_you_mean: None };
+        let error =
+            DescriptionError { at: At::Keys(keys), code, detail, expected: expected.into(), did_you_mean: None };
         self.errors.borrow_mut().push(error);
     }
 
@@ -55,7 +56,8 @@ impl<'j> Poses<'j> {
         let [lower, upper] = [limits[0].unwrap_or(f64::NEG_INFINITY), limits[1].unwrap_or(f64::INFINITY)];
         let is_within = |position: f64| lower <= position && position <= upper;
         let is_moved = !is_within(reference) && lower.is_finite() && upper.is_finite();
-        let own = JointStart { position: if is_moved { 0.5 * (lower + upper) } else { reference }, velocity: 0.0, is_moved };
+        let own =
+            JointStart { position: if is_moved { 0.5 * (lower + upper) } else { reference }, velocity: 0.0, is_moved };
         let Some(value) = self.find(name) else { return own };
         self.check_keys(name, value, &OF_JOINT);
         let of = |key: &str| member(value, key).and_then(|value| self.number(value, &[name, key]));
@@ -76,9 +78,8 @@ impl<'j> Poses<'j> {
     pub fn of_body(&self, name: &str, frame: Isometry3<f64>) -> (Isometry3<f64>, Vector3<f64>, Vector3<f64>) {
         let Some(value) = self.find(name) else { return (frame, Vector3::zeros(), Vector3::zeros()) };
         self.check_keys(name, value, &OF_BODY);
-        let vector = |key: &str| {
-            member(value, key).and_then(|value| self.numbers::<3>(value, &[name, key])).map(Vector3::from)
-        };
+        let vector =
+            |key: &str| member(value, key).and_then(|value| self.numbers::<3>(value, &[name, key])).map(Vector3::from);
         let position = vector("position").unwrap_or(frame.translation.vector);
         let turn = member(value, "orientation").and_then(|value| self.numbers::<4>(value, &[name, "orientation"]));
         let turn = turn.map(|[w, x, y, z]| UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.0));

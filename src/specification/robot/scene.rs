@@ -12,13 +12,25 @@ use std::collections::{BTreeMap, BTreeSet, HashSet};
 /// The shape of a body, or of a part of it, along the axes of its own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Shape {
-    Sphere { radius: f64 },
-    Ellipsoid { radii: Vector3<f64> },
+    Sphere {
+        radius: f64,
+    },
+    Ellipsoid {
+        radii: Vector3<f64>,
+    },
     /// With the lengths of its sides.
-    Box { size: Vector3<f64> },
+    Box {
+        size: Vector3<f64>,
+    },
     /// With the length of the tube between the half balls.
-    Capsule { radius: f64, length: f64 },
-    Cylinder { radius: f64, length: f64 },
+    Capsule {
+        radius: f64,
+        length: f64,
+    },
+    Cylinder {
+        radius: f64,
+        length: f64,
+    },
     /// All that lies below the plane across its third axis.
     HalfSpace,
 }
@@ -133,7 +145,8 @@ pub(super) enum Start {
 }
 
 /// What is noted of joints that are beyond their limits where they stand.
-pub(super) const BEYOND_LIMITS: &str = "joints whose limits do not hold 0 begin in their middle: give the start as `robot.pose`";
+pub(super) const BEYOND_LIMITS: &str =
+    "joints whose limits do not hold 0 begin in their middle: give the start as `robot.pose`";
 
 /// The groups of bodies that touch nothing, of bodies of one description that do not touch each other, and of those that others have
 /// beside it.
@@ -355,8 +368,10 @@ impl Joint {
     /// Limits and springs; where there are none, an effort of zero, so that its coordinate is an output.
     fn drive(&self, is_named: bool, members: &mut Vec<(&'static str, Json)>) {
         let [lower, upper] = self.limits;
-        let ends: Vec<(&'static str, Json)> =
-            [("lower", lower), ("upper", upper)].into_iter().filter_map(|(key, end)| Some((key, number(end?)))).collect();
+        let ends: Vec<(&'static str, Json)> = [("lower", lower), ("upper", upper)]
+            .into_iter()
+            .filter_map(|(key, end)| Some((key, number(end?))))
+            .collect();
         let is_sprung = self.stiffness > 0.0 || self.damping > 0.0;
         if is_named && ends.is_empty() && !is_sprung {
             members.push(("motor", object([("effort", number(0.0))])));

@@ -75,7 +75,12 @@ pub(super) fn read(root: Element<'_, '_>, poses: &Poses<'_>, reader: &mut Reader
         if let Some(other) = links[joint.child].on {
             let names = [abridged(links[joint.child].name), abridged(joints[other].name)];
             let detail = format!("the link `{}` is on the joint `{}` already", names[0], names[1]);
-            reader.report(element.start(), "conflict", detail, "each link on one joint: loops are closed by `joints` of the scene");
+            reader.report(
+                element.start(),
+                "conflict",
+                detail,
+                "each link on one joint: loops are closed by `joints` of the scene",
+            );
             continue;
         }
         links[joint.child].on = Some(joints.len());
@@ -89,7 +94,12 @@ pub(super) fn read(root: Element<'_, '_>, poses: &Poses<'_>, reader: &mut Reader
         ..Robot::default()
     };
     if links.is_empty() {
-        reader.report(root.start(), "empty", "the robot has no links", "<link name=\"..\"> with <inertial> and <collision>");
+        reader.report(
+            root.start(),
+            "empty",
+            "the robot has no links",
+            "<link name=\"..\"> with <inertial> and <collision>",
+        );
     }
     let mut assembly = Assembly { links: &links, joints: &joints, poses, reader, robot: &mut robot };
     let mut is_reached = vec![false; links.len()];
@@ -98,7 +108,12 @@ pub(super) fn read(root: Element<'_, '_>, poses: &Poses<'_>, reader: &mut Reader
     }
     if let Some(lost) = is_reached.iter().position(|reached| !reached) {
         let detail = format!("the joints go round in a circle by the link `{}`", abridged(links[lost].name));
-        reader.report(links[lost].element.start(), "conflict", detail, "a tree of links: loops are closed by `joints` of the scene");
+        reader.report(
+            links[lost].element.start(),
+            "conflict",
+            detail,
+            "a tree of links: loops are closed by `joints` of the scene",
+        );
     }
     robot
 }
@@ -128,7 +143,12 @@ fn inertial(element: Element<'_, '_>, reader: &mut Reader) -> Option<Inertial> {
     }
     let mass = reader.above_zero(of_mass, "value", mass)?;
     let Some(moments) = element.child("inertia") else {
-        reader.report(element.start(), "missing_key", "<inertial> has no <inertia>", "<inertia ixx=\"..\" iyy=\"..\" izz=\"..\"/>");
+        reader.report(
+            element.start(),
+            "missing_key",
+            "<inertial> has no <inertia>",
+            "<inertia ixx=\"..\" iyy=\"..\" izz=\"..\"/>",
+        );
         return None;
     };
     let [xx, yy, zz] = ["ixx", "iyy", "izz"].map(|name| reader.required_number(moments, name));
@@ -139,9 +159,17 @@ fn inertial(element: Element<'_, '_>, reader: &mut Reader) -> Option<Inertial> {
         let radius = POINT * at.translation.vector.norm();
         inertia = Matrix3::identity() * (0.4 * mass * radius * radius);
         if radius > 0.0 {
-            reader.leave_out(element, "a mass without inertia is that of a ball with a thousandth of its distance for its radius");
+            reader.leave_out(
+                element,
+                "a mass without inertia is that of a ball with a thousandth of its distance for its radius",
+            );
         } else {
-            reader.report(moments.start(), "out_of_range", "all moments of inertia are 0", "moments of inertia above 0");
+            reader.report(
+                moments.start(),
+                "out_of_range",
+                "all moments of inertia are 0",
+                "moments of inertia above 0",
+            );
             return None;
         }
     }
@@ -182,8 +210,13 @@ fn collision(element: Element<'_, '_>, reader: &mut Reader) -> Option<Part> {
         }
         "mesh" => {
             let file = abridged(given.get("filename").unwrap_or("")).to_string();
-            let detail = format!("the shape of this collision is in another file, `{file}`, and no part of the specification");
-            reader.refuse(given, detail, format!("one of <{}>, or the shape as a body beside `robot`", SHAPES.join(">, <")));
+            let detail =
+                format!("the shape of this collision is in another file, `{file}`, and no part of the specification");
+            reader.refuse(
+                given,
+                detail,
+                format!("one of <{}>, or the shape as a body beside `robot`", SHAPES.join(">, <")),
+            );
             return None;
         }
         _ => {
@@ -202,7 +235,12 @@ fn connection<'a, 'x>(
     let (name, kind) = (reader.name(element), reader.required(element, "type"));
     let mut of = |tag: &str| {
         let Some(child) = element.child(tag) else {
-            reader.report(element.start(), "missing_key", format!("<joint> has no <{tag}>"), format!("<{tag} link=\"..\"/>"));
+            reader.report(
+                element.start(),
+                "missing_key",
+                format!("<joint> has no <{tag}>"),
+                format!("<{tag} link=\"..\"/>"),
+            );
             return None;
         };
         let link = reader.required(child, "link")?;
@@ -235,12 +273,18 @@ fn connection<'a, 'x>(
         reader.leave_out(element, "friction in joints is left out");
     }
     let (name, kind) = (name?, kind?);
-    let ends = element.child("limit").map(|limit| ["lower", "upper"].map(|end| reader.number(limit, end).unwrap_or(0.0)));
+    let ends =
+        element.child("limit").map(|limit| ["lower", "upper"].map(|end| reader.number(limit, end).unwrap_or(0.0)));
     let limits = match (kind, ends) {
         ("revolute" | "prismatic", Some([lower, upper])) => [Some(lower), Some(upper)],
         ("revolute" | "prismatic", None) => {
             let detail = format!("a {kind} joint has no <limit>");
-            reader.report(element.start(), "missing_key", detail, "<limit lower=\"..\" upper=\"..\"/>, or the type `continuous`");
+            reader.report(
+                element.start(),
+                "missing_key",
+                detail,
+                "<limit lower=\"..\" upper=\"..\"/>, or the type `continuous`",
+            );
             [None; 2]
         }
         _ => [None; 2],
@@ -324,7 +368,12 @@ impl Assembly<'_, '_, '_, '_, '_> {
         }
         let Some(inertial) = link.inertial else {
             let detail = format!("the link `{}` moves and has no mass", abridged(link.name));
-            self.reader.report(link.element.start(), "mass_or_density", detail, "<inertial> with <mass> and <inertia>, or a fixed joint");
+            self.reader.report(
+                link.element.start(),
+                "mass_or_density",
+                detail,
+                "<inertial> with <mass> and <inertia>, or a fixed joint",
+            );
             return (at, carrier, moves);
         };
         if *kind == "floating" {

@@ -9,7 +9,8 @@ fn mjcf(worldbody: &str, end: f64) -> Value {
     json!({"problem": {"rigid_bodies": {"robot": {"mjcf": text}}}, "time": {"end": end}, "method": {"step": 1e-3}})
 }
 
-const BOX: &str = r#"<body name="box" pos="0 0 0.1"><freejoint/><geom type="box" size=".1 .1 .1" friction="FRICTION"/></body>"#;
+const BOX: &str =
+    r#"<body name="box" pos="0 0 0.1"><freejoint/><geom type="box" size=".1 .1 .1" friction="FRICTION"/></body>"#;
 
 #[test]
 fn the_larger_friction_of_two_shapes_holds() {
@@ -17,7 +18,8 @@ fn the_larger_friction_of_two_shapes_holds() {
     let slope = |of_floor: &str, of_box: &str| {
         let gravity = r#"<option gravity="4.905 0 -8.4957"/>"#;
         let floor = format!(r#"<geom type="plane" size="1 1 1" friction="{of_floor}"/>"#);
-        let text = format!("<mujoco>{gravity}<worldbody>{floor}{}</worldbody></mujoco>", BOX.replace("FRICTION", of_box));
+        let text =
+            format!("<mujoco>{gravity}<worldbody>{floor}{}</worldbody></mujoco>", BOX.replace("FRICTION", of_box));
         let document = json!({"problem": {"rigid_bodies": {"robot": {"mjcf": text}}}, "time": {"end": 0.5}, "method": {"step": 1e-3}});
         last(&solve(&document), "box.x")
     };
@@ -49,7 +51,8 @@ fn excluded_pairs_and_neighbours_go_through_each_other() {
             </worldbody>{more}</mujoco>"#
         );
         let robot = json!({"mjcf": text, "pose": {"a": {"velocity": 2}}});
-        let document = json!({"problem": {"rigid_bodies": {"robot": robot}}, "time": {"end": 1.5}, "method": {"step": 1e-3}});
+        let document =
+            json!({"problem": {"rigid_bodies": {"robot": robot}}, "time": {"end": 1.5}, "method": {"step": 1e-3}});
         last(&solve(&document), "a.x")
     };
     // Both go on at the half of the speed.

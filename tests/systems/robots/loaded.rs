@@ -20,7 +20,8 @@ fn every_model_is_a_file_that_solves() {
 
 fn remarks(name: &str) -> Vec<String> {
     let text = specification(name, json!({}), 0.1, 1e-3).to_string();
-    let specification = Specification::from_json(text.as_bytes()).unwrap_or_else(|errors| panic!("{name}: {errors:#?}"));
+    let specification =
+        Specification::from_json(text.as_bytes()).unwrap_or_else(|errors| panic!("{name}: {errors:#?}"));
     specification.warnings().filter(|warning| warning.code == "robot").map(|warning| warning.message.clone()).collect()
 }
 
@@ -43,7 +44,8 @@ fn what_is_left_out_is_told_with_its_lines() {
 fn masses_are_those_of_the_shapes() {
     // A capsule of 0.4 m by 0.05 m of water, and what the hopper weighs at all.
     let text = specification("hopper", json!({}), 1e-3, 1e-3).to_string();
-    let edited = dvi::specification::edited(text.as_bytes(), &[("torso.mass".to_owned(), "7".to_owned())]).expect("a mass");
+    let edited =
+        dvi::specification::edited(text.as_bytes(), &[("torso.mass".to_owned(), "7".to_owned())]).expect("a mass");
     let written: Value = serde_json::from_slice(&edited).expect("a document");
     let bodies = written["problem"]["rigid_bodies"]["bodies"].as_array().expect("bodies");
     let of = |name: &str| bodies.iter().find(|body| body["name"] == name).unwrap_or_else(|| panic!("no `{name}`"));
@@ -82,7 +84,8 @@ fn joints_begin_where_the_pose_says() {
 #[test]
 fn a_sweep_goes_over_starts_and_masses() {
     let mut document = specification("pendulum", json!({"theta": {"position": 0.1, "velocity": 0}}), 0.1, 1e-3);
-    document["sweep"] = json!({"over": {"theta.position": [0.1, 0.2], "arm.mass": [1, 5]}, "collect": {"x": {"initial": "arm.x"}}});
+    document["sweep"] =
+        json!({"over": {"theta.position": [0.1, 0.2], "arm.mass": [1, 5]}, "collect": {"x": {"initial": "arm.x"}}});
     let solution = solve(&document);
     let table = solution.table.expect("a table");
     let x: Vec<f64> = (0..4).map(|row| table.column("x").and_then(|x| x.number(row)).expect("a number")).collect();
@@ -100,14 +103,18 @@ fn a_sweep_goes_over_starts_and_masses() {
 
 #[test]
 fn a_free_body_goes_on_from_its_end_and_joints_do_not() {
-    let text = "<mujoco><worldbody><body name='a' pos='0 0 9'><freejoint/><geom size='0.1'/></body></worldbody></mujoco>";
+    let text =
+        "<mujoco><worldbody><body name='a' pos='0 0 9'><freejoint/><geom size='0.1'/></body></worldbody></mujoco>";
     let document = json!({"problem": {"rigid_bodies": {"robot": {"mjcf": text, "pose": {"a": {"velocity": [1, 0, 2]}}}}},
         "time": {"end": 0.5}, "method": {"step": 1e-3}});
     let first = solve(&document);
     let at_end = |name: &str| first.trajectory.field(name).and_then(|column| column.last().copied());
-    let next = dvi::specification::continued(document.to_string().as_bytes(), 0.5, 1.0, at_end).expect("a continuation");
+    let next =
+        dvi::specification::continued(document.to_string().as_bytes(), 0.5, 1.0, at_end).expect("a continuation");
     let second = solve(&serde_json::from_slice(&next).expect("a document"));
-    assert!((last(&second, "a.x") - 1.0).abs() < 1e-9 && (last(&second, "a.z") - (9.0 + 2.0 - 0.5 * 9.81)).abs() < 1e-9);
+    assert!(
+        (last(&second, "a.x") - 1.0).abs() < 1e-9 && (last(&second, "a.z") - (9.0 + 2.0 - 0.5 * 9.81)).abs() < 1e-9
+    );
     let joined = specification("double_pendulum", json!({}), 0.5, 1e-3).to_string();
     let refused = dvi::specification::continued(joined.as_bytes(), 0.5, 1.0, |_| Some(0.0)).expect_err("joints");
     assert!(refused.to_string().contains("joints"), "{refused}");

@@ -73,7 +73,8 @@ fn two_rods_move_by_lagranges_equations() {
 #[test]
 fn several_joints_of_one_body_are_one_after_the_other() {
     // A cart with two poles in MJCF: bodies with one joint each. The torso of a hopper in free fall: three joints to the world.
-    let pose = json!({"rootz": 3.0, "rooty": {"position": 0.2, "velocity": 1.5}, "rootx": {"position": 0.3, "velocity": 0.4}});
+    let pose =
+        json!({"rootz": 3.0, "rooty": {"position": 0.2, "velocity": 1.5}, "rootx": {"position": 0.3, "velocity": 0.4}});
     let solution = solve(&specification("hopper", pose, 0.2, 1e-4));
     // Nothing but gravity pulls on the whole, and where its joints pull within it, the centre of mass falls freely: along x it
     // keeps its speed.
@@ -119,7 +120,9 @@ fn several_joints_of_one_body_are_one_after_the_other() {
 fn a_parallelogram_stays_one() {
     let pose = json!({"crank": {"position": 0.5, "velocity": 3}, "coupler": {"position": -0.5, "velocity": -3}, "rocker": {"position": 0.5, "velocity": 3}});
     let solution = solve(&specification("four_bar", pose, 0.5, 1e-3));
-    for (crank, rocker) in column(&solution, "crank_joint.coordinate").iter().zip(column(&solution, "rocker_joint.coordinate")) {
+    for (crank, rocker) in
+        column(&solution, "crank_joint.coordinate").iter().zip(column(&solution, "rocker_joint.coordinate"))
+    {
         assert!((crank - rocker).abs() < 1e-6, "{crank} and {rocker}");
     }
     assert!(column(&solution, "coupler.qy").iter().all(|q| q.abs() < 1e-6));
@@ -130,7 +133,8 @@ fn a_motor_drives_a_joint_of_a_robot() {
     // A cart of 1 kg, its pole upright on it and balanced: 11 kg along a line.
     let mut document = specification("cartpole", json!({}), 0.5, 1e-4);
     document["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);
-    document["problem"]["rigid_bodies"]["robot"]["motors"] = json!({"slider_to_cart": {"effort": "22"}, "cart_to_pole": {"position": "0"}});
+    document["problem"]["rigid_bodies"]["robot"]["motors"] =
+        json!({"slider_to_cart": {"effort": "22"}, "cart_to_pole": {"position": "0"}});
     let solution = solve(&document);
     let exact = 0.5 * 22.0 / 11.0 * 0.25;
     assert!((last(&solution, "cart.x") - exact).abs() < 1e-6, "{}", last(&solution, "cart.x"));

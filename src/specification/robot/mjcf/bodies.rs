@@ -62,11 +62,8 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
 
     /// All bodies of the world.
     pub fn world(&mut self, section: Element<'s, '_>) {
-        let around = Around {
-            motion: Motion::at_rest(Isometry3::identity()),
-            carrier: None,
-            class: section.get("childclass"),
-        };
+        let around =
+            Around { motion: Motion::at_rest(Isometry3::identity()), carrier: None, class: section.get("childclass") };
         let mut waiting = Vec::new();
         self.fill(section, around, Isometry3::identity(), &mut waiting);
         while let Some(Made { around, element, offset }) = waiting.pop() {
@@ -146,7 +143,8 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
             self.reader.refuse(element, "a body that gravity does not pull", "`forces` of the scene");
         }
         let within = self.within(element, Isometry3::identity(), class);
-        let joints: Vec<_> = within.iter().filter(|(child, ..)| ["joint", "freejoint"].contains(&child.tag())).collect();
+        let joints: Vec<_> =
+            within.iter().filter(|(child, ..)| ["joint", "freejoint"].contains(&child.tag())).collect();
         let is_mocap = element.get("mocap") == Some("true");
         if is_mocap {
             self.reader.leave_out(element, "bodies that another program moves stand still");
@@ -241,13 +239,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
     }
 
     /// A body without joints is a part of what carries it; in the world its shapes stand by themselves.
-    fn merge(
-        &mut self,
-        around: Around<'s>,
-        motion: Motion,
-        inertial: Option<Inertial>,
-        shapes: &[Geometry],
-    ) {
+    fn merge(&mut self, around: Around<'s>, motion: Motion, inertial: Option<Inertial>, shapes: &[Geometry]) {
         let Some(carrier) = around.carrier else { return };
         let host = &mut self.robot.bodies[carrier];
         let at = host.motion.frame.inverse() * motion.frame;

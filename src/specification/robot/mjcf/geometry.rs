@@ -59,12 +59,20 @@ pub(super) fn read(
             _ => format!("`{}` is no kind of shape", abridged(kind)),
         };
         let expected = listed(KINDS.into_iter());
-        reader.refuse(element, detail, format!("{expected}; or contype=\"0\" conaffinity=\"0\" and <inertial> of its body"));
+        reader.refuse(
+            element,
+            detail,
+            format!("{expected}; or contype=\"0\" conaffinity=\"0\" and <inertial> of its body"),
+        );
         return None;
     }
     let (shape, at) = shape(element, kind, settings, reader)?;
     if let (Shape::Ellipsoid { .. }, true) = (shape, masks != [0, 0]) {
-        reader.refuse(element, "an ellipsoid that touches others", "a capsule or a sphere, or contype=\"0\" conaffinity=\"0\"");
+        reader.refuse(
+            element,
+            "an ellipsoid that touches others",
+            "a capsule or a sphere, or contype=\"0\" conaffinity=\"0\"",
+        );
         return None;
     }
     if friction < 0.0 {

@@ -29,8 +29,7 @@ const MAKERS: [&str; 7] = ["include", "composite", "flexcomp", "replicate", "att
 /// Reads a model.
 pub(super) fn read(root: Element<'_, '_>, poses: &Poses<'_>, reader: &mut Reader) -> Robot {
     let settings = Settings::read(root, reader);
-    let mut robot =
-        Robot { name: root.get("model").map(str::to_owned), gravity: settings.gravity, ..Robot::default() };
+    let mut robot = Robot { name: root.get("model").map(str::to_owned), gravity: settings.gravity, ..Robot::default() };
     let mut assembly = Assembly::new(&settings, poses, reader, &mut robot);
     for section in root.children() {
         match section.tag() {
@@ -90,12 +89,7 @@ fn body_of(
     found
 }
 
-fn contacts(
-    section: Element<'_, '_>,
-    known: &HashMap<String, Option<usize>>,
-    reader: &mut Reader,
-    robot: &mut Robot,
-) {
+fn contacts(section: Element<'_, '_>, known: &HashMap<String, Option<usize>>, reader: &mut Reader, robot: &mut Robot) {
     for element in section.children() {
         match element.tag() {
             "exclude" => {
@@ -106,7 +100,11 @@ fn contacts(
                     robot.apart.insert((a.min(b), a.max(b)));
                 }
             }
-            "pair" => reader.refuse(element, "a pair of shapes with a contact of its own", "`contype` and `conaffinity` of both shapes"),
+            "pair" => reader.refuse(
+                element,
+                "a pair of shapes with a contact of its own",
+                "`contype` and `conaffinity` of both shapes",
+            ),
             _ => reader.unknown(element, &["exclude", "pair"]),
         }
     }
@@ -147,7 +145,12 @@ fn equalities(
             (Some(a), other) if Some(a) != other => (a, other),
             (None, Some(b)) => (b, None),
             _ => {
-                reader.report(element.start(), "nothing_to_join", "both bodies move as one", "two bodies that move apart");
+                reader.report(
+                    element.start(),
+                    "nothing_to_join",
+                    "both bodies move as one",
+                    "two bodies that move apart",
+                );
                 continue;
             }
         };
@@ -195,7 +198,9 @@ fn actuators(
         let gear = reader.list(element, "gear").and_then(|gear| gear.first().copied()).unwrap_or(1.0);
         let of = |name: &str, default: f64, reader: &mut Reader| reader.number(element, name).unwrap_or(default);
         match element.tag() {
-            "motor" => reader.leave_out(element, "motors have no control and do nothing: drive joints by `robot.motors`"),
+            "motor" => {
+                reader.leave_out(element, "motors have no control and do nothing: drive joints by `robot.motors`")
+            }
             "position" => {
                 let (stiffness, damping) = (of("kp", 1.0, reader), of("kv", 0.0, reader));
                 robot.joints[joint].add_spring(stiffness * gear * gear, -start, damping * gear * gear);
@@ -204,7 +209,10 @@ fn actuators(
             "velocity" => {
                 let damping = of("kv", 1.0, reader);
                 robot.joints[joint].add_spring(0.0, 0.0, damping * gear * gear);
-                reader.leave_out(element, "servos of velocity have no control and slow down: drive joints by `robot.motors`");
+                reader.leave_out(
+                    element,
+                    "servos of velocity have no control and slow down: drive joints by `robot.motors`",
+                );
             }
             tag => {
                 let what = format!("actuators of the kind <{}> are left out", abridged(tag));

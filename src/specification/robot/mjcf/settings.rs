@@ -65,7 +65,12 @@ impl<'a> Settings<'a> {
             let letters: Vec<char> = text.chars().collect();
             match <[char; 3]>::try_from(letters) {
                 Ok(sequence) if sequence.iter().all(|axis| "xyzXYZ".contains(*axis)) => self.sequence = sequence,
-                _ => reader.report(at, "unknown_choice", format!("`{}` are no axes", abridged(text)), "three of x, y, z, X, Y, Z"),
+                _ => reader.report(
+                    at,
+                    "unknown_choice",
+                    format!("`{}` are no axes", abridged(text)),
+                    "three of x, y, z, X, Y, Z",
+                ),
             }
         }
         self.weighs_by_shapes = match element.get("inertiafromgeom") {
@@ -123,7 +128,12 @@ impl<'a> Settings<'a> {
             self.classes.insert(name, class);
             for child in element.children().filter(|child| child.tag() == "default") {
                 if child.get("class").is_none() {
-                    reader.report(child.start(), "missing_key", "<default> within another has no `class`", "class=\"..\"");
+                    reader.report(
+                        child.start(),
+                        "missing_key",
+                        "<default> within another has no `class`",
+                        "class=\"..\"",
+                    );
                 }
                 waiting.push((child, name));
             }
@@ -185,7 +195,12 @@ impl<'a> Settings<'a> {
             return none;
         };
         if found.is_none() {
-            reader.report(element.start(), "zero_direction", "this orientation has no direction", "vectors other than zero");
+            reader.report(
+                element.start(),
+                "zero_direction",
+                "this orientation has no direction",
+                "vectors other than zero",
+            );
         }
         found.unwrap_or(none)
     }
