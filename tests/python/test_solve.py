@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import EXAMPLES
+from conftest import EXAMPLES, ROOT
 
 import dvi
 
@@ -342,6 +342,20 @@ def test_a_deck_is_solved_as_a_file(tmp_path):
     deck.write_text("An RC circuit\nV1 in 0 5\nR1 in out 1k\nC1 out 0 1u IC=0\n.tran 1u 5m uic\n.end\n")
     r = dvi.solve(deck)
     assert abs(r["v(out)"][-1] - 5 * (1 - math.exp(-5))) < 1e-5 and r.provenance["label"] == "An RC circuit"
+
+
+def test_a_robot_is_solved_as_a_file_and_as_text():
+    path = ROOT / "tests/systems/robots/models/double_pendulum.urdf"
+    r = dvi.solve(path)
+    assert r.provenance["label"] == "double_pendulum" and "elbow.coordinate" in r
+    assert r["lower.z"].tobytes() == dvi.solve(path.read_text())["lower.z"].tobytes()
+    # Hanging it stays; held up by a velocity it swings.
+    assert abs(r["lower.z"][-1] + 0.8) < 1e-9
+    scene = {"robot": {"urdf": path.read_text(), "pose": {"shoulder": 0.3}}}
+    s = dvi.sweep({"problem": {"rigid_bodies": scene}, "time": {"end": 0.1}, "method": {"step": 1e-3}}, {"shoulder.position": [0.1, 0.2]}, {"x": {"initial": "lower.x"}})
+    assert np.abs(s["x"] + 0.8 * np.sin([0.1, 0.2])).max() < 1e-12
+    with pytest.raises(dvi.SpecificationError, match="line 1, column 1"):
+        dvi.solve("<robot/>")
 
 
 def test_a_misspelt_field_is_named_with_its_neighbour(belt):

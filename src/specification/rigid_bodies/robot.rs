@@ -38,7 +38,7 @@ pub enum PoseOfRobot {
     /// The position of a joint, in radians or metres.
     Position(Expression),
     /// The position and velocity of a joint; of a free body those of its origin, its orientation `[w, x, y, z]` and its angular velocity.
-    Start(StartOfRobot),
+    Start(Box<StartOfRobot>),
 }
 
 /// The start of a joint or of a free body.

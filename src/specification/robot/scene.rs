@@ -432,6 +432,10 @@ fn free(given: &str, suffix: &str, taken: &mut HashSet<String>) -> String {
     if name.is_empty() || name.starts_with(|c: char| c.is_ascii_digit()) {
         name.insert(0, '_');
     }
+    if name == "t" {
+        // The time.
+        name.push('_');
+    }
     if taken.contains(&name) {
         name.push_str(suffix);
     }

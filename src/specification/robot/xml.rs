@@ -143,6 +143,10 @@ impl Reader {
     /// An element that is not known here: refused where it is nearly a known one, else left out.
     pub fn unknown(&mut self, element: Element<'_, '_>, known: &[&str]) {
         let tag = abridged(element.tag());
+        if element.node.tag_name().namespace().is_some_and(|namespace| namespace.contains("xacro")) {
+            let detail = format!("<xacro:{tag}> makes a description, and is none");
+            return self.refuse(element, detail, "what the program xacro makes of it: xacro robot.xacro > robot.urdf");
+        }
         match nearest(element.tag(), known.iter().copied()) {
             Some(near) => {
                 self.refuse(element, format!("there is no element <{tag}> here"), format!("<{}>", known.join(">, <")));

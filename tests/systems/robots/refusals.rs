@@ -130,6 +130,9 @@ fn what_urdf_says_wrongly_is_told_at_its_line() {
     );
     assert_refused("urdf", "<robot name=\"r\">\n<link name=\"a\">\n</robot>", 3, "syntax", "XML");
     assert_refused("urdf", "<mujoco/>", 1, "unknown_choice", "mjcf");
+    let xacro =
+        "<robot name=\"r\" xmlns:xacro=\"http://ros.org/wiki/xacro\">\n<xacro:include filename=\"a.xacro\"/></robot>";
+    assert_refused("urdf", xacro, 2, "unsupported_element", "xacro robot.xacro > robot.urdf");
     assert_refused("urdf", "<robot name=\"r\"/>", 1, "empty", "link");
     assert_refused("urdf", "<!DOCTYPE r [<!ENTITY a \"b\">]>\n<robot name=\"r\"/>", 1, "syntax", "entities");
 }

@@ -41,6 +41,9 @@ struct Around<'a> {
     class: Option<&'a str>,
 }
 
+/// An element of a body, the place of its frame in that of the body, and its class.
+type Placed<'a, 'x> = (Element<'a, 'x>, Isometry3<f64>, Option<&'a str>);
+
 /// A body on its way.
 struct Made<'a, 'x> {
     around: Around<'a>,
@@ -99,7 +102,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         element: Element<'s, 'x>,
         offset: Isometry3<f64>,
         class: Option<&'s str>,
-    ) -> Vec<(Element<'s, 'x>, Isometry3<f64>, Option<&'s str>)> {
+    ) -> Vec<Placed<'s, 'x>> {
         let mut found = Vec::new();
         let mut waiting = vec![(element, offset, class)];
         while let Some((element, offset, class)) = waiting.pop() {
@@ -159,7 +162,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
             let around = Around { motion, carrier: around.carrier, class };
             return self.fill(element, around, Isometry3::identity(), waiting);
         } else {
-            let joints: Vec<(Element<'s, 'x>, Isometry3<f64>, Option<&'s str>)> = joints.into_iter().copied().collect();
+            let joints: Vec<Placed<'s, 'x>> = joints.into_iter().copied().collect();
             self.moving(element, &name, (around, motion), &joints, (inertial, &shapes))
         };
         if self.known.insert(name.clone(), carrier).is_some() {
@@ -188,7 +191,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
     fn weigh(
         &mut self,
         element: Element<'s, '_>,
-        within: &[(Element<'s, '_>, Isometry3<f64>, Option<&'s str>)],
+        within: &[Placed<'s, '_>],
         stands: bool,
     ) -> (Option<Inertial>, Vec<Geometry>) {
         let given = element.child("inertial").filter(|_| !self.settings.weighs_by_shapes);
@@ -255,7 +258,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
         element: Element<'s, '_>,
         name: &str,
         (around, motion): (Around<'s>, Motion),
-        joints: &[(Element<'s, '_>, Isometry3<f64>, Option<&'s str>)],
+        joints: &[Placed<'s, '_>],
         (inertial, shapes): (Option<Inertial>, &[Geometry]),
     ) -> Option<usize> {
         let place = self.reader.place(element.start());
