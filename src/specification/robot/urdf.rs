@@ -292,7 +292,7 @@ fn connection<'a, 'x>(
     if !KINDS.contains(&kind) {
         let at = element.attribute("type").map_or(element.start(), |(_, at)| at);
         let detail = format!("joints of the type `{}` are not known here", abridged(kind));
-        reader.report(at, "unsupported_element", detail, listed(KINDS.into_iter()));
+        reader.report(at, "unsupported_element", detail, listed(KINDS));
         return None;
     }
     let joint = Connection { element, name, kind, child: child?, origin, axis: axis.into(), limits, damping };

@@ -64,8 +64,7 @@ pub fn targets(json: &Json) -> Vec<(String, Vec<Step>)> {
                 let Some((_, Json::Object(pose))) = members.iter().find(|(name, _)| name == "pose") else { continue };
                 for (name, start) in pose {
                     let of = |last: &[&str]| {
-                        let steps =
-                            ["robot", "pose", name].into_iter().chain(last.iter().copied()).map(|step| key(step));
+                        let steps = ["robot", "pose", name].into_iter().chain(last.iter().copied()).map(&key);
                         path(&steps.collect::<Vec<_>>())
                     };
                     match start {

@@ -287,7 +287,7 @@ impl<'r, 's, 'j> Assembly<'r, 's, 'j> {
                 other => {
                     let at = joint.attribute("type").map_or(joint.start(), |(_, at)| at);
                     let detail = format!("`{}` is no kind of joint", abridged(other));
-                    self.reader.report(at, "unknown_choice", detail, listed(KINDS.into_iter()));
+                    self.reader.report(at, "unknown_choice", detail, listed(KINDS));
                     return None;
                 }
             };

@@ -58,7 +58,7 @@ pub(super) fn read(
             "hfield" | "sdf" => format!("a shape of the kind `{kind}`"),
             _ => format!("`{}` is no kind of shape", abridged(kind)),
         };
-        let expected = listed(KINDS.into_iter());
+        let expected = listed(KINDS);
         reader.refuse(
             element,
             detail,
