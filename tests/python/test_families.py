@@ -92,7 +92,7 @@ def test_a_grid_has_an_axis_for_each_name(decay):
     assert float(data["end"].sel({"k": 2.0, "x.initial": -2.0})) == s.grid("end")[1, 1]
     frame = s.to_pandas()
     assert frame.index.name == "member" and frame["end"].iloc[5] == s["end"][5]
-    drawn = dvi.sweep(decay, {"k": {"uniform": [0, 1]}}, design="random", count=5)
+    drawn = dvi.sweep(decay, {"k": {"uniform": [0, 1]}, "x.initial": {"uniform": [0, 1]}}, design="random", count=5)
     assert drawn.axes is None and drawn.to_xarray().sizes == {"member": 5}
     with pytest.raises(ValueError, match="no grid"):
         drawn.grid("x")

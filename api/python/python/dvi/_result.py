@@ -400,7 +400,7 @@ class Result:
         ]
 
     def __repr__(self) -> str:
-        return "<dvi.Result\n" + "\n".join(f"  {key:<11} {value}" for key, value in self._lines()) + ">"
+        return f"<dvi.{type(self).__name__}\n" + "\n".join(f"  {key:<11} {value}" for key, value in self._lines()) + ">"
 
     def _repr_html_(self) -> str:
         rows = "".join(
