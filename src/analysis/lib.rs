@@ -103,7 +103,9 @@ fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Opt
         return Analysis { index: Some(0.0), uniqueness: Uniqueness::Unique, because, ..Analysis::default() };
     }
     if unknowns > MOST_UNKNOWNS {
-        return refuse(format!("{unknowns} states and variables are more than the {MOST_UNKNOWNS} that are analysed"));
+        return refuse(format!(
+            "the problem has {unknowns} states and variables, and at most {MOST_UNKNOWNS} are analysed"
+        ));
     }
     let Some(linearisation) = linearise(problem) else {
         return refuse(format!("the derivatives at t = {t} are not finite"));

@@ -52,14 +52,14 @@ pub fn solve(
             Err(ended(format!("too_much_memory: about {needed} MiB are needed, and --memory-mib allows {memory_mib}")))
         }
         Ok(Finished::Checked(..) | Finished::TooLarge) => {
-            Err(ended("defect: the answer is to another question".to_owned()))
+            Err(ended("defect: the result of the process does not belong to this request".to_owned()))
         }
         Err(Death::TooMuchMemory(asked)) => {
-            let asked = asked.map_or(String::new(), |bytes| format!(", {} MiB at once at the last", bytes >> 20));
+            let asked = asked.map_or(String::new(), |bytes| format!(", with a last request of {} MiB", bytes >> 20));
             Err(ended(format!("too_much_memory: the solve took more than the {memory_mib} MiB of --memory-mib{asked}")))
         }
         Err(Death::Defect(words)) => Err(ended(format!("defect: {words}"))),
-        Err(Death::Killed(signal)) => Err(ended(format!("killed: signal {signal} ended the process that solved"))),
+        Err(Death::Killed(signal)) => Err(ended(format!("killed: signal {signal} ended the process"))),
         Err(death @ (Death::StackOverflow | Death::Overran)) => {
             Err(ended(format!("{}: please report the specification", death.code())))
         }

@@ -47,7 +47,7 @@ impl FromStr for Server {
         if !is_encrypted && uri.scheme() != Some(&Scheme::HTTP) {
             return Err("an address such as http://localhost:8080 or https://solve.example".to_owned());
         }
-        let authority = uri.authority().ok_or("there is no host")?;
+        let authority = uri.authority().ok_or("the address has no host: write http://HOST:PORT")?;
         Ok(Self {
             authority: authority.to_string(),
             host: authority.host().to_owned(),
@@ -156,7 +156,8 @@ impl Server {
             .header(header::ACCEPT, media_type)
             .header("prefer", MOMENT);
         let (status, headers, body) = self.send(request, Method::POST, "/solve", Body::from(specification)).await?;
-        let job = job_of(&headers).ok_or_else(|| RemoteError::Lost("the answer names no job".to_owned()))?;
+        let job =
+            job_of(&headers).ok_or_else(|| RemoteError::Lost("the response of the server names no job".to_owned()))?;
         if status != StatusCode::ACCEPTED {
             // Before the results are read, while the service is sure to keep the job.
             let ended = self.status(&job).await?;
@@ -233,7 +234,7 @@ impl Server {
         }
         let refusal = read(body).await.unwrap_or_else(|_| ProblemDetails {
             title: parts.status.to_string(),
-            detail: "the answer does not say why".to_owned(),
+            detail: "the server gives no reason".to_owned(),
             errors: Vec::new(),
         });
         Err(RemoteError::Refused(refusal))

@@ -17,23 +17,23 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Run every system of the theory and report error against run time, and stability at the limits
+/// Run all example systems and report error against run time, and the stability tests
 ///
-/// Writes report.html, which needs nothing else, its main picture report.svg, and a JSON and a CSV file for each system and
+/// Writes the self-contained report.html, its main picture report.svg, and a JSON and a CSV file for each system and
 /// for the stability table.
-/// A report that was interrupted goes on where it stopped: what has its JSON file is not run again.
+/// An interrupted report continues where it stopped: a system with a JSON file is not run again.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// Where to write
+    /// The folder to write to
     #[arg(long, default_value = "report")]
     out: PathBuf,
 
-    /// Run this system alone; may be given again
+    /// Run only this system; may be repeated
     #[arg(long, value_name = "NAME", value_parser = names(), hide_possible_values = true)]
     only: Vec<String>,
 
-    /// Run the stability chapter alone
+    /// Run only the stability chapter
     #[arg(long, conflicts_with = "only")]
     stability: bool,
 
@@ -41,7 +41,7 @@ pub struct Arguments {
     #[arg(long, value_name = "DIR", default_value = "tests/peers")]
     peers: PathBuf,
 
-    /// Run again what has been run before
+    /// Run all systems again, also those with a JSON file
     #[arg(long)]
     fresh: bool,
 }

@@ -61,8 +61,8 @@ pub enum ContactError {
     },
     /// A gap closes where its gradient vanishes.
     #[error(
-        "the gap of contact {contact} (counted from 0) has no gradient where it closes, at t = {t}: that leaves no direction to \
-         its impulse"
+        "the gap of contact {contact} (counted from 0) has no gradient where it closes, at t = {t}, so that \
+         its impulse has no direction"
     )]
     Gradient {
         /// The contact.
@@ -72,8 +72,8 @@ pub enum ContactError {
     },
     /// The law of contact was not solved.
     #[error(
-        "the law of contact and friction at {contacts} contacts was not solved at t = {t} (residual {residual:e}): joints \
-         and contacts may leave no way to move, or a smaller step may help"
+        "the law of contact and friction at {contacts} contacts was not solved at t = {t} (residual {residual:e}): \
+         joints and contacts may block all motion, or a smaller step may help"
     )]
     Unsolved {
         /// The time.

@@ -41,16 +41,29 @@ pub(super) struct Constraints {
     correction: DMatrix<f64>,
     phi: Vec<f64>,
     changes: Vec<f64>,
+    /// The unknowns before a correction.
+    before: Vec<f64>,
 }
 
 impl Constraints {
-    /// Brings `y` onto the constraints of the face; returns false if there is nothing to correct, or if the iteration
-    /// does not converge.
+    /// Brings `y` onto the constraints of the face. Returns false, with `y` unchanged, if there is nothing to correct or
+    /// if the iteration does not converge: close to a singular Jacobian its first correction may be of any size.
     pub fn correct(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         self.follow(system, control, y);
         if self.correction.is_empty() {
             return false;
         }
+        self.before.clear();
+        self.before.extend_from_slice(y);
+        let is_corrected = self.iterate(system, control, t, y);
+        if !is_corrected {
+            y.copy_from_slice(&self.before);
+        }
+        is_corrected
+    }
+
+    /// Adds corrections to `y` until they are below the tolerance; returns false if they do not shrink.
+    fn iterate(&mut self, system: &mut System<'_>, control: &NewtonControl, t: f64, y: &mut [f64]) -> bool {
         self.phi.resize(system.unknowns, 0.0);
         let mut last = f64::INFINITY;
         for _ in 0..ITERATIONS {

@@ -1,35 +1,36 @@
-//! The numbers of a table in a few: how many there are, mean, standard deviation, extremes and quantiles.
+//! Summary statistics of the numbers in a table: count, mean, standard deviation, extremes and quantiles.
 
 use super::table::Table;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
-/// The quantiles that are given.
+/// The quantiles in a summary.
 const QUANTILES: [(&str, f64); 5] = [("0.05", 0.05), ("0.25", 0.25), ("0.5", 0.5), ("0.75", 0.75), ("0.95", 0.95)];
 
-/// Of each number that was collected, by its name.
+/// The distribution of each collected number, by name.
 pub type Summary = BTreeMap<String, OfNumber>;
 
-/// The distribution of a number over the members that have it.
+/// The distribution of a number over the members that have a value.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct OfNumber {
-    /// Members that have it.
+    /// Number of members that have a value.
     pub count: u64,
-    /// Its mean.
+    /// Mean.
     pub mean: f64,
-    /// Its standard deviation, with `count - 1`; zero of one.
+    /// Standard deviation, with divisor `count - 1`; zero for a single member.
     pub sd: f64,
-    /// Its least value.
+    /// Minimum.
     pub min: f64,
-    /// Its largest value.
+    /// Maximum.
     pub max: f64,
-    /// By their parts, such as `0.5`: linear between the values in order (Hyndman and Fan 1996, type 7).
+    /// Quantiles by their probability, such as `0.5`, with linear interpolation of the sorted values (Hyndman and Fan
+    /// 1996, type 7).
     pub quantiles: BTreeMap<String, f64>,
 }
 
 impl Table {
-    /// The distribution of each number that was collected.
+    /// The distribution of each collected number.
     pub fn summary(&self) -> Summary {
         let mut summary = Summary::new();
         for name in &self.collected {
@@ -50,7 +51,7 @@ impl OfNumber {
         }
         let count = numbers.len() as f64;
         let size = numbers.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
-        // In parts of the largest, so that neither the sum nor a square overflows.
+        // Divide by the largest value, so that neither the sum nor a square overflows.
         let unit = if size > 0.0 { size } else { 1.0 };
         let mean = numbers.iter().map(|x| x / unit).sum::<f64>() / count;
         let squares = numbers.iter().map(|x| (x / unit - mean).powi(2)).sum::<f64>();

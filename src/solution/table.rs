@@ -1,8 +1,8 @@
-//! The table of a sweep: one row a member, a column for each name that was swept, for each number that was collected, and for how
-//! the member ended.
+//! The table of a sweep: one row per member; columns for each swept name, each collected number, and the outcome of the
+//! member.
 //!
-//! Columns are kept as such: eight bytes a number, four bytes a count, one or four a word (words that come again are kept once). A number
-//! that is missing is NaN here, and null or nothing wherever it is written.
+//! Memory: eight bytes per number, four per count, one or four per text (repeated texts are stored once). A missing
+//! number is NaN in memory, and null or empty in every written form.
 
 mod json;
 
@@ -12,42 +12,42 @@ use serde::{Deserialize, Serialize};
 use std::fmt;
 use utoipa::ToSchema;
 
-/// A count or a word that is missing.
+/// Marks a missing count or text.
 const MISSING: u32 = u32::MAX;
 
-/// One row for each member of a sweep, in the order of members.
+/// One row per member of a sweep, in the order of members.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Table {
-    /// By name: `member`, from zero; what was swept; what was collected; `status`, `trusted`, `error`, `steps`, `switches`, `residual`,
-    /// `warnings`. A value that is missing is null.
+    /// The columns by name: `member`, from zero; the swept names; the collected values; `status`, `trusted`, `error`,
+    /// `steps`, `switches`, `residual`, `warnings`. A missing value is null.
     #[serde(with = "by_name")]
     #[schema(schema_with = schema_of_columns)]
     pub columns: Vec<Column>,
-    /// Members of the sweep; there may be fewer rows, where it was stopped or this is a part of it.
+    /// Number of members of the sweep; there may be fewer rows, if it was stopped or this is a part of it.
     pub members: u64,
-    /// Rows of members that failed.
+    /// Number of failed members among the rows.
     pub failed: u64,
-    /// The names of the columns that were swept.
+    /// Names of the swept columns.
     #[serde(default)]
     pub swept: Vec<String>,
-    /// The names of the columns that were collected.
+    /// Names of the collected columns.
     #[serde(default)]
     pub collected: Vec<String>,
-    /// What made it.
+    /// The program and specification that the table comes from.
     #[serde(flatten)]
     pub provenance: TableProvenance,
 }
 
-/// What a table was made by, and of: parts that differ in it are not parts of one table.
+/// The provenance of a table: parts can be merged only if it is the same.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 pub struct TableProvenance {
-    /// The version of the program.
+    /// Version of the program.
     #[serde(default, rename = "program")]
     pub version: String,
-    /// The machine's instructions that the program makes use of.
+    /// The CPU instruction sets that the program uses.
     #[serde(default)]
     pub features: String,
-    /// SHA-256 of the specification, however it is laid out.
+    /// SHA-256 of the specification, independent of its layout.
     #[serde(default)]
     pub digest: String,
 }
@@ -55,26 +55,26 @@ pub struct TableProvenance {
 /// A column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// Its name.
+    /// The name of the column.
     pub name: String,
-    /// A value a row.
+    /// One value per row.
     pub values: Values,
 }
 
 /// The values of a column.
 #[derive(Clone, Debug)]
 pub enum Values {
-    /// Numbers; NaN where there is none.
+    /// Numbers; NaN if missing.
     Numbers(Vec<f64>),
-    /// Counts; [`u32::MAX`] where there is none.
+    /// Counts; [`u32::MAX`] if missing.
     Counts(Vec<u32>),
-    /// Truths.
+    /// Booleans.
     Flags(Vec<bool>),
-    /// Words by their places in a list.
+    /// Texts, as indices into a list.
     Words(Words),
 }
 
-/// Words, each kept once.
+/// A column of texts, each distinct text stored once.
 #[derive(Clone, Debug, Default)]
 pub struct Words {
     places: Places,
@@ -82,7 +82,8 @@ pub struct Words {
     known: FxHashMap<String, u32>,
 }
 
-/// Places in a list of words: a byte each, for as long as there are few words, as of columns that say how a member ended.
+/// Indices into the list of texts: one byte each as long as there are few texts, for example in the columns of
+/// outcomes.
 #[derive(Clone, Debug)]
 enum Places {
     Narrow(Vec<u8>),
@@ -135,7 +136,7 @@ impl Places {
     }
 }
 
-/// Why tables are not parts of one.
+/// The reason why tables are not parts of one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Unmergeable(pub String);
 
@@ -146,7 +147,7 @@ impl fmt::Display for Unmergeable {
 }
 
 impl Words {
-    /// Adds a word, or that there is none.
+    /// Appends a text, or a missing value.
     pub fn push(&mut self, word: Option<&str>) {
         let place = word.map_or(MISSING, |word| self.place(word));
         self.places.push(place);
@@ -162,7 +163,7 @@ impl Words {
         place
     }
 
-    /// The word of a row.
+    /// The text in a row.
     pub fn get(&self, row: usize) -> Option<&str> {
         self.words.get(self.places.get(row)? as usize).map(String::as_str)
     }
@@ -192,7 +193,7 @@ impl PartialEq for Values {
             (Self::Counts(a), Self::Counts(b)) => a == b,
             (Self::Flags(a), Self::Flags(b)) => a == b,
             (Self::Words(a), Self::Words(b)) => a == b,
-            // Of what has no value at all the type is not told by the text.
+            // A column without any value has no type in its written form.
             (a, b) => a.len() == b.len() && (0..a.len()).all(|row| a.is_missing(row) && b.is_missing(row)),
         }
     }
@@ -209,12 +210,12 @@ impl Values {
         }
     }
 
-    /// Whether there is no row.
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Whether there is nothing in a row.
+    /// Whether the value in a row is missing.
     pub fn is_missing(&self, row: usize) -> bool {
         match self {
             Self::Numbers(values) => values.get(row).is_none_or(|value| !value.is_finite()),
@@ -233,7 +234,7 @@ impl Values {
         }
     }
 
-    /// The word in a row.
+    /// The text in a row.
     pub fn word(&self, row: usize) -> Option<&str> {
         match self {
             Self::Words(words) => words.get(row),
@@ -241,7 +242,7 @@ impl Values {
         }
     }
 
-    /// Makes room for so many rows more.
+    /// Reserves space for additional rows.
     pub fn reserve(&mut self, rows: usize) {
         match self {
             Self::Numbers(values) => values.reserve_exact(rows),
@@ -251,7 +252,7 @@ impl Values {
         }
     }
 
-    /// Adds a number, or that there is none.
+    /// Appends a number, or a missing value.
     pub fn push_number(&mut self, value: Option<f64>) {
         match self {
             Self::Numbers(values) => values.push(value.unwrap_or(f64::NAN)),
@@ -261,7 +262,7 @@ impl Values {
         }
     }
 
-    /// Adds a word, or that there is none.
+    /// Appends a text, or a missing value.
     pub fn push_word(&mut self, word: Option<&str>) {
         match self {
             Self::Words(words) => words.push(word),
@@ -272,7 +273,7 @@ impl Values {
     fn append(&mut self, other: Self) -> bool {
         let is_empty = |values: &Self| (0..values.len()).all(|row| values.is_missing(row));
         if std::mem::discriminant(self) != std::mem::discriminant(&other) {
-            // Of what has no value at all the kind is not told by the text.
+            // A column without any value has no type in its written form.
             if is_empty(self) {
                 let mut values = other.emptied();
                 (0..self.len()).for_each(|_| values.push_number(None));
@@ -294,7 +295,7 @@ impl Values {
         true
     }
 
-    /// The same kind of values, without any.
+    /// An empty column of the same type.
     pub fn emptied(&self) -> Self {
         match self {
             Self::Numbers(_) => Self::Numbers(Vec::new()),
@@ -324,27 +325,27 @@ impl Table {
         self.columns.first().map_or(0, |column| column.values.len())
     }
 
-    /// Makes room for so many rows more.
+    /// Reserves space for additional rows.
     pub fn reserve(&mut self, rows: usize) {
         self.columns.iter_mut().for_each(|column| column.values.reserve(rows));
     }
 
-    /// The column of that name.
+    /// The column of the given name.
     pub fn column(&self, name: &str) -> Option<&Values> {
         self.columns.iter().find(|column| column.name == name).map(|column| &column.values)
     }
 
-    /// Columns behind those of what was swept and collected.
+    /// Number of columns after the swept and collected ones.
     pub fn own(&self) -> usize {
         self.columns.len().saturating_sub(1 + self.swept.len() + self.collected.len())
     }
 
-    /// Whether there is a column of that name behind those of what was swept and collected.
+    /// Whether there is a column of the given name after the swept and collected ones.
     pub fn has(&self, name: &str) -> bool {
         self.columns[self.columns.len() - self.own()..].iter().any(|column| column.name == name)
     }
 
-    /// Rows of members that reached their end and are not trusted.
+    /// Number of members that reached their end and are not trusted.
     pub fn untrusted(&self) -> u64 {
         let (Some(Values::Flags(trusted)), Some(status)) = (self.column("trusted"), self.column("status")) else {
             return 0;
@@ -353,7 +354,7 @@ impl Table {
         (0..trusted.len()).filter(is_untrusted).count() as u64
     }
 
-    /// The same columns, without any row.
+    /// A table with the same columns and no rows.
     pub fn emptied(&self) -> Self {
         let emptied = |column: &Column| Column { name: column.name.clone(), values: column.values.emptied() };
         Self { columns: self.columns.iter().map(emptied).collect(), failed: 0, ..self.clone_heads() }
@@ -370,10 +371,10 @@ impl Table {
         }
     }
 
-    /// Adds the rows of a part of the same sweep.
+    /// Appends the rows of another part of the same sweep.
     ///
     /// # Errors
-    /// It is a part of another.
+    /// The parts do not belong together.
     pub fn append(&mut self, part: Self) -> Result<(), Unmergeable> {
         let refuse = |what: &str, this: &str, other: &str| {
             Err(Unmergeable(format!("the parts differ in {what}: {this} and {other}")))
@@ -402,10 +403,10 @@ impl Table {
         Ok(())
     }
 
-    /// Puts rows in the order of members.
+    /// Sorts the rows by member.
     ///
     /// # Errors
-    /// A member has two rows.
+    /// A member occurs in two rows.
     pub fn sort(&mut self) -> Result<(), Unmergeable> {
         let members: Vec<u64> =
             (0..self.rows()).map(|row| self.columns[0].values.number(row).unwrap_or(0.0) as u64).collect();
@@ -466,7 +467,7 @@ mod tests {
         merged.sort().unwrap();
         assert_eq!(merged, whole);
         assert_eq!(serde_json::to_string(&merged).unwrap(), serde_json::to_string(&whole).unwrap());
-        // A column of nothing but what is missing has no kind.
+        // A column without any value has no type in its written form.
         let text = serde_json::to_string(&table(&[0, 2], &[0.5, 2.5], &[None, None])).unwrap();
         let mut merged: Table = serde_json::from_str(&text).unwrap();
         merged.append(table(&[1], &[1.5], &[Some("b")])).unwrap();

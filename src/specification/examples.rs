@@ -1,4 +1,4 @@
-//! Ready specifications, one for each system of the theory, as they stand in `api/examples`.
+//! Ready specifications, one for each system of the theory, included from `api/examples`.
 
 macro_rules! examples {
     ($($name:literal)*) => {
@@ -9,12 +9,12 @@ macro_rules! examples {
     };
 }
 
-/// A specification as it stands in `api/examples`.
+/// A specification from `api/examples`.
 #[derive(Debug)]
 pub struct Example {
-    /// The name of its file, without the extension.
+    /// File name without the extension.
     pub name: &'static str,
-    /// The file.
+    /// Content of the file.
     pub text: &'static str,
 }
 

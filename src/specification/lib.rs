@@ -1,10 +1,10 @@
-//! What a user writes: one JSON object, checked as a whole.
+//! The specification language: one JSON object, checked as a whole.
 //!
-//! A document is read ([`Specification::from_json`]; [`Draft`] for who asks first how long it takes) in three steps, and the errors of all three are reported together:
-//! JSON to a tree that keeps the order of members; the tree to the types of this module, which are also the source of
-//! the JSON Schema ([`json_schema`]); the types to a [`Model`], where names, shapes, domains and
-//! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
-//! an exact place.
+//! A document is read ([`Specification::from_json`]; [`Draft`] for callers that need an estimate of the time first) in
+//! three steps, and the errors of all three are reported together: JSON to a tree that keeps the order of members; the
+//! tree to the types of this module, which are also the source of the JSON Schema ([`json_schema`]); the types to a
+//! [`Model`], where names, shapes, domains and the affine form of the rates are checked. Choices are externally tagged,
+//! `{"box": {..}}`, so that every value has an exact JSON pointer.
 
 mod as_set;
 mod binding;

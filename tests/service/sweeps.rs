@@ -1,4 +1,4 @@
-//! A sweep over HTTP: a job like others, whose answer is a table in every form.
+//! A sweep over HTTP: an ordinary job, whose answer is a table in every format.
 
 use crate::harness::{Call, Site, one_worker};
 use arrow_array::Array;
@@ -23,7 +23,7 @@ async fn the_answer_is_a_table_with_a_row_a_member() {
     assert_eq!(json["table"]["members"], 4);
     assert_eq!(json["table"]["columns"]["member"], serde_json::json!([0, 1, 2, 3]));
     let x = json["table"]["columns"]["x"].as_array().unwrap();
-    // sqrt(x) falls by k/2 in a unit of time.
+    // The square root of x decreases by k/2 per unit of time.
     assert!(x[0] == 1.0 && (x[2].as_f64().unwrap() - 0.25).abs() < 1e-5, "{x:?}");
     assert!(x[3].is_null() && json["table"]["columns"]["status"][3] == "failed", "{json}");
     assert!(json["summary"]["x"]["count"].as_u64().unwrap() >= 2);

@@ -1,4 +1,4 @@
-//! Elastic bodies that are wrong, and what is said of them.
+//! Error messages for faulty elastic bodies.
 
 use crate::documents::*;
 use serde_json::{Value, json};

@@ -1,4 +1,4 @@
-//! Mechanical systems that are none, and starts that cannot be.
+//! Invalid mechanical systems, and inadmissible initial states.
 
 use crate::documents::*;
 use dvi::problem::{Control, Mechanical};
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 const AT: &str = "/problem/mechanical";
 
-/// A block on a floor, with a string to a wall, right in every part.
+/// A valid problem: a block on a floor, with a string to a wall.
 fn block_on_floor() -> Value {
     json!({"problem": {"mechanical": {
         "parameters": {"m": 2},
@@ -94,7 +94,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
             ("contacts/0/gap", "interpenetration", "`floor` overlaps by 0.5"),
         ],
     );
-    refused("coordinates/x/velocity", json!(1), &[("joints/0/constraint", "interpenetration", "torn apart")]);
+    refused("coordinates/x/velocity", json!(1), &[("joints/0/constraint", "interpenetration", "violated in velocity")]);
     let document = with(block_on_floor(), &format!("{AT}/coordinates/y/initial"), json!(-0.5));
     let document = with(document, &format!("{AT}/coordinates/x/velocity"), json!(1));
     let document = with(document, &format!("{AT}/interpenetration"), json!("resolve"));
@@ -104,7 +104,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
     assert!((x * x_dot + y * y_dot).abs() < 1e-12);
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Completed);
-    // The weight may fall from where it was put; nothing else drives it.
+    // The weight may fall from its initial position; nothing else drives it.
     let kinetic = solution.trajectory.field("kinetic_energy").unwrap();
     assert!(kinetic.iter().all(|kinetic| *kinetic < 1.0), "an explosion");
 }
@@ -112,7 +112,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
 #[test]
 fn methods_are_for_the_problems_they_fit() {
     let document = with(block_on_floor(), "/method", json!({"name": "radau"}));
-    assert_errors(&document, &[("/method/name", "conflict", "no impacts")]);
+    assert_errors(&document, &[("/method/name", "conflict", "does not treat impacts")]);
     let document = with(block(), "/method", json!({"name": "contact"}));
     assert_errors(&document, &[("/method/name", "conflict", "no contacts")]);
     let document = with(block(), "/method", json!({"impacts": "locate"}));
@@ -121,7 +121,7 @@ fn methods_are_for_the_problems_they_fit() {
     assert_errors(&document, &[("/output/global_error", "conflict", "impacts")]);
 }
 
-/// The double pendulum in angles: `f` against the textbook, in which `M` depends on the angles.
+/// The double pendulum in angles, whose mass matrix depends on the angles: `f` against the textbook.
 #[test]
 fn coriolis_forces_are_those_of_the_textbook() {
     let document = json!({"problem": {"mechanical": {
@@ -138,7 +138,7 @@ fn coriolis_forces_are_those_of_the_textbook() {
     let s = (a - b).sin();
     let expected = [-s * b_dot * b_dot - 19.62 * a.sin(), s * a_dot * a_dot - 9.81 * b.sin()];
     assert!((f[0] - expected[0]).abs() < 1e-13 && (f[1] - expected[1]).abs() < 1e-13, "{f:?} {expected:?}");
-    // Their derivatives, against differences.
+    // Derivatives against difference quotients.
     let (mut by_q, mut by_v) = (DMatrix::zeros(2, 2), DMatrix::zeros(2, 2));
     problem.stiffness(0.0, &[a, b], &[a_dot, b_dot], &mut by_q, &mut by_v);
     let h = 1e-6;

@@ -1,4 +1,4 @@
-//! What is wrong with a sweep, and where; and names of numbers.
+//! Error messages for faulty sweeps, each at its place; and names of numbers.
 
 use crate::documents::*;
 use dvi::specification::{Specification, edited};

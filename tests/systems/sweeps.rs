@@ -1,5 +1,6 @@
-//! Sweeps held to closed forms: accumulation times of a bouncing ball, the map of modes of a belt, means over random and
-//! low-discrepancy points, reducers along the dense output; and the same bytes however the work is shared.
+//! Sweeps compared with closed forms: accumulation times of a bouncing ball, the map of modes of a belt, means over
+//! random and low-discrepancy points, reducers along the dense output; and identical bytes for any distribution of the
+//! work.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -45,14 +46,14 @@ fn a_ball_rests_when_its_bounces_sum_up_over_restitution_and_height() {
     let g = 9.81_f64;
     for row in 0..table.rows() {
         let fall = (2.0 * h[row] / g).sqrt();
-        // Each bounce lasts e times the one before: t = fall (1 + 2 e + 2 e^2 + ..).
+        // Each bounce lasts e times as long as the previous one: t = fall (1 + 2 e + 2 e^2 + ..).
         let exact = fall * (1.0 + e[row]) / (1.0 - e[row]);
         assert!((first[row] - fall).abs() <= 1e-9 * fall, "row {row}: {} for {fall}", first[row]);
         assert!((rest[row] - exact).abs() <= 1e-5 * exact, "row {row}: {} for {exact}", rest[row]);
         // The largest speed is that before the first impact, where the velocity jumps.
         let impact = (2.0 * g * h[row]).sqrt();
         assert!((speed[row] - impact).abs() <= 1e-7 * impact, "row {row}: {} for {impact}", speed[row]);
-        // The integral of a parabola over a fall is 2/3 h T, and over a bounce 4/3 e^2k h e^k T.
+        // The integral of the height over the fall is 2/3 h T, and over bounce k it is 4/3 e^2k h e^k T.
         let (e, h) = (e[row], h[row]);
         let area = h * fall * (2.0 / 3.0 + 4.0 / 3.0 * e.powi(3) / (1.0 - e.powi(3)));
         let mean = numbers(&table, "mean")[row];
@@ -60,8 +61,8 @@ fn a_ball_rests_when_its_bounces_sum_up_over_restitution_and_height() {
     }
 }
 
-/// A mass that is let go on a belt: it slips back over `x = f + (x_0 - f) cos t`, and comes to the belt's speed at
-/// `x = f - sqrt((x_0 - f)^2 - v^2)` unless it is too slow for that; there it sticks where `|x| <= f`.
+/// A mass released on a belt: it slides back as `x = f + (x_0 - f) cos t`, and reaches the belt's speed at `x = f -
+/// sqrt((x_0 - f)^2 - v^2)` unless it stays slower; there it sticks if `|x| <= f`.
 #[test]
 fn the_map_of_modes_of_a_belt_has_the_known_borders() {
     let x_0 = 3.0_f64;
@@ -131,7 +132,7 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
         let found = numbers(&row, name)[0];
         assert!((found - exact).abs() < 2e-9, "{name}: {found} for {exact}");
     }
-    // The third zero is at the end: it may be met or not.
+    // The third zero is at the end: it may be detected or not.
     assert!([2.0, 3.0].contains(&numbers(&row, "zeros")[0]));
     let third = numbers(&row, "second")[0] / FRAC_PI_2;
     assert!((third - third.round()).abs() < 1e-9, "{third}");
@@ -160,7 +161,7 @@ fn means_have_the_order_of_their_points() {
     }
 }
 
-/// A sweep with members of another structure (`k = 0`, an exponent), and members that fail.
+/// A sweep with members of another structure (`k = 0`, an exponent), and failing members.
 fn mixed() -> Value {
     json!({
         "problem": {"dvi": {"parameters": {"k": 1, "f": 1, "p": 1},
@@ -190,7 +191,7 @@ fn the_bytes_are_the_same_however_the_work_is_shared() {
     let part = |cut: &[usize]| dvi::study::sweep(&specification, cut[0]..cut[1], NonZeroUsize::MIN, &control);
     let mut parts: Vec<Solution> = cuts.windows(2).map(part).collect();
     parts.reverse();
-    // As they are written and read back by who merges them.
+    // Parts as written, and read back by the program that merges them.
     let read_back = |part: &Solution| encodings::read_json(json_of(part).as_bytes()).unwrap().table.unwrap();
     assert_eq!(json_of(&dvi::study::merge(parts.iter().map(read_back)).unwrap()), whole);
     let missing = dvi::study::merge(parts[1..].iter().map(read_back)).unwrap();
@@ -306,7 +307,7 @@ fn components_and_elements_of_vectors_are_swept_by_name() {
 
 #[test]
 fn states_of_rest_are_swept() {
-    // x' = a - x - z with 0 <= z and x <= 1: at rest x = min(a, 1).
+    // x' = a - x - z with 0 <= z and x <= 1: the steady state is x = min(a, 1).
     let table = table(&json!({
         "problem": {"dvi": {"parameters": {"a": 0.5}, "states": {"x": {"initial": 0, "rate": "a - x"}}}},
         "steady_state": {}, "sweep": {"over": {"a": [0.5, 2]}}}));

@@ -1,4 +1,4 @@
-//! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
+//! A solution without its columns, as JSON: everything in an excerpt other than the numbers.
 
 use crate::{
     Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
@@ -10,14 +10,14 @@ use std::borrow::Cow;
 use std::io;
 use std::ops::RangeInclusive;
 
-/// What stands between the two places where columns go.
+/// The text from the place of the times to the place of the fields, both empty.
 const EMPTY: &str = "\"trajectory\":{\"t\":[],\"fields\":{},";
 
-/// The text with the places of the columns empty.
+/// The JSON text, with empty places for the columns.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Skeleton(String);
 
-/// A solution whose evidence stays text.
+/// A solution whose diagnostics, table and study remain JSON text.
 #[derive(Serialize, Deserialize)]
 struct Parts<'a> {
     #[serde(default)]
@@ -53,10 +53,10 @@ struct Parts<'a> {
 }
 
 impl Skeleton {
-    /// That of a solution.
+    /// The skeleton of a solution.
     ///
     /// # Errors
-    /// A part of the solution has no JSON form, which there is not.
+    /// Failure of serialisation, which does not occur for a valid solution.
     pub fn of(solution: &Solution) -> io::Result<Self> {
         let Solution {
             version,
@@ -100,10 +100,10 @@ impl Skeleton {
         Ok(Self(serde_json::to_string(&parts)?))
     }
 
-    /// That of the JSON of a solution, and its trajectory.
+    /// Splits the JSON of a solution into its skeleton and its trajectory.
     ///
     /// # Errors
-    /// The text is another.
+    /// The text is not the JSON of a solution.
     pub fn read(json: &[u8]) -> io::Result<(Self, Trajectory)> {
         let mut parts: Parts<'_> = serde_json::from_slice(json)?;
         let events = parts.trajectory.events.clone();
@@ -111,22 +111,22 @@ impl Skeleton {
         Ok((Self(serde_json::to_string(&parts)?), trajectory))
     }
 
-    /// A text that was stored.
+    /// A skeleton from stored text.
     ///
     /// # Errors
-    /// There are no places for columns in it.
+    /// The text has no places for columns.
     pub fn of_text(text: String) -> io::Result<Self> {
         let found = text.contains(EMPTY).then_some(Self(text));
         found.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "a solution has a trajectory"))
     }
 
-    /// The text.
+    /// The JSON text.
     pub fn text(&self) -> &str {
         &self.0
     }
 
-    /// What stands before the times, between them and the fields, and after the fields; within a string, quotes are not
-    /// without a backslash.
+    /// The text before the times, between times and fields, and after the fields. The search cannot match within a JSON
+    /// string, whose quotes are escaped.
     pub fn around_columns(&self) -> [&str; 3] {
         let start = self.0.find(EMPTY).unwrap_or_default();
         let (times, fields) = ("\"trajectory\":{\"t\":".len(), EMPTY.len() - "{},".len());
@@ -134,7 +134,7 @@ impl Skeleton {
         [&self.0[..start + times], &self.0[between], &self.0[start + EMPTY.len() - ",".len()..]]
     }
 
-    /// The same with no events but those of a time within `times`.
+    /// The skeleton with only the events at times within `times`.
     ///
     /// # Errors
     /// The text is not that of a solution.
@@ -144,7 +144,7 @@ impl Skeleton {
         Ok(Self(serde_json::to_string(&parts)?))
     }
 
-    /// The solution with `trajectory` for its columns.
+    /// The solution with the columns of `trajectory`.
     ///
     /// # Errors
     /// The text is not that of a solution.
@@ -154,12 +154,12 @@ impl Skeleton {
         Ok(Solution { trajectory: Trajectory { events, ..trajectory }, ..solution })
     }
 
-    /// Whether it is the answer of a sweep. Within a string, quotes are not without a backslash.
+    /// Whether it is the answer of a sweep. The search cannot match within a JSON string, whose quotes are escaped.
     pub fn has_table(&self) -> bool {
         self.0.contains("\"table\":{\"columns\":")
     }
 
-    /// What the solution is the answer to.
+    /// The provenance of the solution.
     ///
     /// # Errors
     /// The text is not that of a solution.

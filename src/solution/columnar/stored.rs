@@ -1,4 +1,4 @@
-//! The stored form: written from first to last, read at any place, each chunk against its checksum.
+//! The stored form: written sequentially, read at any place, with every chunk verified against its checksum.
 
 use super::checksum::checksum;
 use super::{Columns, Rows, Skeleton};
@@ -8,37 +8,37 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The rows of a chunk, 8 KiB: what is read for a single number of it.
+/// Rows per chunk, 8 KiB: the amount read for a single number.
 const CHUNK: usize = 1024;
 
-/// The bytes of a number.
+/// Bytes per number.
 const WIDTH: usize = size_of::<f64>();
 
-/// What the bytes before it are.
+/// The index, which describes the bytes before it.
 #[derive(Serialize, Deserialize)]
 struct Index {
-    /// The number of this form.
+    /// Version number of the stored form.
     columns: u32,
     rows: usize,
     names: Vec<String>,
-    /// Of the chunks of the times, then of those of each field.
+    /// Checksums of the chunks of the times, then of those of each field.
     checksums: Vec<u64>,
     skeleton: String,
 }
 
-/// The number of the form.
+/// Version number of the stored form.
 const FORM: u32 = 1;
 
-/// Writes `trajectory`, and the rest of its solution; gives the bytes of the index, which are the last that it wrote.
+/// Writes a trajectory with its skeleton, and returns the bytes of the index, which it has written last.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_columns(trajectory: &Trajectory, skeleton: &Skeleton, out: &mut impl Write) -> io::Result<Vec<u8>> {
     let rows = trajectory.t.len();
     let (mut checksums, mut bytes) = (Vec::new(), Vec::with_capacity(CHUNK * WIDTH));
     for column in std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values)) {
         if column.len() != rows {
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "columns have the same length"));
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "columns must have the same length"));
         }
         for chunk in column.chunks(CHUNK) {
             bytes.clear();
@@ -54,12 +54,12 @@ pub fn write_columns(trajectory: &Trajectory, skeleton: &Skeleton, out: &mut imp
     Ok(index)
 }
 
-/// Bytes that can be read at any place.
+/// Bytes with random access.
 pub trait Source: Send + Sync {
-    /// Reads the bytes from `offset` on.
+    /// Reads bytes from `offset` on.
     ///
     /// # Errors
-    /// Those of the disk, or there are too few.
+    /// Errors of the disk, or too few bytes.
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()>;
 }
 
@@ -72,14 +72,14 @@ impl Source for Vec<u8> {
     }
 }
 
-/// Bytes that are shared.
+/// Shared bytes.
 impl<S: Source + ?Sized> Source for Arc<S> {
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()> {
         (**self).read_at(offset, bytes)
     }
 }
 
-/// Columns where they are stored.
+/// Columns in the stored form.
 pub struct Stored {
     source: Box<dyn Source>,
     rows: usize,
@@ -89,14 +89,17 @@ pub struct Stored {
 }
 
 impl Stored {
-    /// The columns in `source` under an index whose digest the caller has compared.
+    /// Opens the columns in `source` with an index whose digest the caller has verified.
     ///
     /// # Errors
-    /// It is no index.
+    /// The bytes are not a valid index.
     pub fn open(source: impl Source + 'static, index: &[u8]) -> io::Result<Self> {
         let Index { columns, rows, names, checksums, skeleton } = serde_json::from_slice(index)?;
         if columns != FORM || checksums.len() != (1 + names.len()) * rows.div_ceil(CHUNK) {
-            return Err(io::Error::new(io::ErrorKind::InvalidData, format!("columns of form {columns} are not known")));
+            return Err(io::Error::new(
+                io::ErrorKind::InvalidData,
+                format!("columns of stored form {columns} are not supported"),
+            ));
         }
         Ok(Self { source: Box::new(source), rows, names, checksums, skeleton: Skeleton::of_text(skeleton)? })
     }
@@ -106,7 +109,7 @@ impl Stored {
         &self.skeleton
     }
 
-    /// The bytes before the index.
+    /// Number of bytes before the index.
     pub fn bytes(&self) -> u64 {
         ((1 + self.names.len()) * self.rows * WIDTH) as u64
     }
@@ -117,7 +120,7 @@ impl Stored {
         start..(start + CHUNK).min(self.rows)
     }
 
-    /// Reads a chunk of a column over `bytes`.
+    /// Reads a chunk of a column into `bytes`.
     fn read(&self, column: usize, chunk: usize, bytes: &mut Vec<u8>) -> io::Result<()> {
         let rows = self.chunk(chunk);
         let written = self.checksums.get(column * self.rows.div_ceil(CHUNK) + chunk);
@@ -126,11 +129,12 @@ impl Stored {
         if written == Some(&checksum(bytes)) {
             Ok(())
         } else {
-            Err(io::Error::new(io::ErrorKind::InvalidData, "a column is not as it was written"))
+            Err(io::Error::new(io::ErrorKind::InvalidData, "a column has changed since it was written"))
         }
     }
 
-    /// Calls `visit` with every chunk of a column that has one of `rows`: its bytes, and the rows among those in it.
+    /// Calls `visit` for every chunk of a column that contains some of `rows`, with its bytes and these rows relative
+    /// to the chunk.
     fn visit(&self, column: usize, rows: Rows, mut visit: impl FnMut(&[u8], Rows)) -> io::Result<()> {
         let (mut bytes, mut next, end) = (Vec::new(), rows.first, rows.end.min(self.rows));
         while next < end {
@@ -169,7 +173,7 @@ impl Columns for Stored {
     fn partition_point(&self, is_before: &dyn Fn(f64) -> bool) -> io::Result<usize> {
         let chunks: Vec<usize> = (0..self.rows.div_ceil(CHUNK)).collect();
         let (mut bytes, mut broken) = (Vec::new(), Ok(()));
-        // The first chunk whose last time is not before.
+        // The first chunk whose last time does not satisfy `is_before`.
         let found = chunks.partition_point(|&chunk| match self.read(0, chunk, &mut bytes) {
             Ok(()) => bytes.as_chunks::<WIDTH>().0.last().is_some_and(|time| is_before(f64::from_le_bytes(*time))),
             Err(error) => {
@@ -187,10 +191,10 @@ impl Columns for Stored {
     }
 }
 
-/// A file that is too short is not what was written.
+/// Reports a file that is too short as invalid data.
 fn cut_off(error: io::Error) -> io::Error {
     match error.kind() {
-        io::ErrorKind::UnexpectedEof => io::Error::new(io::ErrorKind::InvalidData, "the end of the columns is gone"),
+        io::ErrorKind::UnexpectedEof => io::Error::new(io::ErrorKind::InvalidData, "the end of the columns is missing"),
         _ => error,
     }
 }

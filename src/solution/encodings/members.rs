@@ -1,5 +1,5 @@
-//! The table of a sweep in the forms of others: CSV, JSON lines, an Arrow stream. What is missing is nothing in CSV, null in the
-//! others.
+//! The table of a sweep in other formats: CSV, JSON lines, an Arrow stream. Missing values are empty in CSV, null in
+//! the others.
 
 use super::csv::write_text;
 use crate::{Solution, Table, Values, Verdict};
@@ -12,24 +12,24 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Rows of a batch of an Arrow stream.
+/// Rows per batch of an Arrow stream.
 const BATCH: usize = 1 << 14;
 
-/// A form of a table.
+/// A format of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MembersForm {
-    /// A header, and a row a member.
+    /// CSV: a header, and one row per member.
     Csv,
-    /// An object a member, each on a line.
+    /// JSON lines: one object per member.
     Lines,
-    /// A stream of record batches.
+    /// Arrow: a stream of record batches.
     Arrow,
 }
 
 /// Writes the table of a sweep.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_members(solution: &Solution, form: MembersForm, out: &mut impl Write) -> io::Result<()> {
     let Some(table) = &solution.table else { return Ok(()) };
     match form {
@@ -102,7 +102,7 @@ pub fn schema_of_members(table: &Table, verdict: &Verdict) -> Schema {
     let provenance = &table.provenance;
     let metadata: HashMap<String, String> = [
         ("dvi.trusted", verdict.trusted.to_string()),
-        // Every number of a verdict is finite, so that it has a JSON form.
+        // Every number of a verdict is finite, so that serialisation cannot fail.
         ("dvi.verdict", serde_json::to_string(verdict).unwrap_or_default()),
         ("dvi.program", provenance.version.clone()),
         ("dvi.features", provenance.features.clone()),

@@ -1,4 +1,4 @@
-//! Curves on two axes in powers of ten: a line for each, with a mark at each of its points.
+//! Curves on two logarithmic axes: one line per curve, with a mark at each point.
 
 use super::elements::{line, plain, text};
 use super::legend::{Legend, hollow, mark, polyline};
@@ -7,29 +7,29 @@ use super::{LARGE_CHARACTERS, LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
-/// Where the names are, and where the axes begin where these are in one row.
+/// Vertical position of the names, and of the top of the axes below a single row of names.
 const NAMES: f64 = 56.0;
 const TOP: f64 = 70.0;
-/// From the upper end of the axes to the lower, and on to the end of the picture.
+/// Height of the axes, and of the foot below them.
 const HEIGHT: f64 = 330.0;
 const FOOT: f64 = 60.0;
 /// The size of a mark.
 const RADIUS: f64 = 3.5;
-/// Decades that have room for a label each.
+/// Most decades with a label each.
 const MOST_LABELS: i32 = 10;
 
-/// A line of a picture.
+/// A curve with its marks.
 pub struct Curve {
-    /// What it is.
+    /// The name in the legend.
     pub name: String,
-    /// Its points, both coordinates above zero.
+    /// The points; both coordinates are positive.
     pub points: Vec<Point>,
-    /// Those of its points whose marks are hollow: the answers are not trusted.
+    /// The points with hollow marks: their answers are not trusted.
     pub untrusted: Vec<Point>,
 }
 
 impl Curve {
-    /// The mark of each point, the `k`-th curve's, where `place` puts it.
+    /// The marks of all points of the `k`-th curve, at the positions given by `place`.
     pub(super) fn marks(&self, k: usize, radius: f64, place: impl Fn(Point) -> Point) -> Group {
         self.points.iter().fold(Group::new(), |group, point| {
             let shape = if self.untrusted.contains(point) { hollow } else { mark };
@@ -38,12 +38,12 @@ impl Curve {
     }
 }
 
-/// What is said of hollow marks; nothing where all are full.
+/// The explanation of hollow marks, empty if there are none.
 pub(super) fn told_of_marks<'a>(mut curves: impl Iterator<Item = &'a Curve>) -> &'static str {
     if curves.any(|curve| !curve.untrusted.is_empty()) { "hollow marks: answers that are not trusted" } else { "" }
 }
 
-/// An axis in powers of ten, from pixel to pixel.
+/// A logarithmic axis between two pixel positions.
 pub(super) struct Decades {
     pub low: i32,
     pub high: i32,
@@ -52,7 +52,7 @@ pub(super) struct Decades {
 }
 
 impl Decades {
-    /// All decades of the values.
+    /// An axis over all decades of the values.
     pub fn spanning(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
         let (low, high) = if low <= high { (low, high) } else { (1.0, 1.0) };
@@ -72,7 +72,7 @@ impl Decades {
     }
 }
 
-/// The picture of curves: `below` says what the ordinate is, `abscissa` what the abscissa is.
+/// Draws the curves; `below` describes the ordinate, `abscissa` the abscissa.
 pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: &str) -> String {
     let all = || curves.iter().flat_map(|curve| &curve.points);
     let x = Decades::spanning(all().map(|point| point.0), LEFT, RIGHT);
@@ -114,7 +114,7 @@ pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: 
         .to_string()
 }
 
-/// `10⁻³`.
+/// A power of ten as text: `10⁻³`.
 pub(super) fn power(decade: i32) -> String {
     format!("10{}", super::axis::raised(decade))
 }

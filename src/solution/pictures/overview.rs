@@ -1,5 +1,5 @@
-//! Error against run time of many systems at one glance: a small panel for each on the same axes in powers of ten (small
-//! multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4), so that one may be held against another.
+//! Error against run time of many systems at a glance: a small panel for each, with the same logarithmic axes for
+//! comparison (small multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4).
 
 use super::double_logarithmic::{Curve, Decades, power, told_of_marks};
 use super::elements::{line, plain, tenths, text};
@@ -10,7 +10,7 @@ use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
 const COLUMNS: usize = 4;
-/// Where the first panel begins, and how high the panels and what is between them are.
+/// Top of the first panel; height of panels; distances between them; height of the foot.
 const TOP: f64 = 84.0;
 const HEIGHT: f64 = 92.0;
 const BETWEEN: f64 = 26.0;
@@ -18,10 +18,10 @@ const GAP: f64 = 14.0;
 const FOOT: f64 = 64.0;
 /// The size of a mark.
 const RADIUS: f64 = 2.0;
-/// Decades from one line of the grid to the next.
+/// Decades between horizontal grid lines.
 const EVERY: i32 = 4;
 
-/// The picture: `panels` have their names and curves, the curves of all panels mean the same in the same order.
+/// Draws named panels; the curves of all panels have the same meaning in the same order.
 pub fn overview(panels: &[(&str, Vec<Curve>)], title: &str, below: &str, abscissa: &str) -> String {
     let width = (RIGHT - LEFT - GAP * (COLUMNS - 1) as f64) / COLUMNS as f64;
     let all = || panels.iter().flat_map(|(_, curves)| curves).flat_map(|curve| &curve.points);
@@ -55,7 +55,8 @@ pub fn overview(panels: &[(&str, Vec<Curve>)], title: &str, below: &str, absciss
         .to_string()
 }
 
-/// A panel with its origin at the upper left; labels only where it is the first of its row, or the last of its column.
+/// Draws a panel with its origin at the upper left. It has ordinate labels if it is the first of its row, and abscissa
+/// labels if it is the last of its column.
 fn panel(name: &str, curves: &[Curve], (x, y): (&Decades, &Decades), (first, lowest): (bool, bool)) -> Group {
     let grid =
         |axis: &Decades| (axis.low..=axis.high).filter(|decade| decade.rem_euclid(EVERY) == 0).collect::<Vec<i32>>();

@@ -1,4 +1,4 @@
-//! Columns as JSON: an object of lists by name, in which a missing value is null.
+//! Columns as JSON: an object of lists by name, with null for missing values.
 
 use super::{Column, MISSING, Values, Words};
 use serde::de::{Error, MapAccess, SeqAccess, Visitor};
@@ -16,8 +16,8 @@ pub(super) fn schema_of_columns() -> Schema {
     columns
         .additional_properties(Some(AdditionalProperties::RefOr(RefOr::T(Schema::Array(list.build())))))
         .description(Some(
-            "By name: `member`, from zero; what was swept; what was collected; `status`, `trusted`, `error`, `steps`, `switches`, \
-             `residual`, `warnings`. A value that is missing is null.",
+            "The columns by name: `member`, from zero; the swept names; the collected values; `status`, `trusted`, \
+             `error`, `steps`, `switches`, `residual`, `warnings`. A missing value is null.",
         ))
         .into()
 }
@@ -54,7 +54,7 @@ impl<'de> Visitor<'de> for ColumnsVisitor {
         }
         let rows = columns.first().map_or(0, |column| column.values.len());
         if columns.iter().any(|column| column.values.len() != rows) {
-            return Err(A::Error::custom("the columns are not of one length"));
+            return Err(A::Error::custom("the columns must have the same length"));
         }
         Ok(columns)
     }
@@ -97,7 +97,7 @@ impl<'de> Deserialize<'de> for Values {
 
 struct ValuesVisitor;
 
-/// One value as it is written: whole numbers without a point are counts.
+/// One value as written: a whole number without a decimal point is a count.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Value {
@@ -111,7 +111,7 @@ impl<'de> Visitor<'de> for ValuesVisitor {
     type Value = Values;
 
     fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str("numbers, words or truths, or null")
+        formatter.write_str("numbers, texts, booleans or null")
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut access: A) -> Result<Values, A::Error> {
@@ -141,7 +141,7 @@ impl<'de> Visitor<'de> for ValuesVisitor {
                 (Values::Numbers(values), Value::Number(value)) => values.push(value),
                 (Values::Numbers(values), Value::Count(value)) => values.push(f64::from(value)),
                 (Values::Words(words), Value::Word(word)) => words.push(Some(&word)),
-                _ => return Err(A::Error::custom("a column has values of one kind")),
+                _ => return Err(A::Error::custom("the values of a column must be of one type")),
             }
         }
         Ok(found.unwrap_or_else(|| Values::Numbers(vec![f64::NAN; missing])))

@@ -1,4 +1,4 @@
-//! Contacts and joints as a user writes them.
+//! Contacts and joints as the user writes them.
 
 use super::super::error::SpecificationError;
 use super::super::expression::Expression;
@@ -11,18 +11,18 @@ use problem::ContactData;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// A place where bodies can touch.
+/// A potential contact, where bodies can touch.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Contact {
-    /// Its name. The outputs are `NAME_gap`, `NAME_impulse` (normal, since the start) and, with friction,
-    /// `NAME_friction`, or `NAME_friction_1` and `NAME_friction_2`.
+    /// Unique name. The outputs are `NAME_gap`, `NAME_impulse` (the normal impulse accumulated since the start) and,
+    /// with friction, `NAME_friction`, or `NAME_friction_1` and `NAME_friction_2`.
     pub name: String,
-    /// The distance, in `t` and the coordinates; it must not become negative. The normal velocity is its rate.
+    /// The gap, an expression in `t` and the coordinates; it must not become negative. The normal velocity is its rate.
     pub gap: Expression,
     /// The coefficient of restitution, from 0 to 1. Default 0.
     pub restitution: Option<Expression>,
-    /// Default none.
+    /// Coulomb friction. Default: none.
     pub friction: Option<Friction>,
 }
 
@@ -30,41 +30,41 @@ pub struct Contact {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {
-    /// The coefficient, not negative.
+    /// Coefficient of friction, not negative.
     pub coefficient: Expression,
-    /// One velocity of slip for motion in a plane, two at right angles in space; linear in the velocities, plus the
-    /// velocity of what slides below.
+    /// Slip velocities: one for motion in a plane, two at right angles in space; linear in the velocities, plus the
+    /// given velocity of the opposite surface.
     pub slip: Vec<Expression>,
-    /// The set of friction. With one slip both are the same. Default `quadratic`.
+    /// The set of friction forces; irrelevant for a single slip. Default `quadratic`.
     #[serde(default)]
     pub cone: ConeName,
-    /// The corners of a polyhedral cone, from 4 to 64. Default 8.
+    /// Number of corners of a polyhedral cone, from 4 to 64. Default 8.
     #[schema(minimum = 4, maximum = 64)]
     pub facets: Option<u64>,
 }
 
-/// The set that friction is taken from.
+/// The cross-section of the friction cone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ConeName {
     /// A disk: Coulomb's law itself.
     #[default]
     Quadratic,
-    /// A regular polygon in it, the first corner in the direction of the first slip.
+    /// A regular polygon inscribed in the disk, with its first corner in the direction of the first slip.
     Polyhedral,
 }
 
-/// A constraint that always holds.
+/// A bilateral constraint.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Joint {
-    /// Its name.
+    /// Unique name.
     pub name: String,
-    /// What stays zero, in `t` and the coordinates.
+    /// The constraint function, zero at all times; an expression in `t` and the coordinates.
     pub constraint: Expression,
 }
 
-/// Contacts and joints as nodes.
+/// Contacts and joints as graph nodes.
 #[derive(Debug, Default)]
 pub(super) struct LoweredContacts {
     pub names: Vec<String>,
@@ -72,7 +72,7 @@ pub(super) struct LoweredContacts {
     pub slips: Vec<Node>,
     pub data: Vec<ContactData>,
     pub joints: Vec<Node>,
-    /// The terms of coefficients that depend on parameters.
+    /// The nodes of coefficients that depend on parameters.
     pub terms: Vec<(ContactCoefficient, Node)>,
 }
 
@@ -128,7 +128,7 @@ pub(super) fn lower(
             let term = friction.lower(n, &place, &mut data, &mut lowered.slips, lowering);
             lowered.terms.extend(term.map(|node| (ContactCoefficient::Friction(k), node)));
             if data.slips == 2 && *cone.get_or_insert(friction.cone) != friction.cone {
-                let detail = "contacts with two slips have cones of both kinds";
+                let detail = "contacts with two slips use both kinds of cone";
                 let error = SpecificationError::new(place.key("cone").to_string(), "mixed_cones", detail);
                 lowering.errors.push(error.expected("one kind of cone in one problem"));
             }
@@ -139,7 +139,7 @@ pub(super) fn lower(
 }
 
 impl Friction {
-    /// Lowers the friction of a contact; the term of its coefficient, where that depends on parameters.
+    /// Lowers the friction of a contact. Returns the node of its coefficient if that depends on parameters.
     fn lower(
         &self,
         n: usize,
@@ -151,7 +151,7 @@ impl Friction {
         let range = (0.0, f64::MAX);
         let mu = in_range(&self.coefficient, "coefficient", range, &place.key("coefficient"), lowering);
         if !(1..=2).contains(&self.slip.len()) {
-            let detail = format!("{} velocities of slip", self.slip.len());
+            let detail = format!("{} slip velocities", self.slip.len());
             let error = SpecificationError::new(place.key("slip").to_string(), "wrong_shape", detail);
             lowering.errors.push(error.expected("one for motion in a plane, two in space"));
             return None;
@@ -175,16 +175,16 @@ impl Friction {
             let (count, linear) = (velocities.clone().count(), !velocities.clone().any(depends));
             if count == 0 || !linear {
                 let detail = match count {
-                    0 => "a slip that depends on no velocity has no direction",
+                    0 => "a slip must depend on a velocity",
                     _ => "a slip must be linear in the velocities",
                 };
                 let error = SpecificationError::new(place.to_string(), "slip_not_linear", detail);
-                lowering.errors.push(error.expected("D(t,q)^T v, plus the velocity of what slides below"));
+                lowering.errors.push(error.expected("D(t,q)^T v, plus the velocity of the opposite surface"));
                 return None;
             }
             nodes.push(node);
         }
-        // Without a coefficient there is no friction to be built.
+        // Without a valid coefficient no friction is built.
         let Constant { value: mu, node } = mu?;
         if let Some(node) = node {
             lowering.graph.assume(node, Assumption::Vanishing);
@@ -199,7 +199,7 @@ impl Friction {
     }
 }
 
-/// An expression in `t` and the coordinates.
+/// Lowers an expression that must depend on coordinates, and not on velocities.
 fn holonomic(expression: &Expression, what: &str, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Node {
     let Some(node) = lowering.node(expression, place) else { return lowering.graph.constant(1.0) };
     let inputs = lowering.graph.inputs(node);
@@ -233,7 +233,7 @@ fn in_range(
     None
 }
 
-/// The error of a force on something that is no coordinate.
+/// The error of a force on an unknown coordinate.
 pub(super) fn unknown_coordinate(name: &str, coordinates: &[String], place: &Pointer<'_>) -> SpecificationError {
     let names = || coordinates.iter().map(String::as_str);
     SpecificationError::new(place.to_string(), "unknown_name", format!("`{}` is not a coordinate", abridged(name)))

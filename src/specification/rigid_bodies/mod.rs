@@ -1,10 +1,10 @@
-//! Rigid bodies in space: shapes, masses, where they start, what holds when they touch, joints.
+//! Rigid bodies in space: shapes, masses, initial state, contact laws, joints.
 //!
 //! ```text
 //! M (v+ - v) = h f + J^T r,    u = J v,    r_k in the friction cone of contact k, by Coulomb's law;    q+ = q (+) h v+
 //! ```
 //!
-//! Joints are bilateral: `c(q) = 0` and `G v = 0` at the ends of all steps.
+//! Joints are bilateral constraints: `c(q) = 0` and `G v = 0` at the end of every step.
 
 mod bodies;
 mod contacts;
@@ -46,10 +46,10 @@ use std::sync::Arc;
 use utoipa::ToSchema;
 use vectors::Vector;
 
-/// The most bodies of one scene.
+/// Most bodies of one problem.
 pub(super) const MOST_BODIES: usize = 100_000;
 
-/// Rigid bodies that touch, slide, roll, collide and hang on joints. SI units; the z axis of a shape is its own axis.
+/// Rigid bodies with contact, friction, impacts and joints. SI units; the z axis of a shape is its axis of symmetry.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RigidBodiesProblem {
@@ -70,7 +70,7 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// Default `[0, 0, 0]`.
+    /// Gravitational acceleration. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub gravity: Option<Vector>,
     /// Materials by name.
@@ -79,13 +79,13 @@ pub struct RigidBodiesProblem {
     pub materials: Ordered<Material>,
     /// A robot as URDF or MJCF describe it, whose bodies and joints stand before those of `bodies` and `joints`.
     pub robot: Option<Box<RobotDescription>>,
-    /// The bodies, at least one of which moves; at most 100,000.
+    /// The bodies, at least one of them moving; at most 100,000.
     #[serde(default)]
     pub bodies: Vec<RigidBody>,
-    /// What holds where bodies touch.
+    /// Contact laws between bodies.
     #[serde(default)]
     pub contacts: BodyContacts,
-    /// What holds bodies together.
+    /// Joints between bodies, or to the world.
     #[serde(default)]
     pub joints: Vec<BodyJoint>,
     /// Springs and dampers between points of bodies.
@@ -94,12 +94,12 @@ pub struct RigidBodiesProblem {
     /// Forces and torques on bodies.
     #[serde(default)]
     pub forces: Vec<BodyForce>,
-    /// What to do with bodies that overlap at the start, or whose velocities tear a joint there. Default `refuse`.
+    /// What to do if bodies overlap at the start, or their velocities violate a joint. Default `refuse`.
     #[serde(default)]
     pub interpenetration: Interpenetration,
 }
 
-/// What checking a pair of bodies takes, in nanoseconds: measured.
+/// Time to check a pair of bodies, in nanoseconds, measured.
 const A_PAIR_OF_BODIES: usize = 5_000;
 
 impl Written for RigidBodiesProblem {

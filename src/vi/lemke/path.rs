@@ -130,7 +130,7 @@ impl Lemke {
         let m = self.tableau.m;
         let theta = 2 * m;
         let mut left = self.tableau.nonbasic[m];
-        let limit = PIVOTS + PIVOTS_PER_VARIABLE * m;
+        let limit = self.pivots.saturating_add(bases(m)).min(PIVOTS + PIVOTS_PER_VARIABLE * m);
         while self.pivots < limit {
             if is_interrupted(control, self.pivots) {
                 return Ending::Interrupted;
@@ -165,4 +165,12 @@ impl Lemke {
         }
         Ending::Limit
     }
+}
+
+/// Twice the largest number of bases of a path over `m` intervals: each variable is at its lower bound, inside, or at
+/// its upper bound, and at most one of them has both `w` and its distance from a bound nonbasic. A longer path has
+/// visited a basis twice: rounding has made it cycle.
+fn bases(m: usize) -> usize {
+    let exponent = u32::try_from(m).unwrap_or(u32::MAX);
+    3_usize.saturating_pow(exponent).saturating_mul(2 * (m + 1))
 }
