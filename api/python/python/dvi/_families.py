@@ -137,7 +137,7 @@ def fit(
     >>> spec = {"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}}
     >>> data = {"t": [0.5, 1, 2], "x": [0.3679, 0.1353, 0.0183], "sd": 1e-4}
     >>> print(fit(spec, data, ["k"]).estimates["k"])
-    2 +- 0.0002
+    2.00003 +- 0.00043
     """
     document = with_fit(spec, data, parameters, sd=sd, loss=loss, starts=starts)
     found = cast(Fit, run(read(document), progress))

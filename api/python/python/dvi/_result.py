@@ -166,8 +166,8 @@ class Result:
 
         An answer of `solve(.., dense=True)` keeps its fields as functions of time: polynomials through their values in each step, which
         differ from them by a hundredth of `rtol` at most (`deviation`). Any other answer is solved once more when it is first asked,
-        and kept so then: further calls cost no solve. Where a field is no smooth function within a step, or is an integral, each call is
-        a solve with these output times.
+        and kept so then: further calls cost no solve. Where a field jumps at a switch, as variables may, or is an integral, each call is a
+        solve with these output times: `output.fields` without it costs none.
         """
         if self._specification is None:
             raise RuntimeError("an answer that was made elsewhere cannot be evaluated at other times; ask for output times")
