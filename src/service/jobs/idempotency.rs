@@ -1,9 +1,8 @@
 //! Idempotent requests: a client that does not know whether its job was admitted posts it again under the same
 //! `Idempotency-Key` and gets the same job. A key belongs to one client and lives as long as its job.
 
+use crate::digest::Digest;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
-use specification::hexadecimal;
 
 /// An idempotency key and the digest of the document first posted under it.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,7 +15,7 @@ pub struct Key {
 impl Key {
     /// The key `name` for `document`.
     pub fn new(name: impl Into<String>, document: &[u8]) -> Self {
-        Self { name: name.into(), digest: hexadecimal(&Sha256::digest(document)) }
+        Self { name: name.into(), digest: Digest::of(document).to_string() }
     }
 }
 
