@@ -29,10 +29,10 @@ Examples:
   dvi solve --format csv circuit.json > circuit.csv   solve, trajectory as a table
   dvi solve --format svg circuit.json > circuit.svg   solve, trajectory as a picture
   dvi sweep -o belts.csv belts.json                   solve for many values of parameters, on all cores
-  dvi solve *.json                                    several, each result beside its specification
+  dvi solve *.json                                    several files, each result beside its specification
   dvi check circuit.json                              find all errors without solving
   dvi explain unknown_key                             explain a code of an error or a warning
-  dvi methods                                         list what there is to choose from
+  dvi methods                                         list problem types, sets, methods, solvers and limits
   dvi report                                          error against run time of every system
   dvi serve                                           serve on http://127.0.0.1:8080
   curl -d @api/examples/diode_bridge.json localhost:8080/solve";

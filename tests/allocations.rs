@@ -4,10 +4,12 @@
 use allocation_counter::measure;
 
 use dvi::problem::{Control, ConvexSet, Event, Shape};
+use dvi::solution::encodings::{MembersForm, write_json, write_members};
 use dvi::specification::Specification;
 use dvi::vi::{AffineVi, Outcome, SolverKind};
 use nalgebra::DMatrix;
 use serde_json::{Value, json};
+use std::io::sink;
 
 /// Coupled blocks, with numbers of the `k`-th problem: disks whose radius moves, and intervals between them.
 fn problem(k: usize, with_disks: bool) -> (DMatrix<f64>, Vec<f64>, ConvexSet) {
@@ -122,6 +124,31 @@ fn on_a_tray(spheres: usize) -> String {
 fn a_solve_of_bodies_takes_the_memory_that_is_foretold() {
     assert_foretold(&on_a_tray(300));
     assert_foretold(&on_a_tray(800));
+}
+
+#[test]
+fn a_million_rows_of_a_sweep_would_fit_in_64_mib_with_their_answer_in_any_form() {
+    let held = |members: usize| {
+        let document = format!(
+            r#"{{"problem": {{"dvi": {{"parameters": {{"k": 1}}, "states": {{"x": {{"initial": 1, "rate": "-k*x"}}}}}}}}, "time": {{"end": 1}},
+                "method": {{"rtol": 1e-3}},
+                "sweep": {{"over": {{"k": {{"uniform": [0, 2]}}, "x.initial": {{"uniform": [0, 1]}}}}, "design": "random", "count": {members},
+                "collect": {{"x": {{"final": "x"}}, "mean": {{"mean": "x"}}}}}}}}"#
+        );
+        let specification = Specification::from_json(document.as_bytes()).unwrap();
+        let work = || {
+            let solution = dvi::solve(&specification, &Control::new());
+            write_json(&solution, &mut sink()).unwrap();
+            for form in [MembersForm::Csv, MembersForm::Lines, MembersForm::Arrow] {
+                write_members(&solution, form, &mut sink()).unwrap();
+            }
+        };
+        measure(work).bytes_max as f64
+    };
+    let (few, many) = (4096, 32_768);
+    let a_row = (held(many) - held(few)) / (many - few) as f64;
+    println!("{a_row:.1} bytes a row");
+    assert!(a_row * 1e6 < f64::from(64 << 20), "{a_row} bytes a row");
 }
 
 #[test]

@@ -103,7 +103,9 @@ fn of(problem: &mut dyn Dvi, t: f64, linearise: impl FnOnce(&mut dyn Dvi) -> Opt
         return Analysis { index: Some(0.0), uniqueness: Uniqueness::Unique, because, ..Analysis::default() };
     }
     if unknowns > MOST_UNKNOWNS {
-        return refuse(format!("{unknowns} states and variables are more than the {MOST_UNKNOWNS} that are analysed"));
+        return refuse(format!(
+            "the problem has {unknowns} states and variables, and at most {MOST_UNKNOWNS} are analysed"
+        ));
     }
     let Some(linearisation) = linearise(problem) else {
         return refuse(format!("the derivatives at t = {t} are not finite"));
@@ -210,7 +212,7 @@ mod tests {
     fn friction_with_the_wrong_sign_is_not_certified() {
         let (_, uniqueness, because) = verdict(&orthant(&[0.0], &[-1.0], &[1.0], &[0.0]));
         assert_eq!(uniqueness, Uniqueness::NotCertified);
-        assert!(because.contains("no P-matrix"), "{because}");
+        assert!(because.contains("not a P-matrix"), "{because}");
     }
 
     #[test]

@@ -112,15 +112,15 @@ pub fn uniqueness(problem: &Linearisation, index: &Index) -> Option<(Uniqueness,
         Some(value) => (
             Uniqueness::NotCertified,
             format!(
-                "the index is {value} by parts {:?}{place}: no theorem applied here covers the mixture",
+                "the index is {value}, by blocks {:?}{place}: no theorem applied here covers mixed indices",
                 index.levels
             ),
         ),
         None => (
             Uniqueness::NotCertified,
             format!(
-                "no differentiation of G determines {} of the {m} variables{place}: where none of them rests on a bound z is \
-                 not determined, though x may be",
+                "no differentiation of G determines {} of the {m} variables{place}: while none of them is at a bound, \
+                 z is not determined, though x may be",
                 index.undetermined
             ),
         ),
@@ -141,8 +141,8 @@ fn index_zero(problem: &Linearisation, d: &Figures, place: &str) -> (Uniqueness,
         Some(true) if !problem.is_box => (
             Uniqueness::NotCertified,
             format!(
-                "G_z is a P-matrix{place}, which decides of intervals alone, and is not positive definite (least eigenvalue of \
-                 its symmetric part {least:.3e})"
+                "G_z is a P-matrix{place}, which suffices for intervals only, and is not positive definite (least \
+                 eigenvalue of its symmetric part {least:.3e})"
             ),
         ),
         Some(true) => (
@@ -154,7 +154,7 @@ fn index_zero(problem: &Linearisation, d: &Figures, place: &str) -> (Uniqueness,
         ),
         Some(false) => (
             Uniqueness::NotCertified,
-            format!("G_z is regular but no P-matrix{place} (least eigenvalue of its symmetric part {least:.3e})"),
+            format!("G_z is regular but not a P-matrix{place} (least eigenvalue of its symmetric part {least:.3e})"),
         ),
         None => (
             Uniqueness::NotCertified,
@@ -169,7 +169,7 @@ fn index_zero(problem: &Linearisation, d: &Figures, place: &str) -> (Uniqueness,
 fn index_one(cb: &DMatrix<f64>, figures: &Figures, is_orthant: bool, place: &str) -> (Uniqueness, String) {
     let p = match is_p_matrix(cb) {
         Some(true) => "a P-matrix",
-        Some(false) => "no P-matrix",
+        Some(false) => "not a P-matrix",
         None => "too large to test for a P-matrix",
     };
     let &Figures { least_eigenvalue: least, asymmetry, .. } = figures;
@@ -191,8 +191,8 @@ fn index_one(cb: &DMatrix<f64>, figures: &Figures, is_orthant: bool, place: &str
         (
             Uniqueness::NotCertified,
             format!(
-                "{described}: solutions need not exist nor be unique; among several, the one on the path of the VI solver from \
-                 the last values is taken"
+                "{described}: solutions may not exist or not be unique; of several, the VI solver selects the one that \
+                 it reaches from the previous values"
             ),
         )
     }

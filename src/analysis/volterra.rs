@@ -28,17 +28,20 @@ pub fn analyse_memory(a: f64, matrix: &DMatrix<f64>) -> Analysis {
         ..Analysis::default()
     };
     if m > MOST_UNKNOWNS {
-        let because = format!("{m} variables are more than the {MOST_UNKNOWNS} that are analysed");
+        let because = format!("the problem has {m} variables, and at most {MOST_UNKNOWNS} are analysed");
         return told(Uniqueness::NotAnalysed, because);
     }
     let symmetric = 0.5 * (matrix + matrix.transpose());
     let skew = 0.5 * (matrix - matrix.transpose());
     let (Some(least), Some(positivity)) = (least_eigenvalue(&symmetric), positivity(a, &symmetric, &skew)) else {
-        return told(Uniqueness::NotAnalysed, "the matrix of the kernel has no eigenvalues in doubles".to_owned());
+        return told(
+            Uniqueness::NotAnalysed,
+            "the eigenvalues of the kernel's matrix could not be computed".to_owned(),
+        );
     };
     let rounding = ROUNDING * matrix.amax();
-    let head = format!("at zero the kernel is like M t^(a-1) with a = {a}, the index");
-    let definite = format!("M + M^T over 2 has the least eigenvalue {least:.3e}");
+    let head = format!("near zero the kernel is M t^(a-1) with a = {a}, the index");
+    let definite = format!("(M + M^T)/2 has the least eigenvalue {least:.3e}");
     let is_symmetric = skew.amax() <= rounding;
     if least <= rounding {
         return told(Uniqueness::NotCertified, format!("{head}; {definite}, so that M is not positive definite"));

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 /// Check a specification without solving it
 ///
-/// All errors are told at once, each with the JSON pointer of its place.
+/// All errors are listed at once, each with the JSON pointer of its place.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
@@ -20,10 +20,10 @@ pub struct Arguments {
 
 const HELP: &str = "\
 Exit codes:
-  0   the specification is ready to be solved
-  2   it has errors
-  3   it could not be read
-  64  the command line makes no sense
+  0   the specification has no errors
+  2   the specification has errors
+  3   the specification could not be read
+  64  the command line is invalid
 
 Examples:
   dvi check spring.json

@@ -51,15 +51,15 @@ pub fn solve(
             let needed = estimate >> 20;
             Err(ended(format!("too_much_memory: about {needed} MiB are needed, and --memory-mib allows {memory_mib}")))
         }
-        Ok(Finished::Checked(..) | Finished::TooLarge) => {
+        Ok(Finished::Checked(..) | Finished::TooLarge | Finished::Solved(_, Left::Rows(..))) => {
             Err(ended("defect: the answer is to another question".to_owned()))
         }
         Err(Death::TooMuchMemory(asked)) => {
-            let asked = asked.map_or(String::new(), |bytes| format!(", {} MiB at once at the last", bytes >> 20));
+            let asked = asked.map_or(String::new(), |bytes| format!(", with a last request of {} MiB", bytes >> 20));
             Err(ended(format!("too_much_memory: the solve took more than the {memory_mib} MiB of --memory-mib{asked}")))
         }
         Err(Death::Defect(words)) => Err(ended(format!("defect: {words}"))),
-        Err(Death::Killed(signal)) => Err(ended(format!("killed: signal {signal} ended the process that solved"))),
+        Err(Death::Killed(signal)) => Err(ended(format!("killed: signal {signal} ended the process"))),
         Err(death @ (Death::StackOverflow | Death::Overran)) => {
             Err(ended(format!("{}: please report the specification", death.code())))
         }
@@ -90,8 +90,16 @@ fn finish(
         let halted = Notify::new();
         let origin = Origin::default();
         let watch = Watch { origin: &origin, control, halted: &halted, is_unwanted: &|| false };
-        let task =
-            &mut Task { solve: true, document, limits, watch: &watch, long: columns, yields: false, slice: None };
+        let task = &mut Task {
+            solve: true,
+            members: None,
+            document,
+            limits,
+            watch: &watch,
+            long: columns,
+            yields: false,
+            slice: None,
+        };
         let performed = supervisor.perform(task);
         let interrupted = async {
             if tokio::signal::ctrl_c().await.is_ok() {

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 /// The option for the data folder.
 #[derive(Args)]
 pub struct Data {
-    /// Folder of the accepted jobs, their results and the tokens; made if it is not there
+    /// Folder of the accepted jobs, their results and the tokens; created if it does not exist
     /// [default: dvi in `$XDG_STATE_HOME`, or in ~/.local/state]
     #[arg(long, env = "DVI_DATA", value_name = "DIR", global = true)]
     data: Option<PathBuf>,

@@ -1,4 +1,4 @@
-//! `dvi explain`: the meaning of a code of an error, a warning, a verdict or a refusal, and what to do about it.
+//! `dvi explain`: the meaning of the code of an error, a warning, a verdict or a refused request, and the remedy.
 
 use super::USAGE;
 use clap::Args;
@@ -7,13 +7,13 @@ use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::process::ExitCode;
 
-/// Explain a code of an error, a warning, a verdict or a refusal
+/// Explain the code of an error, a warning, a verdict or a refused request
 ///
-/// Without a code, all of them are listed.
+/// Without a code, list all codes.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// The code, as it stands in brackets after an error or as `code` in JSON
+    /// The code, as in brackets after an error message, or under `code` in JSON
     code: Option<String>,
 }
 
@@ -25,7 +25,7 @@ Examples:
 
 Exit codes:
   0   done
-  64  there is no such code";
+  64  the code does not exist";
 
 /// Prints the explanation; a closed standard output is ignored.
 pub fn run(arguments: &Arguments) -> ExitCode {
@@ -34,7 +34,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Some(code) => match find(code) {
             Some(page) => explained(page),
             None => {
-                eprintln!("dvi: there is no code `{code}`: `dvi explain` lists all");
+                eprintln!("dvi: there is no code `{code}`: `dvi explain` lists all codes");
                 return ExitCode::from(USAGE);
             }
         },

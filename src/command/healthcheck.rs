@@ -8,9 +8,9 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpStream};
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Ask the service on this machine whether it is alive
+/// Check that the service on this machine is alive
 ///
-/// Exit codes: 0 if it is, 1 if it is not.
+/// Exit codes: 0 if it is alive, 1 if not.
 #[derive(Args)]
 pub struct Arguments {
     /// Address and port on which the service listens
@@ -30,11 +30,11 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     match ask(address) {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => {
-            eprintln!("dvi: {address} answers, but not that it is alive");
+            eprintln!("dvi: {address} responds, but does not report that it is alive");
             ExitCode::from(UNHEALTHY)
         }
         Err(error) => {
-            eprintln!("dvi: {address} does not answer: {error}");
+            eprintln!("dvi: {address} does not respond: {error}");
             ExitCode::from(UNHEALTHY)
         }
     }

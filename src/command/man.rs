@@ -7,17 +7,17 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Write a page for man
+/// Write a manual page
 ///
-/// Without a subcommand, that of the program.
+/// Without a subcommand, write the page of the program.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// The subcommand to write the page of
+    /// The subcommand whose page is written
     #[arg(conflicts_with = "folder")]
     subcommand: Option<String>,
 
-    /// Write all pages to this folder, dvi.1, dvi-solve.1 and so on
+    /// Write all pages (dvi.1, dvi-solve.1, ...) to this folder
     #[arg(long, value_name = "FOLDER")]
     folder: Option<PathBuf>,
 }
@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments, mut program: Command) -> ExitCode {
         Some(name) => match program.find_subcommand(name) {
             Some(found) => found.clone(),
             None => {
-                eprintln!("dvi: there is no subcommand `{name}`: `dvi --help` lists all");
+                eprintln!("dvi: there is no subcommand `{name}`: `dvi --help` lists all subcommands");
                 return ExitCode::from(USAGE);
             }
         },

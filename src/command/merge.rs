@@ -11,20 +11,20 @@ use std::process::ExitCode;
 
 /// Join the parts of a sweep
 ///
-/// The parts are JSON, as `dvi sweep --shard K/N -o part.json` writes them, in any order.
-/// Parts of different specifications, versions of the program or instructions of machines are refused.
+/// The parts are JSON files, as `dvi sweep --shard K/N -o part.json` writes them, in any order.
+/// Parts are refused that differ in the specification, the program version or the instruction set of the machine.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// The parts
+    /// The JSON files of the parts
     #[arg(required = true)]
     parts: Vec<PathBuf>,
 
-    /// The file that the table goes to, in the place of standard output
+    /// Write the table to this file instead of standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 
-    /// The form of the table; default by the extension of the file, or JSON
+    /// The format of the table; by default that of the file extension, or JSON
     #[arg(long, value_enum)]
     format: Option<Format>,
 }
@@ -32,12 +32,12 @@ pub struct Arguments {
 const HELP: &str = "\
 Exit codes:
   0   all members are in the table, and those that reached their end are trusted
-  1   parts are missing; the rows that are there were written
-  2   the parts are not parts of one sweep
+  1   parts are missing; the rows of the others were written
+  2   the parts are not of one sweep
   3   a part could not be read
   4   the table could not be written
   7   all members are in the table, but some that reached their end are not trusted
-  64  the command line makes no sense
+  64  the command line is invalid
 
 Example:
   dvi merge -o belts.csv part1.json part2.json part3.json part4.json";
@@ -71,6 +71,6 @@ fn table(part: &Path) -> Result<Table, ExitCode> {
         ExitCode::from(UNREADABLE)
     };
     let solution =
-        encodings::read_json(&bytes(part)?).map_err(|error| refuse(&format!("no answer of a sweep: {error}")))?;
-    solution.table.ok_or_else(|| refuse("no answer of a sweep: there is no `table`"))
+        encodings::read_json(&bytes(part)?).map_err(|error| refuse(&format!("not the result of a sweep: {error}")))?;
+    solution.table.ok_or_else(|| refuse("not the result of a sweep: there is no `table`"))
 }

@@ -7,14 +7,14 @@ use std::fmt::Write as _;
 use std::io::{self, Write as _};
 use std::process::ExitCode;
 
-/// List what there is to choose from: problems, sets, methods, solvers, limits
+/// List problem types, sets, methods, solvers and limits
 ///
-/// Every method of Radau IIA is shown with the conditions under which it converges with a
-/// variational inequality at every stage, checked on its coefficients.
+/// Each Radau IIA method is listed with the conditions under which it converges with a variational
+/// inequality at every stage, verified for its coefficients.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// The form of the list
+    /// The format of the list
     #[arg(long, value_enum, default_value_t = Format::Text)]
     format: Format,
 }
@@ -24,7 +24,7 @@ pub struct Arguments {
 enum Format {
     /// Tables for people
     Text,
-    /// All of it, with the coefficients, as GET /methods tells it
+    /// All entries with the coefficients, as GET /methods returns them
     Json,
 }
 
@@ -45,7 +45,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 
 const LEGEND: &str =
     "  Q = B A + A^T B - b b^T is the matrix of algebraic stability, D the diagonal b_i / c_i, alpha its coercivity,
-  u^T D A^-1 u >= alpha u^T D u. Eigenvalues are the least; after +- stands the bound on rounding errors.
+  u^T D A^-1 u >= alpha u^T D u. Eigenvalues are the least; the number after +- bounds the rounding error.
 ";
 
 fn told(catalogue: &Catalogue) -> String {
@@ -62,7 +62,7 @@ fn told(catalogue: &Catalogue) -> String {
         list(&mut text, title, choices);
     }
     // Writing to a string cannot fail.
-    let _ = writeln!(text, "Radau IIA, its conditions checked\n");
+    let _ = writeln!(text, "Radau IIA, with the conditions verified\n");
     let heads = ["s", "step", "B(p)", "C(q)", "Q", "D A + A^T D", "alpha", "|a_s - b|", "|R(infinity)|"];
     let _ = writeln!(text, "{}", row(heads.map(str::to_owned)));
     for method in &catalogue.tableaux {

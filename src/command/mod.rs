@@ -75,12 +75,12 @@ pub fn read(file: &Path) -> Result<Specification, ExitCode> {
     read_text(file, &bytes(file)?)
 }
 
-/// The same, of a text that is of that file.
+/// Checks the text of a file. Errors are printed to standard error.
 pub fn read_text(file: &Path, text: &[u8]) -> Result<Specification, ExitCode> {
     Specification::from_json(text).map_err(|errors| told(file, errors))
 }
 
-/// A text with other values of some of its numbers.
+/// Replaces some numbers of a specification.
 pub fn with_settings(file: &Path, text: Vec<u8>, settings: &[(String, String)]) -> Result<Vec<u8>, ExitCode> {
     if settings.is_empty() {
         return Ok(text);
@@ -88,7 +88,7 @@ pub fn with_settings(file: &Path, text: Vec<u8>, settings: &[(String, String)]) 
     edited(&text, settings).map_err(|errors| told(file, errors))
 }
 
-/// A name and a value, as `--set` has them.
+/// Parses an argument NAME=VALUE of `--set`.
 pub fn setting(text: &str) -> Result<(String, String), String> {
     // A pointer may have an equals sign in it; a value that is a condition may have one, too.
     let (name, value) = text.split_once('=').ok_or("write NAME=VALUE, such as m=2 or /method/rtol=1e-9")?;
@@ -101,7 +101,7 @@ fn told(file: &Path, errors: Vec<SpecificationError>) -> ExitCode {
     ExitCode::from(BAD_SPECIFICATION)
 }
 
-/// The specification in a file, or on standard input where it is called `-`; a deck of SPICE becomes one.
+/// Reads the specification from a file, or from standard input if the name is `-`; a SPICE deck is converted.
 pub fn bytes(file: &Path) -> Result<Vec<u8>, ExitCode> {
     bytes_of(file).map_err(|error| {
         eprintln!("dvi: cannot read {}: {error}", file.display());

@@ -1,59 +1,95 @@
-//! Other programs that solve the same systems: each Python file of a folder is one. Called with `--name`, a program
-//! prints its name, or fails if it cannot run; otherwise it reads `{"system", "exact", "tolerances"}` as JSON from
-//! standard input and prints the measured series, in the form of the report.
+//! Other programs that solve the same systems: each Python file of a folder is one. Called with `--name`, a program prints
+//! the name and version of what it runs, or fails if that is not installed; with `--install`, its name and how to get it, a
+//! line each. Otherwise it reads a request as JSON from standard input and prints what it computed
+//! (`dvi::study::report::Answer`).
 
-use dvi::solution::Series;
-use dvi::study::report::{TOLERANCES, exact_end};
-use serde_json::json;
+use dvi::study::Peer;
+use dvi::study::report::{Answer, Chapter, Ladder, request};
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-const PYTHON: &str = "python3";
+/// The interpreters that a program is tried with, in order: what `tests/peers/install` makes in the folder, the user's, and
+/// that of the system, for which distributions package modules.
+fn interpreters(folder: &Path) -> [PathBuf; 3] {
+    [folder.join("venv/bin/python3"), PathBuf::from("python3"), PathBuf::from("/usr/bin/python3")]
+}
 
-/// The programs that can run.
+/// What limits the threads of the libraries of linear algebra that peers use.
+const THREADS: [&str; 3] = ["OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"];
+
+/// The programs of a folder.
 #[derive(Default)]
 pub struct Peers {
-    found: Vec<(PathBuf, String)>,
+    /// Those that can run: interpreter and file.
+    found: Vec<(PathBuf, PathBuf)>,
+    all: Vec<Peer>,
 }
 
 impl Peers {
     /// The programs of a folder; none if the folder does not exist.
     pub fn in_folder(folder: &Path) -> Self {
         let files = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-        let mut scripts: Vec<PathBuf> =
-            files.filter(|path| path.extension().is_some_and(|extension| extension == "py")).collect();
+        let mut scripts: Vec<PathBuf> = files.filter(|path| path.to_string_lossy().ends_with("_peer.py")).collect();
         scripts.sort();
-        let named = |script: PathBuf| {
-            let told = Command::new(PYTHON).arg(&script).arg("--name").stderr(Stdio::null()).output().ok()?;
-            let name = String::from_utf8_lossy(&told.stdout).trim().to_owned();
-            (told.status.success() && !name.is_empty()).then_some((script, name))
-        };
-        Self { found: scripts.into_iter().filter_map(named).collect() }
+        let mut peers = Self::default();
+        for script in scripts {
+            let mut programs = interpreters(folder).into_iter();
+            match programs.find_map(|program| Some((said(&program, &script, "--name")?, program))) {
+                Some((name, program)) => {
+                    peers.all.push(Peer { name, install: None });
+                    peers.found.push((program, script));
+                }
+                None => peers.all.extend(missing(folder, &script)),
+            }
+        }
+        peers
     }
 
-    /// The names of the programs, for people.
-    pub fn names(&self) -> String {
-        let names: Vec<&str> = self.found.iter().map(|(_, name)| name.as_str()).collect();
-        if names.is_empty() { "not found".to_owned() } else { names.join(", ") }
+    /// All programs, with those that are not installed.
+    pub fn all(&self) -> &[Peer] {
+        &self.all
     }
 
-    /// The series that the programs measure for a system; none from programs that do not have the system.
-    pub fn solve(&self, system: &str) -> Vec<Series> {
-        let Some(exact) = exact_end(system) else { return Vec::new() };
-        let request = json!({"system": system, "exact": exact, "tolerances": TOLERANCES}).to_string();
-        self.found.iter().flat_map(|(script, _)| ask(script, &request).unwrap_or_default()).collect()
+    /// The ladders that the programs measure for a system; none from programs that do not have the system.
+    pub fn solve(&self, chapter: &Chapter) -> Vec<Ladder> {
+        let request = request(chapter).to_string();
+        let answers = self.found.iter().flat_map(|(program, script)| ask(program, script, &request));
+        answers.map(|answer| answer.ladder(chapter)).collect()
     }
 }
 
-fn ask(script: &Path, request: &str) -> Option<Vec<Series>> {
-    let mut command = Command::new(PYTHON);
-    command.arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::null());
-    let mut process = command.spawn().ok()?;
-    // Drop the input at once, so that the program reads its end.
-    let sent = process.stdin.take().map(|mut input| input.write_all(request.as_bytes()));
-    let told = process.wait_with_output().ok()?;
-    sent?.ok()?;
-    serde_json::from_slice(&told.stdout).ok()
+/// A program that is not installed.
+fn missing(folder: &Path, script: &Path) -> Option<Peer> {
+    let told = interpreters(folder).iter().find_map(|program| said(program, script, "--install"))?;
+    let (name, install) = told.split_once('\n')?;
+    Some(Peer { name: name.to_owned(), install: Some(install.trim().to_owned()) })
+}
+
+/// What a program prints when it is called with an option; `None` where it fails.
+fn said(program: &Path, script: &Path, option: &str) -> Option<String> {
+    let told = Command::new(program).arg(script).arg(option).stderr(Stdio::null()).output().ok()?;
+    let text = String::from_utf8_lossy(&told.stdout).trim().to_owned();
+    (told.status.success() && !text.is_empty()).then_some(text)
+}
+
+/// The answers of a program. What it says on standard error is passed on: a peer that breaks is not to break in silence.
+fn ask(program: &Path, script: &Path, request: &str) -> Vec<Answer> {
+    let answers = || {
+        let mut command = Command::new(program);
+        command.arg(script).stdin(Stdio::piped()).stdout(Stdio::piped());
+        // One thread, as here.
+        command.envs(THREADS.map(|name| (name, "1")));
+        let mut process = command.spawn().ok()?;
+        // Drop the input at once, so that the program reads its end.
+        let sent = process.stdin.take().map(|mut input| input.write_all(request.as_bytes()));
+        let told = process.wait_with_output().ok()?;
+        sent?.ok()?;
+        serde_json::from_slice(&told.stdout).ok()
+    };
+    answers().unwrap_or_else(|| {
+        eprintln!("dvi: {} gave no answer", script.display());
+        Vec::new()
+    })
 }

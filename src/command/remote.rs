@@ -41,12 +41,12 @@ impl FromStr for Server {
         let uri: Uri = text.parse().map_err(|error| format!("{error}"))?;
         if uri.scheme() != Some(&Scheme::HTTP) {
             return Err(
-                "an address such as http://localhost:8080; where the service answers to https alone, go past what \
-                        encrypts: ssh -L 8080:localhost:8080 HOST, and then --server http://localhost:8080"
+                "an address such as http://localhost:8080; to a service that is reached only by https, open a tunnel: \
+                 ssh -L 8080:localhost:8080 HOST, and use --server http://localhost:8080"
                     .to_owned(),
             );
         }
-        let authority = uri.authority().ok_or("there is no host")?;
+        let authority = uri.authority().ok_or("the address has no host: write http://HOST:PORT")?;
         let address = format!("{}:{}", authority.host(), authority.port_u16().unwrap_or(80));
         Ok(Self {
             authority: authority.to_string(),
@@ -154,7 +154,8 @@ impl Server {
             .header(header::ACCEPT, media_type)
             .header("prefer", MOMENT);
         let (status, headers, body) = self.send(request, Method::POST, "/solve", Body::from(specification)).await?;
-        let job = job_of(&headers).ok_or_else(|| RemoteError::Lost("the answer names no job".to_owned()))?;
+        let job =
+            job_of(&headers).ok_or_else(|| RemoteError::Lost("the response of the server names no job".to_owned()))?;
         if status != StatusCode::ACCEPTED {
             // Before the results are read, while the service is sure to keep the job.
             let ended = self.status(&job).await?;
@@ -227,7 +228,7 @@ impl Server {
         }
         let refusal = read(body).await.unwrap_or_else(|_| ProblemDetails {
             title: parts.status.to_string(),
-            detail: "the answer does not say why".to_owned(),
+            detail: "the server gives no reason".to_owned(),
             errors: Vec::new(),
         });
         Err(RemoteError::Refused(refusal))

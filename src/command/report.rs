@@ -10,6 +10,7 @@ use dvi::specification::{EXAMPLES, Example};
 use dvi::study::html;
 use dvi::study::report::{Chapter, chapter, picture};
 use dvi::study::stability::{Stability, parts};
+use jiff::Timestamp;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::fs;
@@ -17,33 +18,37 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Run every system of the theory and report error against run time, and stability at the limits
+/// Run all example systems and report error against run time, and the stability tests
 ///
-/// Writes report.html, which needs nothing else, its main picture report.svg, and a JSON and a CSV file for each system and
+/// Writes the self-contained report.html, its main picture report.svg, and a JSON and a CSV file for each system and
 /// for the stability table.
-/// A report that was interrupted goes on where it stopped: what has its JSON file is not run again.
+/// An interrupted report continues where it stopped: a system with a JSON file is not run again.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// Where to write
+    /// The folder to write to
     #[arg(long, default_value = "report")]
     out: PathBuf,
 
-    /// Run this system alone; may be given again
+    /// Run only this system; may be repeated
     #[arg(long, value_name = "NAME", value_parser = names(), hide_possible_values = true)]
     only: Vec<String>,
 
-    /// Run the stability chapter alone
+    /// Run only the stability chapter
     #[arg(long, conflicts_with = "only")]
     stability: bool,
 
-    /// Python programs that run the same systems, and whose points join the plots
+    /// Python programs that run the same systems, and whose points join the plots (`tests/peers/install` installs them)
     #[arg(long, value_name = "DIR", default_value = "tests/peers")]
     peers: PathBuf,
 
-    /// Run again what has been run before
+    /// Run all systems again, also those with a JSON file
     #[arg(long)]
     fresh: bool,
+
+    /// Leave out run times, machine and date: figures show error against steps, and do not depend on the machine
+    #[arg(long)]
+    fixed: bool,
 }
 
 const HELP: &str = "\
@@ -78,7 +83,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
 }
 
 fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
-    let Arguments { out, only, fresh, .. } = arguments;
+    let Arguments { out, only, fresh, fixed, .. } = arguments;
     let peers = if examples.is_empty() { Peers::default() } else { Peers::in_folder(&arguments.peers) };
     fs::create_dir_all(out)?;
     let with_limits = only.is_empty();
@@ -88,8 +93,10 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     for example in examples {
         progress.next(example.name);
         let found = kept(out, example.name, *fresh, || {
-            let mut chapter: Chapter = chapter(example)?;
-            chapter.peers = peers.solve(example.name);
+            let mut chapter: Chapter = chapter(example, &today())?;
+            if !chapter.is_exact_for_all() {
+                chapter.peers = peers.solve(&chapter);
+            }
             Some(chapter)
         })?;
         if let Some(chapter) = found {
@@ -106,11 +113,16 @@ fn report(examples: &[&Example], arguments: &Arguments) -> io::Result<PathBuf> {
     }
     progress.end();
     if !chapters.is_empty() {
-        fs::write(out.join("report.svg"), picture(&chapters))?;
+        fs::write(out.join("report.svg"), picture(&chapters, *fixed))?;
     }
     let page = out.join("report.html");
-    fs::write(&page, html(&chapters, limits.as_ref(), &peers.names()))?;
+    fs::write(&page, html(&chapters, limits.as_ref(), peers.all(), *fixed))?;
     Ok(page)
+}
+
+/// The day, in UTC.
+fn today() -> String {
+    Timestamp::now().strftime("%Y-%m-%d").to_string()
 }
 
 /// The contents of a JSON file of an earlier run, or else a new measurement, which is written to the file.

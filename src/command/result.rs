@@ -13,11 +13,11 @@ use std::process::ExitCode;
 /// A form of the result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// Verdict, trajectory, events and diagnostics; of a sweep the table by columns
+    /// Verdict, trajectory, events and diagnostics; of a sweep the table in columns
     Json,
-    /// The trajectory as a table; of a sweep a row a member
+    /// The trajectory as a table; of a sweep, one row per member
     Csv,
-    /// The trajectory as JSON lines, an object a time; of a sweep an object a member
+    /// The trajectory as JSON lines, one object per time; of a sweep, one object per member
     Ndjson,
     /// The trajectory, or the table of a sweep, as an Arrow stream
     Arrow,
@@ -38,7 +38,8 @@ impl Format {
             (None, Some("svg")) => Ok(Self::Svg),
             (None, Some(other)) => {
                 eprintln!(
-                    "dvi: no form of a result is known by .{other}: use .json, .csv, .ndjson, .arrow or .svg, or --format"
+                    "dvi: .{other} is not the extension of a result format: use .json, .csv, .ndjson, .arrow or .svg, \
+                     or --format"
                 );
                 Err(ExitCode::from(USAGE))
             }

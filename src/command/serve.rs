@@ -21,7 +21,7 @@ use tracing_subscriber::util::SubscriberInitExt;
 
 /// Serve the solver over HTTP
 ///
-/// Every bound is a flag, or an environment variable where the flag is absent.
+/// Every bound has a flag and an environment variable; the flag takes precedence.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
@@ -31,7 +31,7 @@ pub struct Arguments {
     #[command(flatten)]
     data: Data,
 
-    /// The form of the log, on standard error; what is logged is chosen by `RUST_LOG`, such as `dvi=debug`
+    /// The format of the log on standard error; `RUST_LOG` filters it, for example `dvi=debug`
     #[arg(long, env = "DVI_LOG_FORMAT", value_enum, default_value_t = LogFormat::Text)]
     log_format: LogFormat,
 }
@@ -50,27 +50,28 @@ Examples:
   curl -H 'Accept: text/csv' localhost:8080/jobs/ID/results
   curl -H 'Accept: image/svg+xml' localhost:8080/jobs/ID/results
 
-Solves run in processes of their own (`dvi worker`), kept from one job to the next, that limit themselves to --memory-mib
-and what the program itself needs. A job that takes more, overflows its stack, meets a defect, or whose worker is killed,
-fails with the problem `too-much-memory`, `stack-overflow`, `defect` or `killed`; the service and the other jobs go on.
-In all, --workers, --express, --relief and the checks of specifications (half as many as --workers) may take --memory-mib
-each, and some 100 MiB beside; the service itself takes what it keeps and sends, most of it bounded by --queue-mib, --answers-mib
-and, with --ephemeral, --kept-mib.
+Solves run in worker processes (`dvi worker`), which are reused for further jobs and limit their memory to --memory-mib
+plus the need of the program itself. A job that exceeds the limit, overflows the stack, meets a defect of the program,
+or whose worker is killed, fails with the problem `too-much-memory`, `stack-overflow`, `defect` or `killed`; the service
+and the other jobs continue. Each of the --workers, --express and --relief processes and of the processes that check
+specifications (half as many as --workers) may take --memory-mib and about 100 MiB more. The memory of the service itself
+is bounded mostly by --queue-mib, --answers-mib and, with --ephemeral, --kept-mib.
 
-No job waits for another's long one before it has had a first slice, a few times as long as it takes to start a worker:
-beside --workers, which solve to the end, --express are kept for those. A job that is not done in its slice goes on if one of
-the others has ended, and else begins again when one does; until then it is told as accepted.
+No job waits behind a long job before it has run for a first time slice, a few times as long as the start of a worker:
+--express workers run first slices, in addition to the --workers, which solve to the end. A job that does not end in its
+slice continues if a worker is free; otherwise it starts again when one becomes free, and is reported as accepted until
+then.
 
-A job that was accepted with 202 is on the disk. The next start takes up what has not ended;
-a job that alone was running at two ends, other than by a signal to stop, is set aside.
+A job that was accepted with 202 is on the disk. The next start of the service runs the jobs that have not ended;
+a job that was the only one running at two crashes of the service is set aside.
 
-SIGTERM or Ctrl-C: no more jobs are taken on; those that run have the grace time to end,
-then they are stopped and left to the next start. A second signal stops them at once.
+SIGTERM or Ctrl-C: no more jobs are accepted; running jobs have the grace time to end,
+then they are stopped, and the next start runs them again. A second signal stops them at once.
 
 Exit codes:
-  0   it was stopped by a signal, in order
-  5   it could not start, for example because the address or the folder is taken
-  64  the command line or RUST_LOG makes no sense";
+  0   a signal stopped the service, in order
+  5   the service could not start, for example because the address or the folder is in use
+  64  the command line or RUST_LOG is invalid";
 
 /// The time limit for writing the last log lines.
 const LAST_LINES: Duration = Duration::from_secs(1);
@@ -80,7 +81,7 @@ const LAST_LINES: Duration = Duration::from_secs(1);
 enum LogFormat {
     /// For people
     Text,
-    /// For programs, one object a line
+    /// For programs, one JSON object per line
     Json,
 }
 
@@ -103,7 +104,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
     let listen = arguments.options.listen;
     let data = arguments.data.folder();
     if data.is_none() && (!arguments.options.ephemeral || arguments.options.asks_tokens()) {
-        eprintln!("dvi: there is no home to keep jobs in: say --data DIR, or --ephemeral");
+        eprintln!("dvi: there is no home directory to keep jobs in: give --data DIR, or --ephemeral");
         return ExitCode::from(USAGE);
     }
     let code = match serve(Options { data, program: Some(worker::SELF.into()), ..arguments.options }, &log) {

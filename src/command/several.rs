@@ -68,7 +68,7 @@ pub fn run(files: &[PathBuf], format: Format) -> ExitCode {
         for _ in 0..cores {
             let thread = thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, work);
             if let Err(error) = thread {
-                eprintln!("dvi: one thread fewer solves: {error}");
+                eprintln!("dvi: a thread could not be started, so that one fewer solves: {error}");
             }
         }
     });
@@ -88,7 +88,7 @@ fn distinct(files: &[PathBuf], format: Format) -> Result<(), String> {
     let mut results: HashMap<PathBuf, &Path> = HashMap::new();
     for file in files {
         if file == Path::new("-") {
-            return Err("`-` is no file to write a result beside: give it alone".to_owned());
+            return Err("standard input (`-`) cannot be combined with files: give it alone".to_owned());
         }
         if let Some(other) = results.insert(beside(file, format), file) {
             let (other, file) = (other.display(), file.display());

@@ -20,58 +20,58 @@ use std::time::Duration;
 /// Solve a specification
 ///
 /// The result goes to standard output, progress to standard error if that is a terminal.
-/// If the answer is not trusted, standard error says why, a line for each reason, and so does the exit code.
-/// Ctrl-C stops the solve; the trajectory so far is written all the same.
+/// If the solution is not trusted, standard error has a line for each reason, and the exit code is 7.
+/// Ctrl-C stops the solve; the trajectory so far is written.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
-    /// The specification, a JSON file; - is standard input. Of several files each result is written beside its specification,
-    /// of NAME.json as NAME.result.FORMAT, and all cores solve
+    /// The specification, a JSON file; - is standard input. Several files are solved on all cores, and the result of
+    /// each NAME.json is written beside it as NAME.result.FORMAT
     #[arg(required = true, value_name = "FILE")]
     files: Vec<PathBuf>,
 
-    /// The form of the result; default by the extension of the file, or JSON
+    /// The format of the result; by default that of the file extension, or JSON
     #[arg(long, value_enum)]
     format: Option<Format>,
 
-    /// The file that the result goes to, in the place of standard output
+    /// Write the result to this file instead of standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 
-    /// Another value for a number: of a parameter (m=2), of a start (x.initial=1), of a component (R1=100), or of anything by its
+    /// Replace a number: a parameter (m=2), an initial value (x.initial=1), a component (R1=100), or any number by its
     /// JSON pointer (/method/rtol=1e-9)
     #[arg(long, value_name = "NAME=VALUE", value_parser = setting)]
     set: Vec<(String, String)>,
 
-    /// Memory that the solve may take, in MiB, beside what the program itself needs; a process that takes more is ended
+    /// Memory limit of the solve, in MiB, in addition to the need of the program itself; a process that exceeds it is ended
     #[arg(long, value_name = "MIB", conflicts_with = "server")]
     memory_mib: Option<NonZeroUsize>,
 
-    /// The address of a running service that is to solve it in place of this process
+    /// The address of a running service that solves instead of this process
     #[arg(long, env = "DVI_SERVER", value_name = "URL")]
     server: Option<Server>,
 
-    /// The token to show to the server
+    /// The token for the server
     #[arg(long, env = "DVI_TOKEN", value_name = "TOKEN", hide_env_values = true, requires = "server")]
     token: Option<String>,
 }
 
 const HELP: &str = "\
 Exit codes:
-  0   the end time was reached, and the answer is trusted
+  0   the end time was reached, and the solution is trusted
   1   the solve failed or was stopped; the trajectory so far was written
-  2   the specification has errors, told on standard error with their JSON pointers
+  2   the specification has errors, listed on standard error with their JSON pointers
   3   the specification could not be read
   4   the result could not be written
-  6   the server did not answer, or refused
-  7   the end time was reached, but the answer is not trusted: a check (residuals, balance of energy,
-      undetected events, ...) exceeds what the tolerances allow; the result was written
-  8   the process that solved was ended, for which standard error has a word: `too_much_memory` where it took more than
-      --memory-mib allows, `stack_overflow`, `killed` or `defect`; nothing was written
-  64  the command line makes no sense
+  6   the server did not respond, or refused the request
+  7   the end time was reached, but the solution is not trusted: a check (residuals, energy balance,
+      undetected events, ...) exceeds its allowed value; the result was written
+  8   the process that solved was ended; standard error has the reason: `too_much_memory` if it exceeded --memory-mib,
+      `stack_overflow`, `killed` or `defect`; nothing was written
+  64  the command line is invalid
 
-The verdict also stands in the result: in JSON as `verdict`, right after `status`; in the schema of an Arrow
-stream as the metadata `dvi.trusted` and `dvi.verdict`. CSV and JSON lines hold the trajectory alone.
+The result contains the verdict too: in JSON as `verdict`, after `status`; in the schema of an Arrow stream as
+the metadata `dvi.trusted` and `dvi.verdict`. CSV and JSON lines contain only the trajectory.
 
 Examples:
   dvi solve api/examples/diode_bridge.json
@@ -95,7 +95,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     let [file] = arguments.files.as_slice() else {
         let is_alone = arguments.server.is_some() || arguments.memory_mib.is_some();
         if is_alone || arguments.output.is_some() || !arguments.set.is_empty() {
-            eprintln!("dvi: --server, --memory-mib, --output and --set take one file at a time");
+            eprintln!("dvi: --server, --memory-mib, --output and --set cannot be combined with several files");
             return ExitCode::from(USAGE);
         }
         return several::run(&arguments.files, format);
@@ -191,7 +191,7 @@ pub(super) fn on_interrupt(act: impl FnOnce() + Send + 'static) {
     };
     let thread = thread::Builder::new().name("dvi-interrupt".to_owned()).spawn(wait);
     if let Err(error) = thread {
-        eprintln!("dvi: Ctrl-C will not keep the trajectory so far: {error}");
+        eprintln!("dvi: Ctrl-C cannot be handled and will discard the trajectory: {error}");
     }
 }
 

@@ -7,7 +7,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Check what a service keeps on the disk
+/// Check or repair the jobs and results that a service keeps on the disk
 #[derive(Args)]
 pub struct Arguments {
     #[command(subcommand)]
@@ -22,16 +22,16 @@ enum Action {
     Examine(Examine),
 }
 
-/// Tell by the exit code whether the pages of a store are sound, as a service asks before it opens one
+/// Report by the exit code whether the pages of a store are intact, for a service before it opens the store
 #[derive(Args)]
 struct Examine {
     /// The folder of the service
     path: PathBuf,
 }
 
-/// Read every job and every result of a store, and tell which are not as they were written
+/// Read every job and every result of a store, and list the damaged ones
 ///
-/// Nothing is changed, so that a copy may be read-only. The store of a service that runs is left alone: check a copy.
+/// Nothing is changed, so that a copy may be read-only. The store of a running service cannot be checked: check a copy.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 struct Check {
@@ -41,33 +41,32 @@ struct Check {
 
 const HELP: &str = "\
 Exit codes:
-  0   all is as it was written
-  1   something is damaged: each job is named, with what of it
+  0   nothing is damaged
+  1   something is damaged: each job is listed with its damaged parts
   3   the store is absent, in use, or of a later version
-  64  the command line makes no sense
+  64  the command line is invalid
 
 Examples:
   dvi store check /var/lib/dvi
-  dvi store check /backup/dvi && echo whole";
+  dvi store check /backup/dvi && echo intact";
 
-/// Build the database of a store anew from what can be read, where a page of it is damaged
+/// Rebuild the database of a store from its readable entries, if a page is damaged
 ///
-/// A service does the same by itself when such a page is in its way. Every row, specification and result that is as it was
-/// written is in the new file; the damaged one stays beside it, and files of results stay where they are. A store that is
-/// whole is left alone.
+/// A service does the same when it meets a damaged page. The new database has every row, specification and result that
+/// is intact; the damaged file is kept beside it, and files of results stay in place. An intact store is not changed.
 #[derive(Args)]
 #[command(after_help = REPAIR_HELP, verbatim_doc_comment)]
 struct Repair {
-    /// The folder of the service, which is not running
+    /// The folder of the service, which must not be running
     path: PathBuf,
 }
 
 const REPAIR_HELP: &str = "\
 Exit codes:
-  0   nothing was damaged, or all that was is mended
-  1   something is lost: each job is named, with what of it
+  0   nothing was damaged, or everything was repaired
+  1   something is lost: each job is listed with its lost parts
   3   the store is absent, in use, of another version, or cannot be read at all
-  64  the command line makes no sense
+  64  the command line is invalid
 
 Examples:
   systemctl stop dvi && dvi store repair /var/lib/dvi";
@@ -103,7 +102,7 @@ fn check(path: &Path) -> ExitCode {
 fn mend(path: &Path) -> ExitCode {
     match repair(path) {
         Ok(None) => {
-            println!("{}: whole, and left as it is", path.display());
+            println!("{}: intact, not changed", path.display());
             ExitCode::SUCCESS
         }
         Ok(Some(salvaged)) => {
@@ -116,8 +115,8 @@ fn mend(path: &Path) -> ExitCode {
             eprintln!("dvi: cannot repair {}: {error}", path.display());
             if error.kind() == io::ErrorKind::InvalidData {
                 eprintln!(
-                    "Nothing of jobs.redb can be read. Put back a copy of it; or move it away, and the service starts \
-                     with no jobs and keeps what is in results in results.orphaned."
+                    "Nothing of jobs.redb can be read. Restore a copy of it; or move it away: then the service starts \
+                     without jobs and moves the files of `results` to `results.orphaned`."
                 );
             }
             ExitCode::from(UNREADABLE)
@@ -127,7 +126,7 @@ fn mend(path: &Path) -> ExitCode {
 
 fn tell_repair(path: &Path, salvaged: &Salvaged, out: &mut impl Write) -> io::Result<()> {
     let Salvaged { jobs, lost, aside, .. } = salvaged;
-    writeln!(out, "{}: built anew with {jobs} jobs; {} have lost something", path.display(), lost.len())?;
+    writeln!(out, "{}: rebuilt with {jobs} jobs; {} of them have lost parts", path.display(), lost.len())?;
     writeln!(out, "  the damaged file is {}", aside.display())?;
     for (id, what) in lost {
         writeln!(out, "lost: {id}: {}", what.join(", "))?;
@@ -138,21 +137,21 @@ fn tell_repair(path: &Path, salvaged: &Salvaged, out: &mut impl Write) -> io::Re
 fn tell(path: &Path, found: &Inspection, out: &mut impl Write) -> io::Result<()> {
     let Inspection { format, jobs, ended, results, result_bytes, damaged, unreadable, lost, orphaned, is_sound } =
         found;
-    let word = if found.is_whole() { "whole" } else { "damaged" };
+    let word = if found.is_whole() { "intact" } else { "damaged" };
     writeln!(out, "{}: {word}", path.display())?;
-    let unsealed = if *format < 2 { ", which has no digests: what can be read counts as whole" } else { "" };
+    let unsealed = if *format < 2 { ", without digests: all readable entries count as intact" } else { "" };
     writeln!(out, "  format      {format}{unsealed}")?;
     writeln!(out, "  jobs        {jobs}, of which {ended} have ended")?;
     writeln!(out, "  results     {results}, {result_bytes} bytes")?;
     writeln!(out, "  damaged     {}", damaged.len())?;
     writeln!(out, "  unreadable  {}, of another version", unreadable.len())?;
-    writeln!(out, "  orphaned    {orphaned} files that no job names")?;
-    writeln!(out, "  pages       {}", if *is_sound { "as they were written" } else { "not all as they were written" })?;
+    writeln!(out, "  orphaned    {orphaned} files without a job")?;
+    writeln!(out, "  pages       {}", if *is_sound { "intact" } else { "some are damaged" })?;
     for (id, what) in damaged {
         writeln!(out, "damaged: {id}: {}", what.join(", "))?;
     }
     for id in lost {
-        writeln!(out, "lost: {id}: row, when the database was built anew")?;
+        writeln!(out, "lost: {id}: row, when the database was rebuilt")?;
     }
     for id in unreadable {
         writeln!(out, "unreadable: {id}")?;

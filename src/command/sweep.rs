@@ -13,48 +13,48 @@ use std::sync::Arc;
 
 /// Solve a specification for many values of its parameters
 ///
-/// `sweep` in the specification says for which, and what is kept of each run: a table with one row a member.
-/// The members share all cores. Ctrl-C stops; the rows that are done are written all the same.
+/// `sweep` in the specification has the values, and selects the results of each run: a table with one row per member.
+/// The members run on all cores. Ctrl-C stops the sweep; the rows that are done are written.
 #[derive(Args)]
 #[command(after_help = HELP, verbatim_doc_comment)]
 pub struct Arguments {
     /// The specification, a JSON file; - is standard input
     file: PathBuf,
 
-    /// The file that the table goes to, in the place of standard output
+    /// Write the table to this file instead of standard output
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
 
-    /// The form of the table; default by the extension of the file, or JSON
+    /// The format of the table; by default that of the file extension, or JSON
     #[arg(long, value_enum)]
     format: Option<Format>,
 
-    /// Another value for a number: of a parameter (m=2), of a start (x.initial=1), of a component (R1=100), or of anything by its
+    /// Replace a number: a parameter (m=2), an initial value (x.initial=1), a component (R1=100), or any number by its
     /// JSON pointer (/sweep/seed=3)
     #[arg(long, value_name = "NAME=VALUE", value_parser = setting)]
     set: Vec<(String, String)>,
 
-    /// A part of the members, the first of four as 1/4; dvi merge joins the parts
+    /// Solve only part K of N of the members, such as 1/4; `dvi merge` joins the parts
     #[arg(long, value_name = "K/N", value_parser = shard)]
     shard: Option<Shard>,
 
-    /// Threads that share the members; default as many as there are cores
+    /// Threads that solve members; by default one per core
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
 }
 
 const HELP: &str = "\
 Exit codes:
-  0   all members are in the table, those that failed as well, and those that reached their end are trusted
+  0   all members are in the table, including those that failed, and those that reached their end are trusted
   1   the sweep was stopped; the rows that were done were written
-  2   the specification has errors, told on standard error with their JSON pointers
+  2   the specification has errors, listed on standard error with their JSON pointers
   3   the specification could not be read
   4   the table could not be written
   7   all members are in the table, but some that reached their end are not trusted
-  64  the command line makes no sense
+  64  the command line is invalid
 
 Examples:
-  dvi sweep belts.json > belts.json
+  dvi sweep belts.json > table.json
   dvi sweep --set k=2 -o belts.csv belts.json
   dvi sweep -o map.svg belts.json
   dvi sweep --shard 1/4 -o part1.json belts.json";

@@ -8,9 +8,9 @@ use std::path::Path;
 use std::process::ExitCode;
 use std::{fs, io};
 
-/// Create, list and revoke the tokens by which clients of the service are known
+/// Create, list and revoke the tokens with which clients identify themselves to the service
 ///
-/// A running service sees the change within a second.
+/// A running service notices a change within a second.
 #[derive(Args)]
 #[command(after_help = HELP)]
 pub struct Arguments {
@@ -34,22 +34,22 @@ Examples:
 
 Exit codes:
   0   done
-  1   there is no token of that number
+  1   there is no token with that number
   3   the tokens could not be read
   4   the tokens could not be written
-  64  the command line makes no sense";
+  64  the command line is invalid";
 
 #[derive(Subcommand)]
 enum Action {
     /// Create a token and print it; it is not shown again
     Create {
-        /// Whose it is
+        /// The owner of the token
         #[arg(long)]
         name: String,
-        /// What it allows; may be said more than once
+        /// What the token allows; may be repeated
         #[arg(long = "scope", value_enum, default_values_t = [Scope::Submit, Scope::Read])]
         scopes: Vec<Scope>,
-        /// Days after which it ends; without them it does not
+        /// Days until the token expires; without this it does not expire
         #[arg(long, value_name = "DAYS", value_parser = clap::value_parser!(u32).range(1..=36_500))]
         expires_days: Option<u32>,
     },
@@ -57,7 +57,7 @@ enum Action {
     List,
     /// Revoke a token
     Revoke {
-        /// Its number, the first part of the token
+        /// The number of the token, its first part
         number: String,
     },
 }
@@ -68,7 +68,7 @@ const UNKNOWN: u8 = 1;
 /// Runs the action; returns the exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
     let Some(folder) = arguments.data.folder() else {
-        eprintln!("dvi: there is no home to keep tokens in: say --data DIR");
+        eprintln!("dvi: there is no home directory to keep tokens in: give --data DIR");
         return ExitCode::from(USAGE);
     };
     let done = match &arguments.action {
@@ -93,7 +93,7 @@ fn list(folder: &Path) -> ExitCode {
     let rows = fs::metadata(folder).and_then(|_| access::list(folder));
     let listed = rows.map(|rows| {
         if rows.is_empty() {
-            eprintln!("dvi: {} has no tokens; dvi token create --name NAME makes one", folder.display());
+            eprintln!("dvi: {} has no tokens; dvi token create --name NAME creates one", folder.display());
         }
         for row in rows {
             let scopes: Vec<String> = row.scopes.iter().map(ToString::to_string).collect();

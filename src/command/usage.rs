@@ -19,7 +19,7 @@ fn tips(error: &Error, command: &Command) -> Vec<String> {
     if error.kind() == ErrorKind::UnknownArgument {
         let is_address = ["--port", "--bind", "--address"].contains(&name);
         return is_address
-            .then(|| "'--listen' takes both, as in '--listen 127.0.0.1:9000'".to_owned())
+            .then(|| "'--listen' takes address and port, as in '--listen 127.0.0.1:9000'".to_owned())
             .into_iter()
             .collect();
     }
@@ -29,10 +29,10 @@ fn tips(error: &Error, command: &Command) -> Vec<String> {
         let port = value.trim_start_matches(':').parse().unwrap_or(8080_u16);
         tips.push(format!("an address and a port are expected, as in '--listen 127.0.0.1:{port}'"));
     } else if value == "0" {
-        tips.push("the least is 1".to_owned());
+        tips.push("the least value is 1".to_owned());
     }
     if let Some(variable) = variable(name, command).filter(|_| !is_written(name)) {
-        tips.push(format!("the value is that of the environment variable {variable}"));
+        tips.push(format!("the value comes from the environment variable {variable}"));
     }
     tips
 }

@@ -12,13 +12,13 @@ use std::panic;
 use std::process::ExitCode;
 use std::sync::Arc;
 
-/// Solve what comes on standard input, as the processes of `dvi serve` do
+/// Solve the orders on standard input, as a worker process of `dvi serve`
 ///
-/// Orders come on standard input and reports go to standard output, in frames. It ends with its standard input.
+/// Orders on standard input and reports on standard output are framed. The process ends with its standard input.
 #[derive(Args)]
 #[command(verbatim_doc_comment)]
 pub struct Arguments {
-    /// Memory that a solve may take, in MiB; beyond it and what the program itself needs, the process ends
+    /// Memory limit of a solve, in MiB, in addition to the need of the program itself; a process that exceeds it ends
     #[arg(long, value_name = "MIB")]
     memory_mib: NonZeroUsize,
 }

@@ -54,6 +54,16 @@ impl ActiveContacts {
         })
     }
 
+    /// The coefficients of friction.
+    pub fn friction(&self) -> &[f64] {
+        &self.mu
+    }
+
+    /// Sets the coefficients of friction.
+    pub fn set_friction(&mut self, mu: Vec<f64>) {
+        self.mu = mu;
+    }
+
     /// Input of the contact law, with the velocities at the end of the step without impulses (`free`) and at its
     /// beginning (`before`).
     pub fn contacts<'a>(

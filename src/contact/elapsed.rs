@@ -84,6 +84,29 @@ impl Mechanical for Elapsed {
         self.problem.enclose_breaks(Interval::point(self.start) + t)
     }
 
+    fn friction(&mut self, k: usize, t: f64, q: &[f64], v: &[f64], slip_speed: f64) -> f64 {
+        self.problem.friction(k, self.start + t, q, v, slip_speed)
+    }
+
+    fn friction_slopes(&mut self, k: usize, t: f64, q: &[f64], v: &[f64], slip_speed: f64, slopes: &mut [f64]) {
+        self.problem.friction_slopes(k, self.start + t, q, v, slip_speed, slopes);
+    }
+
+    fn enclose_friction(&mut self, k: usize, t: Interval, x: &[Interval], slip_speed: Interval) -> Interval {
+        self.problem.enclose_friction(k, Interval::point(self.start) + t, x, slip_speed)
+    }
+
+    fn enclose_friction_slopes(
+        &mut self,
+        k: usize,
+        t: Interval,
+        x: &[Interval],
+        slip_speed: Interval,
+        slopes: &mut [Interval],
+    ) {
+        self.problem.enclose_friction_slopes(k, Interval::point(self.start) + t, x, slip_speed, slopes);
+    }
+
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {
         self.problem.energies(self.start + t, q, v)
     }

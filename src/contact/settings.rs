@@ -61,8 +61,8 @@ pub enum ContactError {
     },
     /// A gap closes where its gradient vanishes.
     #[error(
-        "the gap of contact {contact} (counted from 0) has no gradient where it closes, at t = {t}: that leaves no direction to \
-         its impulse"
+        "the gap of contact {contact} (counted from 0) has no gradient where it closes, at t = {t}, so that \
+         its impulse has no direction"
     )]
     Gradient {
         /// The contact.
@@ -70,10 +70,22 @@ pub enum ContactError {
         /// The time.
         t: f64,
     },
+    /// A coefficient of friction is negative or not finite.
+    #[error(
+        "the coefficient of friction of contact {contact} (counted from 0) is {mu} at t = {t}: it must not be negative"
+    )]
+    Friction {
+        /// The contact.
+        contact: usize,
+        /// The coefficient.
+        mu: f64,
+        /// The time.
+        t: f64,
+    },
     /// The law of contact was not solved.
     #[error(
-        "the law of contact and friction at {contacts} contacts was not solved at t = {t} (residual {residual:e}): joints \
-         and contacts may leave no way to move, or a smaller step may help"
+        "the law of contact and friction at {contacts} contacts was not solved at t = {t} (residual {residual:e}): \
+         joints and contacts may block all motion, or a smaller step may help"
     )]
     Unsolved {
         /// The time.
@@ -95,6 +107,7 @@ impl ContactError {
             | Self::MassNotPositive { t }
             | Self::Singular { t }
             | Self::Gradient { t, .. }
+            | Self::Friction { t, .. }
             | Self::Unsolved { t, .. } => *t += by,
         }
         self
@@ -107,6 +120,7 @@ impl ContactError {
             Self::MassNotPositive { .. } => "mass_not_positive",
             Self::Singular { .. } => "singular",
             Self::Gradient { .. } => "gap_without_gradient",
+            Self::Friction { .. } => "friction_negative",
             Self::Unsolved { .. } => "contact_unsolved",
         }
     }

@@ -12,15 +12,18 @@
 
 mod contacted;
 mod correction;
+mod friction;
 mod probe;
 
 pub use contacted::Contacted;
+pub(crate) use friction::admissible;
 pub use probe::Probed;
 
 use super::active_contacts::{ActiveContacts, rows};
 use super::delassus::{Delassus, dot};
 use super::law::{Law, Report, sequential};
 use super::settings::{ContactError, ImpactLaw};
+use friction::Motion;
 use nalgebra::{DMatrix, Vector3};
 use problem::{Constraints, Control, Mechanical, MechanicalStructure};
 use vi::Outcome;
@@ -333,11 +336,12 @@ impl<'p> VelocityStep<'p> {
             near.extend(joined);
             near.sort_unstable();
             let lost = ContactError::Singular { t: state.t };
-            let scene =
+            let mut scene =
                 ActiveContacts::new(&self.structure, &self.constraints, &mut self.delassus, &near).ok_or(lost)?;
             let mut r: Vec<Vector3<f64>> = near.iter().map(|&k| start[k]).collect();
             let mut before = scene.velocities(&self.structure, &self.constraints, &state.v);
             let mut without = scene.velocities(&self.structure, &self.constraints, &free);
+            scene.set_friction(self.coefficients(state, &near, &before)?);
             let lasts = if forces == Forces::All { 1.0 } else { 0.0 };
             let gap = |&k: &usize| lasts * self.constraints.values[self.structure.joints + k];
             let gap: Vec<f64> = near.iter().map(gap).collect();
@@ -357,8 +361,17 @@ impl<'p> VelocityStep<'p> {
             if let Some(i) = scene.painleve(&before, &rounding) {
                 self.work.painleve.get_or_insert((state.t, near[i]));
             }
-            let contacts = scene.contacts(&without, &before, &gap, &restitution, h);
-            let report = self.law.impulses(&contacts, &mut r, control);
+            let duration = lasts * h;
+            let motion = Motion {
+                without: &without,
+                before: &before,
+                gap: &gap,
+                restitution: &restitution,
+                free: &free,
+                h,
+                duration,
+            };
+            let report = self.law_of_contact(state, &near, &mut scene, &motion, &mut r, control)?;
             self.work.count(&report, near.len());
             if report.outcome != Outcome::Solved {
                 return Err(ContactError::Unsolved { t: state.t, contacts: near.len(), residual: report.residual });

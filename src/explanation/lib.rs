@@ -1,37 +1,37 @@
-//! A page for every code: of errors in a specification, of warnings and verdicts, of failures, of what a service refuses.
+//! A page for every code: errors in a specification, warnings and verdicts, failures, and refusals of a service.
 //!
-//! The texts stand in `pages`, a file for each kind, to be read there too: a heading with the code, what it means, why it
-//! occurs, what to do, an example.
+//! The texts are in `pages`, one readable file per kind: a heading with the code, its meaning, the cause, the remedy,
+//! an example.
 
 use std::sync::LazyLock;
 
-/// What a code is said of.
+/// The kind of message that a code belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// Errors of a specification.
     Specification,
-    /// Warnings, caveats and the reasons of a verdict.
+    /// Warnings, caveats, and reasons of a verdict.
     Answer,
-    /// Solves that ended early.
+    /// Failures and stops of a solve.
     Failure,
-    /// Requests that a service refuses, and jobs without a result.
+    /// Refused requests of a service, and jobs without a result.
     Service,
 }
 
-/// What is said of one code.
+/// The explanation of one code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Page {
-    /// The word that programs read.
+    /// The code, as programs read it.
     pub code: &'static str,
-    /// What it is said of.
+    /// The kind of message that the code belongs to.
     pub kind: Kind,
-    /// What it means, in a sentence.
+    /// The meaning, in one sentence.
     pub meaning: &'static str,
-    /// Why it occurs.
+    /// The cause.
     pub why: &'static str,
     /// What to do about it.
     pub remedy: &'static str,
-    /// Where it occurs, for example.
+    /// An example of its occurrence.
     pub example: &'static str,
 }
 
@@ -43,17 +43,17 @@ const TEXTS: [(Kind, &str); 4] = [
 ];
 
 impl Kind {
-    /// Every kind, in the order of the list.
+    /// All kinds, in the order of the list.
     pub const ALL: [Self; 4] = [Self::Specification, Self::Answer, Self::Failure, Self::Service];
 
-    /// What its codes are, for a heading.
+    /// The title of a kind, for a heading.
     pub fn title(self) -> &'static str {
         let text = TEXTS.iter().find(|(kind, _)| *kind == self).map_or("", |(_, text)| text);
         text.strip_prefix("# ").and_then(|text| text.lines().next()).unwrap_or_default()
     }
 }
 
-/// All pages, those of a kind together.
+/// All pages, grouped by kind.
 pub fn pages() -> &'static [Page] {
     static PAGES: LazyLock<Vec<Page>> = LazyLock::new(|| {
         let sections =
@@ -63,7 +63,7 @@ pub fn pages() -> &'static [Page] {
     &PAGES
 }
 
-/// The page of a code; `-` stands for `_` too, as in addresses.
+/// The page of a code; `-` is accepted in place of `_`, as in addresses.
 pub fn find(code: &str) -> Option<&'static Page> {
     let code = code.replace('-', "_");
     pages().iter().find(|page| page.code == code)

@@ -64,7 +64,8 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
     blank(input)?;
     let elements = scope.vector(name).len();
     if elements > 0 && !called {
-        let message = format!("`{}` is a vector of {elements} elements, and here stands one", excerpt(name));
+        let message =
+            format!("`{}` is a vector of {elements} elements, where a single value is expected", excerpt(name));
         let expected = format!("`{0}[1]`, or `sum({0})`", excerpt(name));
         return Err(failure(ExpressionError::new("unknown_name", start, message).expected(&expected)));
     }
@@ -75,11 +76,7 @@ pub(super) fn name(input: &mut Input) -> Result<Read, Failure> {
         let names = Function::names().chain(scope.tables());
         ("unknown_function", format!("there is no function `{}`", excerpt(name)), nearest(name, names))
     } else {
-        (
-            "unknown_name",
-            format!("nothing is called `{}` here", excerpt(name)),
-            nearest(name, scope.names().chain([PI])),
-        )
+        ("unknown_name", format!("there is no name `{}` here", excerpt(name)), nearest(name, scope.names().chain([PI])))
     };
     let did_you_mean = synonym(name, called).or(near).map(str::to_owned);
     let remedy = if called { remedies::of_call(name) } else { remedies::of_name(name) };
@@ -196,6 +193,6 @@ pub(super) fn refuse_jump(input: &Input, start: usize, what: &str, of: &[Node], 
     let Some(unknown) = graph.inputs_of(of).into_iter().find(|input| *input >= first) else { return Ok(()) };
     let name = excerpt(scope.name_of_input(graph, unknown));
     let message =
-        format!("{what} of `{name}` jumps with it, where no step of a solve ends: these are of time and parameters");
+        format!("{what} of `{name}` jumps where no step can end: such functions take only time and parameters");
     Err(failure(ExpressionError::new("jump_of_unknown", start, message).expected(as_set)))
 }

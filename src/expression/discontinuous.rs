@@ -58,11 +58,11 @@ impl Discontinuous {
             Self::Floor => "`floor(a)`, the largest whole number up to a",
             Self::Ceil => "`ceil(a)`, the smallest whole number from a on",
             Self::Round => "`round(a)`, the nearest whole number; to digits: `round(a*100)/100`",
-            Self::Modulo => "`mod(a, b)`, what is left of a by whole multiples of b, with the sign of b",
-            Self::If => "`if(c, a, b)`, which is a where the condition c holds, and b elsewhere",
+            Self::Modulo => "`mod(a, b)`, the remainder of a divided by b, with the sign of b",
+            Self::If => "`if(c, a, b)`, which is a if the condition c is true, and b otherwise",
             Self::Pwm => {
-                "`pwm(t, period, duty)`: 1 in the first part of each period, of the share `duty` from 0 to 1, and 0 in the \
-                 rest; levels, a delay and signs are written around it: `low + (high - low)*pwm(t - delay, period, duty)`"
+                "`pwm(t, period, duty)`: 1 in the first fraction `duty`, from 0 to 1, of each period, and 0 in the \
+                 rest; for levels, a delay and signs write `low + (high - low)*pwm(t - delay, period, duty)`"
             }
             Self::Sawtooth => {
                 "`sawtooth(t, period)`, which rises from 0 to 1 in each period; from -1 to 1: `2*sawtooth(t, 2*pi) - 1`"
@@ -71,7 +71,7 @@ impl Discontinuous {
                 "`triangle(t, period)`, which rises from 0 to 1 in the first half of each period and falls in the second"
             }
             Self::Pulse => {
-                "`pulse(t, start, width)`, which is 1 from `start` on for `width`, else 0; again and again: `pwm(t - start, \
+                "`pulse(t, start, width)`, which is 1 from `start` on for `width`, else 0; repeated: `pwm(t - start, \
                  period, width/period)`; with slopes: a table"
             }
         }
@@ -85,11 +85,11 @@ impl Discontinuous {
                  inequality k - a"
             }
             Self::Pwm => {
-                "a variable in a set: `pwm(t, T, d)` = z with z in the box [0, 1] and the inequality sawtooth(t, T) - d; T \
-                 has no state in it"
+                "a variable in a set: `pwm(t, T, d)` = z with z in the box [0, 1] and the inequality sawtooth(t, T) - \
+                 d; T must not depend on states"
             }
             Self::Modulo | Self::Sawtooth | Self::Triangle => {
-                "a function that is periodic without jumps, as `sin` and `cos` are; or a variable in a set for each jump: at \
+                "a periodic function without jumps, such as `sin` or `cos`; or a variable in a set for each jump: at \
                  a = k*b `mod(a, b)` falls by b*z, with z in the box [0, 1] and the inequality k*b - a"
             }
             Self::If | Self::Pulse => super::conditions::AS_SET,
@@ -175,7 +175,7 @@ impl Range {
             Self::Positive => "a number above 0",
             Self::NotNegative => "0 or more",
             Self::NotZero => "a number other than 0",
-            Self::Share => "a share of the period, from 0 to 1; 50 % are 0.5",
+            Self::Share => "a fraction of the period, from 0 to 1; 50 % is 0.5",
         }
     }
 }

@@ -138,7 +138,7 @@ fn of_inequality(error: ExpressionError, text: &str) -> ExpressionError {
     };
     let Some(difference) = difference else { return error };
     let otherwise = error.expected.as_deref().map(|otherwise| format!("; otherwise {otherwise}")).unwrap_or_default();
-    let expected = format!("of an inequality the left side alone, as `>= 0` is understood: {difference}{otherwise}");
+    let expected = format!("the left side of the inequality only, since `>= 0` is implied: {difference}{otherwise}");
     ExpressionError { expected: Some(expected), ..error }
 }
 
@@ -269,7 +269,7 @@ pub(super) fn conditions<const N: usize>(joint: &str, found: [Read; N]) -> Resul
 }
 
 fn bare_comparison(read: Read) -> Failure {
-    let message = "this is a condition and no number".to_owned();
+    let message = "this is a condition, not a number".to_owned();
     let error = ExpressionError::new("misplaced_condition", read.start, message);
     failure(error.expected("a number; a choice is written `if(t > 1, a, b)`"))
 }

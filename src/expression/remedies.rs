@@ -40,12 +40,12 @@ pub(super) fn of_operand(before: &str, rest: &str) -> Option<&'static str> {
     Some(match rest.as_bytes().first()? {
         b'|' => "a magnitude is written `abs(v)`",
         b'!' | b'~' => "a condition is negated by `not`",
-        b'>' if before.ends_with('<') => "what is not equal is written `a != b`",
+        b'>' if before.ends_with('<') => "the comparison for not equal is written `a != b`",
         b'=' if before.ends_with(['<', '>', '=', '!']) => "comparisons are written `<= >= == !=`",
         b'[' => "there are no lists in expressions",
         b'{' => "terms are grouped by parentheses: `(a + b)`",
-        b'"' | b'\'' | b'`' => "names stand without quotes",
-        b'$' => "names stand by themselves, without `$`",
+        b'"' | b'\'' | b'`' => "names are written without quotes",
+        b'$' => "names are written without `$`",
         b'\\' => "there is no LaTeX: a fraction is `a/b`",
         _ => return None,
     })
@@ -60,20 +60,21 @@ pub(super) fn of_operator(before: &str, rest: &str, scope: &Scope) -> Option<Str
         '&' => "conditions are joined by `and`",
         '|' if after == Some('|') => "conditions are joined by `or`",
         '|' => "a magnitude is written `abs(v)`, and conditions are joined by `or`",
-        '~' if after == Some('=') => "what is not equal is written `a != b`",
+        '~' if after == Some('=') => "the comparison for not equal is written `a != b`",
         '!' if after != Some('=') => "there is no factorial",
-        '<' | '>' | '=' | '!' if is_second_comparison(before) => "of three numbers: `a < b and b < c`",
-        '=' => "a comparison is written `==`; of an equation stands the right-hand side alone",
+        '<' | '>' | '=' | '!' if is_second_comparison(before) => "a chain of comparisons is written `a < b and b < c`",
+        '=' => "a comparison is written `==`; of an equation, write the right-hand side only",
         '?' => "a choice is written `if(c, a, b)`",
         '%' => "the remainder of a division is `mod(a, b)`",
         '\'' => {
-            "the velocity of a coordinate `x` is `x_dot`; a derivative is no term: of an equation stands the right-hand side alone"
+            "the velocity of a coordinate `x` is `x_dot`; a derivative is not a term: of an equation, write the \
+             right-hand side only"
         }
-        ')' => "`(` is missing before it, or it is one too many",
+        ')' => "`(` is missing before it, or remove it",
         ',' if ends_in_digit && after.is_some_and(|c| c.is_ascii_digit()) => "decimals have a point: `0.1`",
-        '[' => "an index stands behind the name of a vector: `x[1]`",
-        '.' if after == Some('.') => "a range stands in a sum: `sum(x[i] for i in 1..n)`",
-        '.' if after.is_some_and(|c| c.is_ascii_alphabetic()) => "functions stand by themselves: `sin(x)`",
+        '[' => "an index follows the name of a vector: `x[1]`",
+        '.' if after == Some('.') => "a range belongs in a sum: `sum(x[i] for i in 1..n)`",
+        '.' if after.is_some_and(|c| c.is_ascii_alphabetic()) => "functions are written without a prefix: `sin(x)`",
         '_' | '(' | '.' | 'a'..='z' | 'A'..='Z' | '0'..='9' => return Some(of_product(before, rest, scope)),
         _ => return None,
     };
@@ -97,7 +98,8 @@ fn of_product(before: &str, rest: &str, scope: &Scope) -> String {
     if rest.starts_with('(') && scope.get(name).is_some() {
         let name = excerpt(name);
         return format!(
-            "`{name}` is no function: `{name}` is its value now (there are no delays), a product `{name}*(a + b)`"
+            "`{name}` is not a function: write `{name}` for its present value (there are no delays), or `{name}*(a + \
+             b)` for a product"
         );
     }
     if word == "mod" {
@@ -120,7 +122,9 @@ fn of_product(before: &str, rest: &str, scope: &Scope) -> String {
     match SUFFIXES.iter().find(|(suffix, _)| *suffix == word) {
         Some((_, power)) => format!("numbers have no suffixes: `{literal}{power}`"),
         None if matches!(word, "deg" | "degrees") => format!("angles are in radians: `{literal}*pi/180`"),
-        None if UNITS.contains(&word) => "numbers have no units: all are in one system, such as SI".to_owned(),
+        None if UNITS.contains(&word) => {
+            "numbers have no units: write all of them in one system, such as SI".to_owned()
+        }
         None => "a product is written with `*`".to_owned(),
     }
 }
@@ -136,9 +140,9 @@ fn is_second_comparison(before: &str) -> bool {
 /// The remedy for a function of other languages without an equivalent name.
 pub(super) fn of_call(name: &str) -> Option<&'static str> {
     Some(match name {
-        "rand" | "random" | "randn" | "noise" => "a table of numbers that were drawn at random beforehand",
+        "rand" | "random" | "randn" | "noise" => "a table of random numbers drawn beforehand",
         "integral" | "integrate" | "int" | "cumtrapz" => "an entry of `integrals`",
-        "d" | "diff" | "der" | "ddt" | "dt" | "grad" => "the right-hand side alone; a rate stands under `rate`",
+        "d" | "diff" | "der" | "ddt" | "dt" | "grad" => "the right-hand side only; write a rate under `rate`",
         "delay" | "lag" => "a state that follows with a time constant, or a `convolution` problem: there are no delays",
         _ => return None,
     })
@@ -147,7 +151,7 @@ pub(super) fn of_call(name: &str) -> Option<&'static str> {
 /// The remedy for a word that denotes a number in other languages.
 pub(super) fn of_name(name: &str) -> Option<&'static str> {
     Some(match name.to_ascii_lowercase().as_str() {
-        "inf" | "infinity" => "a finite number; a bound that is left out or `null` is none",
+        "inf" | "infinity" => "a finite number; leave out a bound, or write `null`, for none",
         "nan" | "none" | "null" => "a finite number",
         "true" => "1, or a condition such as `t > 1`",
         "false" => "0, or a condition such as `t > 1`",

@@ -28,7 +28,7 @@ pub struct Scope {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NameError {
     /// The name is malformed.
-    #[error("`{}` is no name: a name is a letter or `_`, then letters, digits and `_`, all ASCII", excerpt(.name))]
+    #[error("`{}` is not a valid name: write a letter or `_`, then letters, digits and `_`, all ASCII", excerpt(.name))]
     Malformed {
         /// The offender.
         name: String,
@@ -40,7 +40,7 @@ pub enum NameError {
         name: String,
     },
     /// The name is already bound.
-    #[error("the name `{}` is taken", excerpt(.name))]
+    #[error("the name `{}` is in use already", excerpt(.name))]
     Bound {
         /// The offender.
         name: String,
@@ -265,7 +265,7 @@ mod tests {
         assert_eq!(scope.bind("x", node), Err(NameError::Bound { name: "x".to_owned() }));
         assert_eq!(
             scope.bind("1x", node).unwrap_err().to_string(),
-            "`1x` is no name: a name is a letter or `_`, then letters, digits and `_`, all ASCII"
+            "`1x` is not a valid name: write a letter or `_`, then letters, digits and `_`, all ASCII"
         );
     }
 

@@ -60,7 +60,7 @@ fn missing(input: &Input, start: usize, name: &str, key: &str) -> ExpressionErro
     let scope = input.state.scope;
     let elements = scope.vector(name).len();
     if elements == 0 {
-        let message = format!("nothing is called `{}` here", excerpt(key));
+        let message = format!("there is no name `{}` here", excerpt(key));
         let vectors = scope.vectors();
         let near = nearest(name, vectors).map(str::to_owned);
         let expected = format!("names with indices, declared as `\"{}[1..n]\"`", excerpt(name));
@@ -194,7 +194,7 @@ fn binders(input: &mut Input) -> Result<Vec<(String, i64, i64)>, Failure> {
         let name = opt(identifier).parse_next(input)?.unwrap_or_default().to_owned();
         let is_taken = index(&input.state.indices, &name).is_some() || found.iter().any(|(other, ..)| *other == name);
         if name.is_empty() || name.starts_with(|c: char| c.is_ascii_digit()) || is_taken {
-            let message = "the index of a sum is a name that is no index here yet".to_owned();
+            let message = "the index of a sum must be a name that is not an index already".to_owned();
             return Err(failure(
                 ExpressionError::new("syntax", start, message).expected("such as `sum(x[k] for k in 1..n)`"),
             ));
@@ -228,8 +228,8 @@ fn whole(input: &mut Input, read: Read) -> Result<i64, Failure> {
         Some(value) if value.fract() == 0.0 && value.abs() <= MOST => Ok(value as i64),
         value => {
             let message = match value {
-                Some(value) => format!("an index is a whole number, found {value}"),
-                None => "an index is a whole number, and this varies".to_owned(),
+                Some(value) => format!("an index must be a whole number, found {value}"),
+                None => "an index must be a constant whole number".to_owned(),
             };
             let error = ExpressionError::new("index_out_of_range", read.start, message);
             Err(failure(error.expected("whole numbers, indices, and parameters with whole values")))

@@ -31,7 +31,7 @@ mod unbindable;
 pub use convolution::ConvolutionModel;
 pub use dvi_model::{DviModel, Equations, KinkAdvice};
 pub use linear::{Linear, LinearRows};
-pub use mechanical::{DifferentiationError, MechanicalRows, SymbolicMechanics};
+pub use mechanical::{DifferentiationError, MechanicalRows, SymbolicMechanics, slip_speed_input};
 pub use mechanical_model::{ContactCoefficient, ENERGIES, MechanicalModel, velocity_name};
 pub use outputs::Outputs;
 pub use parameters::{Parameters, ParametricTerms};

@@ -8,6 +8,11 @@
 //! All derivatives are exact. For joints and contact normals, `J` and `b` in `u = J v + b` are derivatives of
 //! constraints and gaps; for slips, they are the coefficients of expressions that are affine in `v`.
 
+mod coefficient;
+
+pub use coefficient::slip_speed_input;
+
+use coefficient::Coefficient;
 use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Jumps, Node, Tape};
 use nalgebra::DMatrix;
 use numerics::Interval;
@@ -33,6 +38,8 @@ pub struct MechanicalRows {
     pub slips: Vec<Node>,
     /// The contacts.
     pub contacts: Vec<ContactData>,
+    /// The coefficient of friction of each contact where it varies, in the further input [`slip_speed_input`].
+    pub coefficients: Vec<Option<Node>>,
 }
 
 /// A row that could not be differentiated.
@@ -46,6 +53,8 @@ pub enum DifferentiationError {
     Gap(usize, ExpressionError),
     /// A slip.
     Slip(usize, ExpressionError),
+    /// The coefficient of friction of a contact.
+    Coefficient(usize, ExpressionError),
 }
 
 /// A mechanical system in expressions, with its own workspace.
@@ -63,6 +72,8 @@ pub struct SymbolicMechanics {
     bias: Tape,
     /// Derivatives of force balance, constraint acceleration and constraint velocity, stacked in this order.
     sensitivity: Sparse,
+    /// The coefficients of friction that vary, by contact.
+    coefficients: Vec<Option<Coefficient>>,
     breaks: Breaks,
     jumps: Jumps,
     /// The inputs after `t`: `q`, `v`, `a`, `lambda`.
@@ -235,25 +246,33 @@ impl SymbolicMechanics {
         let lagrangian = graph.subtract(kinetic, potential);
         let by_time = derivatives(graph, lagrangian, 1).map_err(lost)?[0];
         let energies = [kinetic, potential, power, graph.negate(by_time)];
+        let mut coefficients = Vec::with_capacity(rows.coefficients.len());
+        for (k, node) in rows.coefficients.iter().enumerate() {
+            let coefficient = node.map(|node| Coefficient::new(graph, node, n)).transpose();
+            coefficients.push(coefficient.map_err(|error| DifferentiationError::Coefficient(k, error))?);
+        }
         let stiffness = Sparse::compile(graph, stiffness);
         let constant = |nodes: &[Node]| nodes.iter().all(|&node| graph.value(node).is_some());
         let holonomic: Vec<Node> = rows.joints.iter().chain(&rows.gaps).copied().collect();
         let in_time = |nodes: &[Node]| nodes.iter().any(|&node| graph.inputs(node).contains(&0));
         let of_holonomic = jacobian.iter().filter(|((_, row), _)| *row < holonomic.len());
         let straight = of_holonomic.map(|(_, node)| *node).collect::<Vec<_>>();
-        let all: Vec<Node> = [&rows.mass, &forces, &holonomic, &drift, &bias].into_iter().flatten().copied().collect();
+        let varying: Vec<Node> = rows.coefficients.iter().flatten().copied().collect();
+        let of_motion: Vec<Node> =
+            [&rows.mass, &forces, &holonomic, &drift, &bias].into_iter().flatten().copied().collect();
+        let all: Vec<Node> = of_motion.iter().chain(&varying).copied().collect();
         let structure = MechanicalStructure {
             coordinates: n,
             joints: rows.joints.len(),
             contacts: rows.contacts.clone(),
             constant_mass: constant(&rows.mass),
             constant_forces: stiffness.places.is_empty(),
-            depends_on_time: in_time(&rows.mass) || in_time(&forces) || in_time(&velocities) || in_time(&holonomic),
+            depends_on_time: [&rows.mass, &forces, &velocities, &holonomic, &varying].into_iter().any(|of| in_time(of)),
             has_features: [&all, &velocities].into_iter().any(|of| !graph.beyond_degree(of, PLAIN_DEGREE).is_empty()),
             affine_constraints: constant(&straight) && !in_time(&holonomic),
         };
         let values = Tape::compile(graph, &holonomic);
-        let (breaks, jumps) = (Breaks::new(graph, &all), Jumps::new(graph, &all));
+        let (breaks, jumps) = (Breaks::new(graph, &all), Jumps::new(graph, &of_motion));
         let mass = Tape::compile(graph, &rows.mass);
         let sensitivity = Sparse::compile(graph, sensitivity);
         let (drift, bias) = (Tape::compile(graph, &drift), Tape::compile(graph, &bias));
@@ -282,6 +301,7 @@ impl SymbolicMechanics {
             energies: Tape::compile(graph, &energies),
             bias,
             sensitivity,
+            coefficients,
             inputs: vec![0.0; 3 * n + structure.rows()],
             scratch: Vec::new(),
             structure,
@@ -307,6 +327,7 @@ impl SymbolicMechanics {
         for tape in [&mut self.stiffness.tape, &mut self.energies] {
             tape.bind(parameters);
         }
+        self.coefficients.iter_mut().flatten().for_each(|coefficient| coefficient.bind(parameters));
         self.breaks.bind(parameters);
         self.jumps.bind(parameters);
     }
@@ -497,7 +518,7 @@ impl Mechanical for SymbolicMechanics {
     }
 
     fn may_jump(&mut self, t: Interval, x: &[Interval]) -> bool {
-        self.jumps.may_be_in(t, x)
+        self.jumps.may_be_in(t, x) || self.coefficients.iter_mut().flatten().any(|mu| mu.may_jump(t, x))
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {
@@ -506,6 +527,41 @@ impl Mechanical for SymbolicMechanics {
 
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
         self.breaks.over(t)
+    }
+
+    fn friction(&mut self, k: usize, t: f64, q: &[f64], v: &[f64], slip_speed: f64) -> f64 {
+        match &mut self.coefficients[k] {
+            Some(coefficient) => coefficient.value(t, (q, v), slip_speed),
+            None => self.structure.contacts[k].mu,
+        }
+    }
+
+    fn friction_slopes(&mut self, k: usize, t: f64, q: &[f64], v: &[f64], slip_speed: f64, slopes: &mut [f64]) {
+        match &mut self.coefficients[k] {
+            Some(coefficient) => coefficient.slopes(t, (q, v), slip_speed, slopes),
+            None => slopes.fill(0.0),
+        }
+    }
+
+    fn enclose_friction(&mut self, k: usize, t: Interval, x: &[Interval], slip_speed: Interval) -> Interval {
+        match &mut self.coefficients[k] {
+            Some(coefficient) => coefficient.enclose(t, x, slip_speed),
+            None => Interval::point(self.structure.contacts[k].mu),
+        }
+    }
+
+    fn enclose_friction_slopes(
+        &mut self,
+        k: usize,
+        t: Interval,
+        x: &[Interval],
+        slip_speed: Interval,
+        slopes: &mut [Interval],
+    ) {
+        match &mut self.coefficients[k] {
+            Some(coefficient) => coefficient.enclose_slopes(t, x, slip_speed, slopes),
+            None => slopes.fill(Interval::point(0.0)),
+        }
     }
 
     fn energies(&mut self, t: f64, q: &[f64], v: &[f64]) -> Energies {

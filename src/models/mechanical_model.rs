@@ -124,10 +124,7 @@ impl MechanicalModel {
         let (uniqueness, because) = if rows == 0 {
             (Uniqueness::Unique, "no contacts and no joints: an ordinary differential equation")
         } else if structure.contacts.is_empty() {
-            (
-                Uniqueness::Unique,
-                "joints alone: a differential-algebraic equation of index 2 at the level of velocities",
-            )
+            (Uniqueness::Unique, "only joints: a differential-algebraic equation of index 2 on the velocity level")
         } else if structure.slips() == 0 {
             (
                 Uniqueness::ExistsNotCertified,

@@ -113,7 +113,7 @@ impl Parameters {
         let parameters = || self.told(values);
         circuit.extended(values).map_err(|refused| match refused {
             Refused::Structure => {
-                let what = "a coefficient of the circuit appears that vanished".to_owned();
+                let what = "a coefficient of the circuit that was zero becomes nonzero".to_owned();
                 Unbindable::Structure { parameters: parameters(), what }
             }
             Refused::Number(element, value) => {

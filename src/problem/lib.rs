@@ -43,8 +43,8 @@ impl Side {
     /// For messages: the kind of set that becomes empty, and the reason.
     pub fn emptiness(self) -> (&'static str, &'static str) {
         match self {
-            Self::Lower | Self::Upper => ("interval", "its lower bound passes its upper bound"),
-            Self::Radius => ("ball", "its radius turns negative"),
+            Self::Lower | Self::Upper => ("interval", "its lower bound exceeds its upper bound"),
+            Self::Radius => ("ball", "its radius becomes negative"),
         }
     }
 }

@@ -15,8 +15,14 @@ use std::ops::Range;
 /// The contact law of a contact.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ContactData {
-    /// The coefficient of friction; zero without friction.
+    /// The coefficient of friction; zero without friction. Where it varies, [`Mechanical::friction`] has its value.
     pub mu: f64,
+    /// Whether the coefficient varies in time, with the state or with the speed of the slip.
+    pub varies: bool,
+    /// The coefficient in the second slip direction divided by that in the first: friction forces form an ellipse. The
+    /// second row of slips is the velocity times this ratio, in which the ellipse is a disk (Goyal, Ruina and
+    /// Papadopoulos 1991, *Planar sliding with dry friction*).
+    pub ratio: f64,
     /// The coefficient of restitution, from 0 to 1.
     pub restitution: f64,
     /// The index of its first slip direction among those of all contacts.
@@ -25,6 +31,20 @@ pub struct ContactData {
     pub slips: usize,
     /// The number of corners of a polygonal friction set; `None` for the disk.
     pub facets: Option<usize>,
+}
+
+impl ContactData {
+    /// The speed of a slip given in rows of `J`, which are scaled where friction is anisotropic.
+    pub fn slip_speed(&self, slip: &Vector2<f64>) -> f64 {
+        slip.x.hypot(slip.y / self.ratio)
+    }
+
+    /// The derivative of [`ContactData::slip_speed`] by the rows of the slip, or where nothing slips, that along `way`.
+    pub fn slip_speed_slope(&self, slip: &Vector2<f64>, way: &Vector2<f64>) -> Vector2<f64> {
+        let along = if slip.norm() > 0.0 { slip } else { way };
+        let speed = self.slip_speed(along);
+        if speed > 0.0 { Vector2::new(along.x, along.y / (self.ratio * self.ratio)) / speed } else { Vector2::zeros() }
+    }
 }
 
 /// The structure of a mechanical system.
@@ -246,6 +266,33 @@ pub trait Mechanical: Send {
     /// enclosed.
     fn enclose_breaks(&mut self, _t: Interval) -> &[Interval] {
         &[]
+    }
+
+    /// The coefficient of friction of contact `k` at a state and a speed of its slip.
+    fn friction(&mut self, k: usize, _t: f64, _q: &[f64], _v: &[f64], _slip_speed: f64) -> f64 {
+        self.structure().contacts[k].mu
+    }
+
+    /// Writes the derivatives of the coefficient of friction of contact `k` by `(q, v)`, and by the speed of its slip.
+    fn friction_slopes(&mut self, _k: usize, _t: f64, _q: &[f64], _v: &[f64], _slip_speed: f64, slopes: &mut [f64]) {
+        slopes.fill(0.0);
+    }
+
+    /// Encloses the coefficient of friction of contact `k` over a box of `t`, `x = (q, v)` and speeds of its slip.
+    fn enclose_friction(&mut self, k: usize, _t: Interval, _x: &[Interval], _slip_speed: Interval) -> Interval {
+        Interval::point(self.structure().contacts[k].mu)
+    }
+
+    /// Encloses the derivatives of [`Mechanical::friction_slopes`].
+    fn enclose_friction_slopes(
+        &mut self,
+        _k: usize,
+        _t: Interval,
+        _x: &[Interval],
+        _slip_speed: Interval,
+        slopes: &mut [Interval],
+    ) {
+        slopes.fill(Interval::point(0.0));
     }
 
     /// Energies and power.

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 /// Something the user should know though the solve went on.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Warning {
-    /// A stable word for programs.
+    /// A stable code for programs.
     pub code: &'static str,
     /// For people, with the remedy.
     pub message: String,

@@ -86,8 +86,8 @@ pub enum StepError {
     },
     /// The steps cross a kink of the problem back and forth, along which the solution slides.
     #[error(
-        "a rate jumps where quantity {kink} (counted from 0) of those that it switches on changes its sign, and from t = {t:?} on \
-         the solution slides along that jump, which steps cannot follow; write the jump as a set"
+        "a rate jumps where its switching quantity {kink} (counted from 0) changes sign, and from t = {t:?} on \
+         the solution slides along the jump, which steps cannot follow; write the jump as a set"
     )]
     Chattering {
         /// Time of the failure.
@@ -97,8 +97,8 @@ pub enum StepError {
     },
     /// A variable switches again and again within noise.
     #[error(
-        "variable {variable} (counted from 0) switches again and again, from t = {t:?} on, while what decides it stays below what \
-         the tolerances resolve"
+        "variable {variable} (counted from 0) switches repeatedly from t = {t:?} on, while the values that decide it \
+         stay below the resolution of the tolerances"
     )]
     Unresolved {
         /// Time of the failure.
@@ -120,7 +120,8 @@ pub enum StepError {
     },
     /// Newton's method failed with a fixed step.
     #[error(
-        "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t:?}; take a smaller step, or leave `step` out"
+        "Newton's method on the stages does not converge with the fixed step {h:e} at t = {t:?}; choose a smaller \
+         step, or leave `step` out"
     )]
     NewtonFailed {
         /// Time of the failure.
@@ -129,7 +130,7 @@ pub enum StepError {
         h: f64,
     },
     /// The initial states of a problem without bounds violate its constraints, whatever the values of the variables.
-    #[error("the start is inconsistent: the constraints ask for a jump of state {state} (counted from 0) by {jump:e}")]
+    #[error("the start is inconsistent: the constraints require a jump of state {state} (counted from 0) by {jump:e}")]
     InconsistentStart {
         /// The state that would jump most, in units of its tolerance.
         state: usize,
@@ -152,8 +153,8 @@ pub enum StepError {
     },
     /// The solver found no solution of the VI at the start or behind a breakpoint; one may exist.
     #[error(
-        "no variables were found that satisfy the variational inequality at t = {t:?}, though nothing shows that there are \
-         none; where it is nonlinear in them, another form of it may be easier, and where several conditions hold at once, \
+        "no solution of the variational inequality was found at t = {t:?}, nor a proof that there is \
+         none; if it is nonlinear in its variables, try another form, and if several conditions are active at once, \
          other initial values"
     )]
     NoStart {
@@ -163,8 +164,8 @@ pub enum StepError {
     /// An inequality fails whatever the variables are, as posed or linearised: the VI, or that of Newton's method, has
     /// no solution.
     #[error(
-        "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from 0), \
-         {}, fails whatever the variables are", if *.linear { "as it is" } else { "linearised" }
+        "the variational inequality has no solution at t = {t:?}: the inequality of variable {variable} (counted from \
+         0), {}, is violated for all values of the variables", if *.linear { "as posed" } else { "linearised" }
     )]
     NoSolution {
         /// Time of the failure.
@@ -178,7 +179,7 @@ pub enum StepError {
 
 /// Describes the lower limit on the step size, if there is one.
 fn limit(least: f64) -> String {
-    if least > 0.0 { format!(", below `min_step` = {least:e}, and only a smaller one would do") } else { String::new() }
+    if least > 0.0 { format!(", below `min_step` = {least:e}, and a smaller one is needed") } else { String::new() }
 }
 
 impl StepError {
@@ -243,10 +244,10 @@ impl std::fmt::Display for RejectionCause {
                 "Newton's method on the stages does not converge (a singularity, a blow-up, or an equation with no solution)"
             }
             Self::Singular => "the equations of the stages are singular (an equation that does not determine its unknown)",
-            Self::NotFinite => "a stage meets a value that is not finite (a blow-up, or the edge of a function's domain)",
+            Self::NotFinite => "a stage has a value that is not finite (a blow-up, or the edge of a function's domain)",
             Self::Unsolved => {
-                "the variational inequality of the stages has no solution, or none was found (raising a variable should \
-                 raise its inequality, at once or in time: look at its sign)"
+                "the variational inequality of the stages has no solution, or none was found (G must increase with \
+                 z, with D or CB positive definite: check its sign)"
             }
         })
     }

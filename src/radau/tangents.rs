@@ -61,24 +61,27 @@ pub struct Shifted {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoDerivative {
     /// States without mass.
-    #[error("the mass matrix is singular: the rates of some states are not known")]
+    #[error("the mass matrix is singular: the rates of some states are not determined")]
     SingularMass,
     /// The states jumped.
-    #[error("the states jump, as constraints do not allow them where they are")]
+    #[error("the states jump, because they violate the constraints")]
     Jump,
     /// Switches were stepped over.
     #[error("a switch could not be located, and was stepped over")]
     Unlocated,
     /// A block of variables is on the boundary of its set.
     #[error(
-        "variables are on the boundary of a ball, a cone, a simplex or a polyhedron, of which no derivatives are made"
+        "variables are on the boundary of a ball, a cone, a simplex or a polyhedron, where derivatives are not \
+         available"
     )]
     Block,
     /// Several monitors vanish at one time.
-    #[error("several switches happen at one time, and which is the first depends on the direction")]
+    #[error("several switches coincide, and their order depends on the direction")]
     Several,
     /// A monitor touches zero.
-    #[error("a switch is touched and not crossed (grazing), so that its time has no derivative")]
+    #[error(
+        "a switching surface is touched and not crossed (grazing), so that the time of the switch has no derivative"
+    )]
     Grazing,
     /// The equations of a step, or of the variables, are singular.
     #[error("the equations for the derivatives are singular")]

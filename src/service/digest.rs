@@ -19,6 +19,18 @@ impl Digest {
         Self(Sha256::digest(bytes).into())
     }
 
+    /// The digest of parts that follow each other.
+    pub fn of_all(parts: &[&[u8]]) -> Self {
+        let mut hash = Sha256::new();
+        parts.iter().for_each(|part| hash.update(part));
+        Self(hash.finalize().into())
+    }
+
+    /// Its bytes.
+    pub fn bytes(&self) -> &[u8; LENGTH] {
+        &self.0
+    }
+
     /// Returns `bytes` if this is their digest.
     ///
     /// # Errors

@@ -114,10 +114,11 @@ fn places(count: NonZeroUsize) -> usize {
 }
 
 fn tokens(options: &Options) -> io::Result<Tokens> {
-    let none = || io::Error::new(io::ErrorKind::InvalidInput, "there is no folder for the tokens to ask for");
+    let none =
+        || io::Error::new(io::ErrorKind::InvalidInput, "there is no folder for the tokens that clients must present");
     let tokens = Tokens::open(options.data.as_deref().ok_or_else(none)?)?;
     if tokens.is_empty() {
-        tracing::warn!("nobody has a token yet: dvi token create makes one, --insecure asks for none");
+        tracing::warn!("no token exists yet: `dvi token create` creates one, and --insecure requires none");
     }
     Ok(tokens)
 }

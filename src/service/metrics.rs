@@ -104,87 +104,87 @@ impl Default for Metrics {
         let registry = metrics.registry.sub_registry_with_prefix("dvi");
         registry.register_with_unit(
             "solve",
-            "Time of solves, by the type of the problem",
+            "Duration of solves, by problem type",
             Unit::Seconds,
             metrics.solve_seconds.clone(),
         );
         registry.register_with_unit(
             "wait",
-            "Time of jobs in the queue, of those that were taken up",
+            "Waiting time in the queue of jobs that have started",
             Unit::Seconds,
             metrics.wait_seconds.clone(),
         );
-        registry.register("solves", "Solves by the type of the problem and how they ended", metrics.ended.clone());
+        registry.register("solves", "Solves, by problem type and ending", metrics.ended.clone());
         registry.register(
             "answers_repeated",
-            "Solves that were answered as the same text was before",
+            "Solves answered with the stored result of the same specification",
             metrics.repeated.clone(),
         );
-        registry.register("steps", "Accepted steps, by the type of the problem", metrics.steps.clone());
+        registry.register("steps", "Accepted steps, by problem type", metrics.steps.clone());
         registry.register("vi_solves", "Variational inequalities solved at stages", metrics.vi_solves.clone());
-        registry.register("answers", "Answers by their status", metrics.answers.clone());
+        registry.register("answers", "Responses, by status", metrics.answers.clone());
         registry.register_with_unit(
             "request",
-            "Time from a request to the beginning of its answer, by route and method",
+            "Time from a request to the start of its response, by route and method",
             Unit::Seconds,
             metrics.request_seconds.clone(),
         );
-        registry.register("refusals", "Requests that were refused, by the problem", metrics.refusals.clone());
+        registry.register("refusals", "Refused requests, by problem", metrics.refusals.clone());
         registry.register("jobs_waiting", "Jobs in the queue", metrics.waiting.clone());
         registry.register_with_unit(
             "waiting",
-            "Specifications of the jobs in the queue",
+            "Size of the specifications of the jobs in the queue",
             Unit::Bytes,
             metrics.waiting_bytes.clone(),
         );
-        registry.register("jobs_running", "Jobs that workers have in hand", metrics.running.clone());
-        registry.register("jobs_long", "Jobs in hand that need not make room for others", metrics.long.clone());
+        registry.register("jobs_running", "Jobs that run on workers", metrics.running.clone());
+        registry.register("jobs_long", "Running jobs that need not yield to others", metrics.long.clone());
         registry.register(
             "jobs_yielded",
-            "Jobs that made room for others after their first slice, to begin again",
+            "Jobs that yielded to others after their first slice, to start again",
             metrics.yielded.clone(),
         );
         registry.register("workers", "Worker processes", metrics.workers.clone());
-        registry.register("workers_busy", "Worker processes that solve or check", metrics.busy.clone());
-        registry.register("workers_lost", "Workers that were replaced, by the reason", metrics.lost.clone());
-        registry.register("connections", "Connections that are open", metrics.connections.clone());
+        registry.register("workers_busy", "Worker processes that are solving or checking", metrics.busy.clone());
+        registry.register("workers_lost", "Replaced workers, by reason", metrics.lost.clone());
+        registry.register("connections", "Open connections", metrics.connections.clone());
         registry.register(
             "unreadable_jobs",
-            "Jobs on the disk that the start could not read",
+            "Jobs on the disk that could not be read at the start",
             metrics.unreadable.clone(),
         );
         registry.register("damaged_jobs", "Jobs whose bytes on the disk are damaged", metrics.damaged.clone());
         registry.register(
             "store_writable",
-            "Whether the disk takes what it is given, 1 or 0; 1 without a disk",
+            "1 if the store can be written or is in memory, otherwise 0",
             metrics.writable.clone(),
         );
         registry.register(
             "unsaved_results",
-            "Ends of jobs that wait in memory for room on the disk",
+            "Ended jobs kept in memory until they can be written to the disk",
             metrics.unsaved.clone(),
         );
+        registry.register("store_rebuilds", "Rebuilds of a damaged database since the start", metrics.rebuilds.clone());
         registry.register(
-            "store_rebuilds",
-            "Times that a damaged database was built anew since the start",
-            metrics.rebuilds.clone(),
+            "orphaned_results",
+            "Results without a job that were set aside at the start",
+            metrics.orphaned.clone(),
         );
-        registry.register("orphaned_results", "Results that the start set aside", metrics.orphaned.clone());
-        registry.register("panics", "Solves that broke down since the start", metrics.panics.clone());
+        registry.register("panics", "Solves that failed with a defect since the start", metrics.panics.clone());
         registry.register("jobs_kept", "Ended jobs that are kept", metrics.kept.clone());
         registry.register_with_unit(
             "kept",
-            "Specifications and results of ended jobs that are kept",
+            "Size of the specifications and results of ended jobs that are kept",
             Unit::Bytes,
             metrics.kept_bytes.clone(),
         );
         registry.register(
             "log_lines_lost",
-            "Lines of the log that were lost because nobody read it",
+            "Log lines lost because they were not read fast enough",
             metrics.lost_lines.clone(),
         );
         let version = [("version", env!("CARGO_PKG_VERSION"))];
-        registry.register("build", "The program that runs", Info::new(version));
+        registry.register("build", "The version of the program", Info::new(version));
         metrics
     }
 }
@@ -231,7 +231,7 @@ impl Metrics {
             }
             Event::Grown(bytes) => {
                 self.lost("grown");
-                tracing::debug!(bytes, "a worker is replaced, which held {} MiB", bytes >> 20);
+                tracing::debug!(bytes, "a worker that held {} MiB is replaced", bytes >> 20);
             }
             Event::Lowered(pid) => {
                 self.lost("lowered");
@@ -239,7 +239,7 @@ impl Metrics {
             }
             Event::Unwanted(pid) => {
                 self.lost("unwanted");
-                tracing::debug!(pid, "worker {pid} is replaced, which did not stop what nobody wants");
+                tracing::debug!(pid, "worker {pid} is replaced because it did not stop a cancelled task");
             }
             Event::Died(pid, death) => {
                 self.lost(death.code());

@@ -37,73 +37,75 @@ pub struct Options {
     #[arg(long, env = "DVI_LISTEN", value_name = "ADDRESS:PORT", default_value_t = Options::default().listen)]
     pub listen: SocketAddr,
 
-    /// The folder of jobs that outlive the process, and of tokens
+    /// The folder of durable jobs and of tokens
     #[arg(skip)]
     pub data: Option<PathBuf>,
 
-    /// This program, where its `store` command looks at that folder before it is opened
+    /// The path of this program, if its `store` command checks the folder before it is opened
     #[arg(skip)]
     #[serde(skip)]
     pub program: Option<OsString>,
 
-    /// Keep jobs in memory and none after the end, whatever `--data` says
+    /// Keep jobs in memory only, so that none survives the process; `--data` is ignored
     #[arg(long, env = "DVI_EPHEMERAL", value_parser = FlagParser::new())]
     pub ephemeral: bool,
 
-    /// Ask for tokens on a loopback address too, as behind a proxy
+    /// Require tokens on a loopback address too, for example behind a proxy
     #[arg(long, env = "DVI_ASK_TOKENS", conflicts_with = "insecure", value_parser = FlagParser::new())]
     pub ask_tokens: bool,
 
-    /// Ask for no tokens though others than this machine can connect
+    /// Require no tokens although other machines can connect
     #[arg(long, env = "DVI_INSECURE", value_parser = FlagParser::new())]
     pub insecure: bool,
 
-    /// A name by which pages may reach a loopback address without tokens, beside `localhost`; given once for each
+    /// A host name, in addition to `localhost`, under which pages may reach a loopback address without tokens; may be
+    /// repeated
     #[arg(long, env = "DVI_HOST", value_name = "NAME", value_delimiter = ',')]
     pub host: Vec<String>,
 
-    /// An origin whose pages may use the service too, such as `https://lab.example`; given once for each
+    /// An origin whose pages may use the service too, such as `https://lab.example`; may be repeated
     #[arg(long, env = "DVI_CORS_ORIGIN", value_name = "ORIGIN", value_delimiter = ',')]
     pub cors_origin: Vec<String>,
 
-    /// The path under which a proxy shows the service, such as `/dvi`; the service answers with it and without
+    /// The path under which a proxy exposes the service, such as `/dvi`; the service accepts paths with and without it
     #[arg(long, env = "DVI_PATH_PREFIX", value_name = "PATH", default_value = "")]
     pub path_prefix: String,
 
-    /// Solves at a time, each in a process of its own; the default is one a core
+    /// Largest number of concurrent solves, each in its own process; the default is one per core
     #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
     pub workers: NonZeroUsize,
 
-    /// Further solves at a time, each for some moments, so that no job waits for another's long one before it has had those; what
-    /// takes longer begins again when one of the others ends
+    /// Additional concurrent solves, each for a short time slice, so that no job waits behind long jobs before it has had a
+    /// slice; a job that takes longer starts again when another ends
     #[arg(long, env = "DVI_EXPRESS", value_name = "N", default_value_t = Options::default().express)]
     pub express: usize,
 
-    /// Further solves at a time, long ones of clients for whom none runs while others hold all workers
+    /// Additional concurrent solves: long jobs of clients without a running job while others occupy all workers
     #[arg(long, env = "DVI_RELIEF", value_name = "N", default_value_t = Options::default().relief)]
     pub relief: usize,
 
-    /// Jobs that may wait; one more is refused with 429
+    /// Largest number of waiting jobs; a further one is refused with 429
     #[arg(long, env = "DVI_QUEUE", value_name = "JOBS", default_value_t = Options::default().queue)]
     pub queue: NonZeroUsize,
 
-    /// Specifications that may wait, in MiB in all; one more is refused with 429
+    /// Largest total size of waiting specifications, in MiB; a further one is refused with 429
     #[arg(long, env = "DVI_QUEUE_MIB", value_name = "MIB", default_value_t = Options::default().queue_mib)]
     pub queue_mib: NonZeroUsize,
 
-    /// Jobs of one client, told by its token or else by its address, that may wait
+    /// Largest number of waiting jobs of one client, identified by its token or else by its address
     #[arg(long, env = "DVI_CLIENT_SHARE", value_name = "JOBS", default_value_t = Options::default().client_share)]
     pub client_share: NonZeroUsize,
 
-    /// Longest time a job may run, in seconds; its trajectory so far is kept. And the longest time to check a specification
+    /// Time limit of a job, in seconds, after which its trajectory so far is kept; also the time limit of a check
     #[arg(long, env = "DVI_WALL_SECONDS", value_name = "SECONDS", default_value_t = Options::default().wall_seconds)]
     pub wall_seconds: NonZeroU64,
 
-    /// Accepted steps that a solve may make, at most 10,000,000; its trajectory so far is kept
+    /// Largest number of accepted steps of a solve, up to 10,000,000; its trajectory so far is kept
     #[arg(long, env = "DVI_STEPS", value_name = "STEPS", default_value_t = Options::default().steps)]
     pub steps: NonZeroU64,
 
-    /// Memory that a solve may take, in MiB; one that is estimated to take more is refused with 422, one that does is ended
+    /// Memory limit of a solve, in MiB; a solve with a larger estimate is refused with 422, one that exceeds the limit is
+    /// ended
     #[arg(long, env = "DVI_MEMORY_MIB", value_name = "MIB", default_value_t = Options::default().memory_mib)]
     pub memory_mib: NonZeroUsize,
 
@@ -115,35 +117,36 @@ pub struct Options {
     #[arg(long, env = "DVI_RESULT_MIB", value_name = "MIB", default_value_t = Options::default().result_mib)]
     pub result_mib: NonZeroUsize,
 
-    /// Answers on their way, in MiB in all; one more waits until others have been taken
+    /// Largest total size of responses being sent, in MiB; a further one waits until others have been received
     #[arg(long, env = "DVI_ANSWERS_MIB", value_name = "MIB", default_value_t = Options::default().answers_mib)]
     pub answers_mib: NonZeroUsize,
 
-    /// Ended jobs that are kept; the oldest is forgotten first
+    /// Largest number of ended jobs that are kept; the oldest is deleted first
     #[arg(long, env = "DVI_KEPT_JOBS", value_name = "JOBS", default_value_t = Options::default().kept_jobs)]
     pub kept_jobs: NonZeroUsize,
 
-    /// Specifications and results that are kept, in MiB in all; the oldest is forgotten first
+    /// Largest total size of specifications and results that are kept, in MiB; the oldest are deleted first
     #[arg(long, env = "DVI_KEPT_MIB", value_name = "MIB", default_value_t = Options::default().kept_mib)]
     pub kept_mib: NonZeroUsize,
 
-    /// Days that an ended job is kept
+    /// Number of days for which an ended job is kept
     #[arg(long, env = "DVI_KEPT_DAYS", value_name = "DAYS", default_value_t = Options::default().kept_days)]
     pub kept_days: NonZeroU64,
 
-    /// Longest time a client may take to send the headers of a request, then its body, and to take each piece of an answer, in seconds
+    /// Time limit, in seconds, for a client to send the headers of a request, to send its body, and to receive each part
+    /// of a response
     #[arg(long, env = "DVI_READ_SECONDS", value_name = "SECONDS", default_value_t = Options::default().read_seconds)]
     pub read_seconds: NonZeroU64,
 
-    /// Connections open at a time; one more waits until another closes
+    /// Largest number of open connections; a further one waits until another closes
     #[arg(long, env = "DVI_CONNECTIONS", value_name = "CONNECTIONS", default_value_t = Options::default().connections)]
     pub connections: NonZeroUsize,
 
-    /// Streams of events open at a time; one more is refused with 503
+    /// Largest number of open event streams; a further one is refused with 503
     #[arg(long, env = "DVI_STREAMS", value_name = "STREAMS", default_value_t = Options::default().streams)]
     pub streams: NonZeroUsize,
 
-    /// Time that jobs have to end after SIGTERM or SIGINT before they are cancelled, in seconds
+    /// Time for running jobs to end after SIGTERM or SIGINT, in seconds; then they are stopped
     #[arg(long, env = "DVI_GRACE_SECONDS", value_name = "SECONDS", default_value_t = Options::default().grace_seconds)]
     pub grace_seconds: u64,
 }
@@ -196,7 +199,7 @@ impl Options {
         self.path_prefix.trim_end_matches('/').into()
     }
 
-    /// Checks the flags that are more than a number.
+    /// Checks the flags whose value is not a number.
     ///
     /// # Errors
     /// The flag that is invalid, and an example.

@@ -23,7 +23,7 @@ impl Process {
         let registry = registry.sub_registry_with_prefix("process");
         registry.register_with_unit(
             "resident_memory",
-            "Memory that the service holds, without its workers",
+            "Memory of the service, without its workers",
             Unit::Bytes,
             self.resident.clone(),
         );

@@ -1,21 +1,21 @@
-//! What is measured of a run of Radau IIA for its verdict: the law at the ends of steps and at outputs, events between
-//! the stages, the integral of the rates where they have kinks, accumulations, states that their tolerance hides.
+//! Measurements of a Radau IIA run for its verdict: the residual of the law at the ends of steps and at outputs, events
+//! between the stages, the integral of rates with kinks, accumulations of switches, and states below their tolerance.
 
 use super::{CheckCode, Checks, Plan, Screening};
 use radau::{ALLOWED, Excess, Radau, Screened};
 
-/// States this many times their absolute tolerance at the most are hardly told from zero.
+/// A state whose maximum is below this multiple of its absolute tolerance is hardly distinguishable from zero.
 const SMALL: f64 = 10.0;
 
-/// The measurements of a run on its way.
+/// The measurements of a run in progress.
 pub(super) struct Audit<'p> {
     plan: &'p Plan,
-    /// Whether the rates have kinks of states, which the error estimate may miss.
+    /// Whether the rates have kinks in states, which the error estimate may miss.
     has_kinks: bool,
     screening: Screening,
-    /// The steps that could have been proven free of events, and were not.
+    /// Number of steps that qualified for a proof of freedom from events and failed it.
     open: u32,
-    /// The steps between whose stages rates may do more than was seen.
+    /// Number of steps in which rates may vary between the stages more than their values there show.
     hidden: u32,
     checks: Checks,
 }
@@ -42,14 +42,15 @@ impl<'p> Audit<'p> {
             let name = &self.plan.names[state];
             self.checks.record(CheckCode::LocalError, defect, 1.0, || {
                 format!(
-                    "before t = {t:?} the change of `{name}` over a step is not the integral of its rate, {defect:.1e} times \
-                     what the tolerances allow: the rates have kinks or infinite slopes there; write them as a set"
+                    "before t = {t:?} the change of `{name}` over a step differs from the integral of its rate by \
+                     {defect:.1e} times what the tolerances allow: the rates have kinks or infinite slopes there; \
+                     write them as a set"
                 )
             });
         }
     }
 
-    /// Records a step across a switch that was not located, by its distance in units of the tolerance.
+    /// Records a step across a switch that could not be located; `distance` is in units of the tolerance.
     fn record_unlocated(&mut self, t: f64, distance: f64, accumulates: bool) {
         let (code, why) = match accumulates {
             true => (CheckCode::AccumulationPassed, "an accumulation of switches was stepped over"),
@@ -73,8 +74,8 @@ impl<'p> Audit<'p> {
                 let (t, open) = (radau.t(), self.open);
                 self.checks.record(CheckCode::EventsUnproven, f64::from(open), 0.0, || {
                     format!(
-                        "{open} steps, the last before t = {t:?}, are not proven free of events, and an event that comes and \
-                         goes within one would not be seen; a smaller `max_step` may help"
+                        "{open} steps, the last before t = {t:?}, are not proven free of events, and an event that \
+                         begins and ends within one would not be seen; a smaller `max_step` may help"
                     )
                 });
             }
@@ -83,8 +84,9 @@ impl<'p> Audit<'p> {
                 let name = self.variable(found);
                 self.checks.record(CheckCode::EventsUnproven, self.screening.missed as f64, 0.0, || {
                     format!(
-                        "between two steps near t = {t:?} the inequality of `{name}` fails by {:.1e} times what the tolerances \
-                         allow: an event was missed or located at a wrong time; a smaller `max_step` may help",
+                        "between two steps near t = {t:?} the inequality of `{name}` is violated by {:.1e} times what \
+                         the tolerances allow: an event was missed or located at a wrong time; a smaller `max_step` \
+                         may help",
                         found.excess
                     )
                 });
@@ -92,7 +94,7 @@ impl<'p> Audit<'p> {
         }
     }
 
-    /// Measures an output `y` at a time between the ends of a step.
+    /// Measures the values `y` at an output time within a step.
     pub fn output(&mut self, radau: &mut Radau<'_>, t: f64, y: &[f64]) {
         if t == radau.t() {
             return;
@@ -117,7 +119,7 @@ impl<'p> Audit<'p> {
         });
     }
 
-    /// Closes the measurements of a run with these absolute tolerances.
+    /// Completes the measurements of a run with the given absolute tolerances.
     pub fn finish(&mut self, radau: &Radau<'_>, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
         self.look_for_small_states(radau.largest(), atol);
         let Screening { proven, undecided, missed } = self.screening;
@@ -126,7 +128,7 @@ impl<'p> Audit<'p> {
             self.checks.caveat(
                 "events_not_proven",
                 format!(
-                    "{undecided} of {steps} steps are not proven free of events; none was seen at the points looked at"
+                    "{undecided} of {steps} steps are not proven free of events; none was seen at the points examined"
                 ),
             );
         }
@@ -134,8 +136,8 @@ impl<'p> Audit<'p> {
             self.checks.caveat(
                 "rates_not_proven",
                 format!(
-                    "in {} steps functions of the states are not proven to do no more than their stages show: what is much \
-                     narrower than a step may have been passed over; a smaller `max_step` may help",
+                    "in {} steps functions of the states may vary more than their values at the stages show: a feature \
+                     much narrower than a step may have been missed; a smaller `max_step` may help",
                     self.hidden
                 ),
             );
@@ -144,17 +146,17 @@ impl<'p> Audit<'p> {
         (proven + undecided + missed > 0).then_some(self.screening)
     }
 
-    /// Records the state that its absolute tolerance hides most.
+    /// Records the state that is smallest relative to its absolute tolerance.
     fn look_for_small_states(&mut self, largest: &[f64], atol: &[f64]) {
         let states = &largest[..atol.len()];
-        // What rounding leaves of a state that is zero says nothing.
+        // A state this small is rounding of zero.
         let rounding = 1e-12 * states.iter().copied().fold(0.0, f64::max);
         for ((name, atol), &largest) in self.plan.names.iter().zip(atol).zip(states) {
             if largest > rounding {
                 self.checks.record(CheckCode::LocalError, SMALL * atol / largest, 1.0, || {
                     format!(
-                        "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` \
-                         far below the sizes that matter"
+                        "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an \
+                         `atol` far below the values of interest"
                     )
                 });
             }

@@ -1,4 +1,4 @@
-//! A mechanical system from start to end: its contacts, energies and failures by name.
+//! Integration of a mechanical system: contacts, energies and failures by name.
 
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
 use super::run::{Plan, Run, Stepper, run};
@@ -17,16 +17,16 @@ use nalgebra::Vector3;
 use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
 
-/// How a mechanical system is integrated.
+/// The plan for the integration of a mechanical system.
 #[derive(Clone, Debug)]
 pub struct ContactPlan {
-    /// Steps and laws.
+    /// Step size and contact laws.
     pub settings: Settings,
-    /// The choices for smooth motion, where impacts are located.
+    /// Settings of Radau IIA for smooth motion, if impacts are located.
     pub located: Option<radau::Settings>,
 }
 
-/// Integrates a mechanical system with its impacts.
+/// Integrates a mechanical system with impacts.
 pub fn integrate_contact(
     model: &MechanicalModel,
     plan: &Plan,
@@ -69,15 +69,16 @@ pub fn integrate_contact(
     judge_located(&mut located, model, (clock.start, radau), &mut run.diagnostics);
     if located.accumulations > 0 {
         let message = format!(
-            "impacts followed each other ever faster ({} times); the run passed their limit by an impact without restitution",
+            "impacts accumulated ({} times); the run continued after each accumulation with an impact without \
+             restitution",
             located.accumulations
         );
         run.diagnostics.warnings.push(Warning { code: "impacts_accumulate", message });
     }
     if located.passes > 0 {
         let message = format!(
-            "in {} steps no smooth motion could go on (a slip that dies out in space, a paradox of friction, or events that \
-             crowd); time stepping did, at first order",
+            "in {} steps smooth motion could not be continued (a slip in space that ends, a paradox of friction, or \
+             events that are too close); time stepping was used there, at first order",
             located.passes
         );
         run.diagnostics.warnings.push(Warning { code: "time_stepping_went_on", message });
@@ -85,7 +86,7 @@ pub fn integrate_contact(
     run.end(ended).solution
 }
 
-/// Records what was measured of a run with located impacts.
+/// Records the checks of a run with located impacts.
 fn judge_located(
     located: &mut EventDriven<'_>,
     model: &MechanicalModel,
@@ -116,13 +117,13 @@ fn judge_located(
     }
 }
 
-/// What both methods hand out, by name.
+/// Named outputs, common to time stepping and located impacts.
 struct Outputs<'p> {
     model: &'p MechanicalModel,
     control: &'p Control,
     problem: Box<dyn Mechanical>,
     constraints: Constraints,
-    /// `q` and `v` at the time reached.
+    /// `q` and `v` at the current time.
     states: Vec<f64>,
 }
 
@@ -146,8 +147,13 @@ impl<'p> Outputs<'p> {
                 self.model.coordinates[component]
             ),
             ContactError::Gradient { contact, t } => format!(
-                "the gap of `{}` has no gradient where it closes, at t = {t:?}, which leaves no direction to its impulse: give \
-                 it as a distance, or let `impacts` be `time_stepping`",
+                "the gap of `{}` has no gradient where it closes, at t = {t:?}, so that its impulse has no direction: \
+                 write it as a distance, or set `impacts` to `time_stepping`",
+                self.model.contacts[contact]
+            ),
+            ContactError::Friction { contact, mu, t } => format!(
+                "the coefficient of friction of `{}` is {mu} at t = {t:?}: write an expression that stays at 0 or more, such as \
+                 max(0, ..)",
                 self.model.contacts[contact]
             ),
             _ => error.to_string(),
@@ -155,7 +161,7 @@ impl<'p> Outputs<'p> {
         Failure { code: error.code().into(), message, time, state: self.states.clone() }
     }
 
-    /// Adds to `q` and `v`, which are there, gaps, impulses and energies.
+    /// Writes gaps, impulses and energies after `q` and `v`, which are in `out` already.
     fn write(&mut self, t: f64, impulses: &[Vector3<f64>], energy: &Energy, out: &mut [f64]) {
         let structure = self.model.structure();
         let n = structure.coordinates;
@@ -163,7 +169,8 @@ impl<'p> Outputs<'p> {
         let mut place = 2 * n;
         for (k, contact) in structure.contacts.iter().enumerate() {
             out[place] = self.constraints.values[structure.joints + k];
-            out[place + 1..=place + 1 + contact.slips].copy_from_slice(&impulses[k].as_slice()[..=contact.slips]);
+            let friction = &impulses[k].component_mul(&Vector3::new(1.0, 1.0, contact.ratio));
+            out[place + 1..=place + 1 + contact.slips].copy_from_slice(&friction.as_slice()[..=contact.slips]);
             place += 2 + contact.slips;
         }
         let energies = self.problem.energies(t, &out[..n], &out[n..2 * n]);
@@ -177,7 +184,7 @@ impl<'p> Outputs<'p> {
         ]);
     }
 
-    /// Moves events to those of the run, whose clock is ahead by `start`.
+    /// Converts events to those of the user's clock, by adding `start`.
     fn events(&self, start: f64, new_events: &mut Vec<ContactEvent>, events: &mut Vec<Event>) {
         let name = |k: usize| self.model.contacts[k].clone();
         events.extend(new_events.drain(..).map(|ContactEvent { t, kind, contact }| Event {
@@ -188,7 +195,7 @@ impl<'p> Outputs<'p> {
     }
 }
 
-/// Time stepping, by name.
+/// Time stepping with named outputs.
 struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
     outputs: Outputs<'p>,
@@ -217,7 +224,7 @@ impl Stepper for TimeSteppingRun<'_> {
         made.map_err(|error| self.outputs.failure(error, self.stepper.state.t))
     }
 
-    /// Within a step velocities are those of its end, as the scheme has it: `q+ = q + h v+`.
+    /// Values within a step: velocities are constant and those of the end, as in the scheme `q+ = q + h v+`.
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let TimeStepping { state, last, impulses, impulses_before, energy, energy_before, .. } = &self.stepper;
         let h = state.t - last.t;
@@ -248,7 +255,7 @@ impl Stepper for TimeSteppingRun<'_> {
     }
 }
 
-/// The clock of the user, beside that of located motion, which begins with zero.
+/// The user's clock; the clock of located motion begins with zero.
 #[derive(Clone, Copy, Debug)]
 struct Clock {
     start: f64,
@@ -260,18 +267,18 @@ impl Clock {
         self.end - self.start
     }
 
-    /// What it shows after a time.
+    /// The user's time after an elapsed time.
     fn shows(self, elapsed: f64) -> f64 {
         if elapsed >= self.length() { self.end } else { (self.start + elapsed).min(self.end) }
     }
 
-    /// The time after which it shows `t`.
+    /// The elapsed time at the user's time `t`.
     fn elapsed(self, t: f64) -> f64 {
         t - self.start
     }
 }
 
-/// Motion in one mode, by name.
+/// Motion in one contact mode, with named outputs.
 struct EventDrivenRun<'l, 'p, 'o> {
     phase: SmoothPhase<'l, 'p>,
     clock: Clock,
@@ -304,7 +311,7 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let n = self.phase.located.state.q.len();
         let (q, v) = out[..2 * n].split_at_mut(n);
-        // A time that the clock cannot tell from that of the step is within it.
+        // A time that rounding puts before the start of the step is within it.
         let elapsed = self.clock.elapsed(t).max(self.phase.located.last.t);
         let (impulses, energy) = self.phase.outputs(elapsed, q, v);
         self.outputs.write(t, &impulses, &energy, out);
@@ -328,14 +335,14 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn finish(&mut self, _: &mut Diagnostics) {}
 }
 
-/// Hands over the counters of a run, and what it warns of by a clock that is ahead of its own.
+/// Copies the counters of a run to the diagnostics, with warnings at times shifted by `ahead`.
 fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, Steps), diagnostics: &mut Diagnostics) {
     let work = &step.work;
     diagnostics.steps = steps;
     if work.solves > 0 {
         diagnostics.checks.record(CheckCode::LawResidual, work.residual, UNSOLVED, || {
             format!(
-                "the law of contact was solved to a relative residual of {:.1e} at worst: take a smaller `step`",
+                "the law of contact was solved to a relative residual of {:.1e} at worst: choose a smaller `step`",
                 work.residual
             )
         });
@@ -355,8 +362,8 @@ fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, 
         diagnostics.warnings.push(Warning {
             code: "painleve",
             message: format!(
-                "at t = {:?} friction drives `{}` into what it slides on (the paradox of Painleve): forces alone have no \
-                 solution there, or several; impulses, which have one, went on",
+                "at t = {:?} friction presses `{}` into the surface that it slides on (the paradox of Painleve): \
+                 forces alone have no solution there, or several; the run continued with impulses, which have one",
                 ahead + t,
                 model.contacts[contact]
             ),
@@ -366,14 +373,14 @@ fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, 
         diagnostics.warnings.push(Warning {
             code: "restitution_limited",
             message: format!(
-                "in {} steps the whole restitution would have added energy; as much was taken as adds none",
+                "in {} steps the full restitution would have added energy; it was reduced to add none",
                 work.limited
             ),
         });
     }
 }
 
-/// What is known before the run: what the theory says, what is built, what is left out and why.
+/// The diagnostics known before the run: structural analysis, what is built, and what is left out for which reason.
 pub fn describe_contact(model: &MechanicalModel, contact: &ContactPlan, analysis: &Analysis) -> Diagnostics {
     let ContactPlan { settings, located } = contact;
     let structure = model.structure();
@@ -413,7 +420,7 @@ pub fn describe_contact(model: &MechanicalModel, contact: &ContactPlan, analysis
         diagnostics.built.push("joints");
     }
     if settings.default_step && located.is_none() {
-        let message = format!("no `step` was given: time stepping takes {} of them, each {}", 10_000, settings.step);
+        let message = format!("no `step` was given: time stepping makes {} steps of {} each", 10_000, settings.step);
         diagnostics.warnings.push(Warning { code: "default_step", message });
     }
     diagnostics

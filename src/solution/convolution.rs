@@ -1,12 +1,13 @@
-//! A problem with memory from start to end: its outputs, switches and failures by name, and the choice of its step.
+//! Integration of a problem with memory: outputs, switches and failures by name, and the choice of the step.
 //!
-//! Where no step is given and the variables are in intervals, switches are located, and each segment between them has a mesh
-//! of its own ([`segments`]). Everything else has a uniform mesh, since the weights of convolution quadrature belong to one
-//! step: a `step` or a `min_step` that is asked for, variables in balls, cones and other blocks, more variables than full
-//! matrices are fit for, a start that needs an impulse, and problems for which no two runs by segments agree. Where no step is
-//! given the whole run is repeated with half the step until three runs agree, in the mean over time: where a bound is left `z`
-//! behaves like `(t - t_s)^(1-a)`, so that no uniform mesh is accurate at every moment. The run with the least estimated error
-//! is returned, which need not be the last: kernels of high order amplify rounding errors as the step falls.
+//! Without a step given, and with variables in intervals, switches are located, and each segment between them has its
+//! own mesh ([`segments`]). All other cases have a uniform mesh, since the weights of convolution quadrature belong to
+//! one step size: a given `step` or `min_step`, variables in balls, cones and other blocks, more variables than dense
+//! matrices allow, a start that needs an impulse, and problems for which no two runs by segments agree. Without a step
+//! given, the run is repeated with half the step until three runs agree in the mean over time: where a bound is left,
+//! `z` behaves like `(t - t_s)^(1-a)`, so that no uniform mesh is accurate at every time. The run with the least
+//! estimated error is returned, which need not be the last: kernels of high order amplify rounding errors as the step
+//! decreases.
 
 mod halving;
 mod segments;
@@ -21,16 +22,16 @@ use models::ConvolutionModel;
 use problem::{Control, ConvexSet, Dvi};
 use std::time::Instant;
 
-/// How the horizon is divided.
+/// The division of the horizon into steps.
 #[derive(Clone, Debug)]
 pub enum Mesh {
-    /// So many steps.
+    /// A given number of steps.
     Fixed(usize),
-    /// Twice as many again and again, until three runs agree.
+    /// Steps halved until three runs agree.
     Halved {
-        /// Steps of the first run.
+        /// Number of steps of the first run.
         first: usize,
-        /// The most steps.
+        /// Most steps.
         most: usize,
         /// Relative tolerance.
         rtol: f64,
@@ -39,16 +40,16 @@ pub enum Mesh {
     },
 }
 
-/// How a problem with memory is integrated.
+/// The plan for the integration of a problem with memory.
 #[derive(Clone, Debug)]
 pub struct ConvolutionPlan {
-    /// The choices of a step.
+    /// Settings of a step.
     pub settings: Settings,
-    /// The steps.
+    /// The mesh.
     pub mesh: Mesh,
-    /// How segments between located switches are made, if they are tried before a uniform mesh.
+    /// Settings for segments between located switches, if these are tried before a uniform mesh.
     pub segments: Option<SegmentSettings>,
-    /// The most steps that fit into memory.
+    /// Most steps that fit into memory.
     pub most: usize,
 }
 
@@ -99,13 +100,13 @@ pub fn integrate_convolution(
     let mut before: Option<Coarse> = None;
     let mut best: Option<Best<'_>> = None;
     loop {
-        // Nobody knows how many runs it takes: each is half of what is left.
+        // The number of runs is unknown: assign half of the remaining progress to each.
         let share = if steps * 2 > most { 1.0 } else { 0.5 };
         let done = 1.0 - 0.5_f64.powi(halvings);
         let mut run = Run::new(plan, control, diagnostics.clone());
         if steps > convolution.most {
             let message = format!(
-                "{steps} steps, all of which are remembered, take more memory than a run may have: {} are possible",
+                "{steps} steps, all kept as history, take more memory than a run may have: {} are possible",
                 convolution.most
             );
             let failure =
@@ -123,8 +124,8 @@ pub fn integrate_convolution(
             (Ok(coarse), Mesh::Halved { rtol, atol, .. }) => {
                 let found = before.as_ref().map(|before| before.refined(&coarse, plan, *rtol, atol, halvings));
                 let scaled = found.as_ref().map_or(f64::INFINITY, |(refinement, _)| refinement.scaled);
-                // Where a switch falls within a step changes from run to run, and with it the error: one distance alone
-                // may be small by chance.
+                // The position of a switch within its step, and with it the error, varies from run to run, so that a
+                // single distance may be small by chance.
                 let agrees = halvings > 1 && scaled <= 1.0;
                 let (refinement, distances) = found.unzip();
                 let coarse = coarse.after(before.take(), distances);
@@ -144,9 +145,7 @@ pub fn integrate_convolution(
             (Ok(_), Mesh::Fixed(_)) => Ok(()),
             (Err((status, mut failure)), _) => {
                 if status == Status::Stopped && halvings > 0 {
-                    failure
-                        .message
-                        .push_str("; the run with twice the step had come to the end: a fixed `step` gives it");
+                    failure.message.push_str("; the run with twice the step was completed: a fixed `step` returns it");
                 }
                 Err((status, failure))
             }
@@ -164,7 +163,7 @@ pub fn integrate_convolution(
     }
 }
 
-/// A run with the names that its columns go by.
+/// A run with the names of its columns.
 struct ConvolutionRun<'p> {
     convolution: Convolution<'p>,
     names: &'p [String],
@@ -172,21 +171,21 @@ struct ConvolutionRun<'p> {
     set: ConvexSet,
     bounded: Vec<usize>,
     is_constant: bool,
-    /// The steps told; the first is made at once, since `z` at the start is that of its polynomial.
+    /// Number of steps reported. The first is computed immediately, since `z` at the start comes from its polynomial.
     told: usize,
     total: usize,
     end: f64,
-    /// Where each variable in an interval last was: at the lower bound, inside, at the upper one.
+    /// Last position of each interval variable: -1 at the lower bound, 0 inside, 1 at the upper bound.
     places: Vec<Option<i8>>,
-    /// The largest value so far, against which a distance from a bound is rounding.
+    /// Largest absolute value so far, the scale for rounding in distances from bounds.
     largest: f64,
     events: Vec<Event>,
     values: Vec<f64>,
-    /// The natural-map residual that a step may have.
+    /// Tolerance of the natural-map residual of a step.
     tolerance: f64,
 }
 
-/// A variable this close to a bound, against the largest there was, is at it.
+/// A variable this close to a bound, relative to the largest absolute value so far, counts as being at it.
 const AT_BOUND: f64 = 1e-12;
 
 impl<'p> ConvolutionRun<'p> {
@@ -228,7 +227,7 @@ impl<'p> ConvolutionRun<'p> {
         Ok(course)
     }
 
-    /// Compares where the variables are from stage to stage of the last step.
+    /// Records changes of position from stage to stage of the last step.
     fn find_switches(&mut self) {
         let convolution = &self.convolution;
         let m = self.names.len();
@@ -290,7 +289,7 @@ impl Stepper for ConvolutionRun<'_> {
             ((t - self.convolution.time(last - 1)) / self.convolution.h).clamp(0.0, 1.0)
         };
         if self.convolution.interpolate(theta, &mut self.set, out).is_err() {
-            // Bounds that cross between two stages have no say here: what was found at the stages is told.
+            // Bounds that cross between two stages are ignored: report the values at the stages.
             let m = self.names.len();
             out[..m].copy_from_slice(self.ends());
         }
@@ -323,7 +322,8 @@ impl Stepper for ConvolutionRun<'_> {
         let (residual, t) = self.convolution.residual;
         diagnostics.checks.record(CheckCode::LawResidual, residual, self.tolerance, || {
             format!(
-                "the inequalities of the step to t = {t:?} were solved to {residual:.1e} of their terms: give another                  `vi_solver`, or a smaller `step`"
+                "the inequalities of the step to t = {t:?} were solved to {residual:.1e} of their terms: give another \
+                 `vi_solver`, or a smaller `step`"
             )
         });
     }
@@ -347,7 +347,7 @@ fn failure(error: &StepError, names: &[String], time: f64, state: &[f64]) -> Fai
     Failure { code: error.code().into(), message, time, state: state.to_vec() }
 }
 
-/// What is known before the run: what the theory says, what is built, what is left out and why.
+/// The diagnostics known before the run: structural analysis, what is built, and what is left out for which reason.
 pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, analysis: &Analysis) -> Diagnostics {
     if plan.segments.is_some() {
         return segments::describe(model, analysis);
@@ -364,7 +364,7 @@ pub fn describe_convolution(model: &ConvolutionModel, plan: &ConvolutionPlan, an
     let other = if is_power {
         "product integration: the kernel is a power of time"
     } else {
-        "convolution quadrature: the kernel is no power of time"
+        "convolution quadrature: the kernel is not a power of time"
     };
     diagnostics.left_out.push(other.to_owned());
     if model.forcing.structure().moving.is_empty() {

@@ -1,11 +1,12 @@
-//! The balance of energy along a run of Radau IIA,
+//! The energy balance along a Radau IIA run,
 //!
 //! ```text
 //! E(t) - E(0) = work - dissipation + defect
 //! ```
 //!
-//! with the powers integrated over each step by the rule of Gauss, and the rates that are no states by differentiating
-//! the polynomial through its points. The defect, which an exact solution does not have, measures the steps.
+//! with the powers integrated over each step by Gauss quadrature, and the rates that are not states obtained by
+//! differentiating the polynomial through its points. The defect is zero for an exact solution, so it measures the
+//! discretisation error.
 
 use super::Checks;
 use super::mechanical_checks::{Accuracy, check_energy};
@@ -13,7 +14,7 @@ use contact::energy::Energy;
 use models::elastic::{EnergyForm, Power};
 use radau::Radau;
 
-/// The points of the rule of Gauss on `[-1, 1]`, and their weights.
+/// Points and weights of Gauss quadrature on `[-1, 1]`.
 const POINTS: [(f64, f64); 5] = [
     (-0.906_179_845_938_664, 0.236_926_885_056_189_1),
     (-0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
@@ -22,7 +23,7 @@ const POINTS: [(f64, f64); 5] = [
     (0.906_179_845_938_664, 0.236_926_885_056_189_1),
 ];
 
-/// A balance on its way.
+/// The energy balance of a run in progress.
 pub(super) struct EnergyBalance {
     form: EnergyForm,
     /// The balance so far.
@@ -33,7 +34,7 @@ pub(super) struct EnergyBalance {
 }
 
 impl EnergyBalance {
-    /// A balance that begins where the run is.
+    /// Begins a balance at the current state of the run.
     pub fn new(form: EnergyForm, radau: &Radau<'_>) -> Self {
         let (kinetic, potential) = form.at(radau.y());
         let unknowns = radau.y().len();
@@ -46,7 +47,7 @@ impl EnergyBalance {
         }
     }
 
-    /// Takes the last step into account.
+    /// Adds the last step to the balance.
     pub fn step(&mut self, radau: &mut Radau<'_>) {
         if !self.form.is_closed() {
             self.integrate(radau);
@@ -56,7 +57,7 @@ impl EnergyBalance {
         self.energy.close(kinetic, potential);
     }
 
-    /// Records what the balance lacks at the end of a run with these tolerances; without `rtol`, of steps of one size.
+    /// Records the defect of the balance at the end of a run with these tolerances; `rtol` is `None` for fixed steps.
     pub fn judge(&self, radau: &Radau<'_>, rtol: Option<f64>, atol: &[f64], checks: &mut Checks) {
         let mut tolerances = vec![0.0; radau.y().len()];
         tolerances.iter_mut().zip(atol).for_each(|(tolerance, atol)| *tolerance = *atol);
@@ -85,7 +86,7 @@ impl EnergyBalance {
     }
 }
 
-/// The derivative at point `i` of the polynomial that is one at point `j` and zero at the others.
+/// The derivative at point `i` of the Lagrange polynomial of point `j`.
 fn derivative(i: usize, j: usize) -> f64 {
     let at = |k: usize| POINTS[k].0;
     let others = |j: usize| (0..POINTS.len()).filter(move |&k| k != j);
@@ -110,7 +111,7 @@ mod tests {
                 assert!((found - exact).abs() < 1e-12, "{power}: {found} {exact}");
             }
         }
-        // Twice as many: the rule has order 10.
+        // Gauss quadrature with five points has order 10.
         let integral: f64 = POINTS.iter().map(|(point, weight)| weight * (2.0 + point).powi(9)).sum();
         assert!((integral - (3_f64.powi(10) - 1.0) / 10.0).abs() < 1e-9 * integral);
     }

@@ -1,43 +1,43 @@
-//! A part of a trajectory: some of its fields, the times within an interval, every `n`-th of those.
+//! A part of a trajectory: some of its fields, and every `n`-th of the times within an interval.
 
 use super::columnar::{Columns, Rows};
 use std::io;
 use std::num::NonZeroUsize;
 use std::ops::RangeInclusive;
 
-/// What is to be left of a trajectory.
+/// The request for a part of a trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Excerpt {
-    /// The fields, in this order; none is all.
+    /// The fields in this order; `None` for all.
     pub fields: Option<Vec<String>>,
-    /// The least time.
+    /// The earliest time.
     pub from: f64,
-    /// The greatest time.
+    /// The latest time.
     pub to: f64,
-    /// One in how many of the times within, the first of them included.
+    /// Keep one in this many of the times within, beginning with the first.
     pub every: NonZeroUsize,
 }
 
 impl Default for Excerpt {
-    /// The whole.
+    /// The whole trajectory.
     fn default() -> Self {
         Self { fields: None, from: f64::NEG_INFINITY, to: f64::INFINITY, every: NonZeroUsize::MIN }
     }
 }
 
-/// What an excerpt is of given columns.
+/// An excerpt of given columns.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Selection {
-    /// The places of the fields.
+    /// Indices of the fields.
     pub fields: Vec<usize>,
     /// The rows.
     pub rows: Rows,
 }
 
-/// Why there is no such excerpt.
+/// The reasons why an excerpt cannot be made.
 #[derive(Debug)]
 pub enum ExcerptError {
-    /// A field was asked for by this name, and there are others.
+    /// There is no field with the first name; the second entry lists the existing ones.
     NoSuchField(String, Vec<String>),
     /// The columns cannot be read.
     Unreadable(io::Error),
@@ -50,10 +50,10 @@ impl From<io::Error> for ExcerptError {
 }
 
 impl Excerpt {
-    /// The part of `columns`.
+    /// Selects the excerpt of `columns`.
     ///
     /// # Errors
-    /// A field that is not there; or those of the columns.
+    /// A field that does not exist, or an error of the columns.
     pub fn of(&self, columns: &dyn Columns) -> Result<Selection, ExcerptError> {
         let names = columns.names();
         let find = |name: &String| {
@@ -70,7 +70,7 @@ impl Excerpt {
         Ok(Selection { fields, rows: Rows { first, end, every: self.every.get() } })
     }
 
-    /// The times within.
+    /// The interval of times.
     pub fn times(&self) -> RangeInclusive<f64> {
         self.from..=self.to
     }

@@ -1,8 +1,8 @@
-//! Parameters and initial values fitted to data: the sum of a loss over the residuals `(x(t_i; p) - x_i)/sd_i` is made least by
-//! Levenberg and Marquardt's method on derivatives that are exact through switches ([`radau::Tangents`]), from several starts
-//! where they are asked for. The first start is the one given; the others fill the bounds evenly, as multiples of the powers of
-//! the generalised golden ratio do (Roberts 2018, *The unreasonable effectiveness of quasirandom sequences*), on a logarithmic
-//! scale where bounds are positive and far apart.
+//! Fits of parameters and initial values to data. The sum of a loss over the residuals `(x(t_i; p) - x_i)/sd_i` is
+//! minimised by the Levenberg-Marquardt method, with derivatives that are exact through switches ([`radau::Tangents`]),
+//! on request from several starting points. The first is given by the user; the others fill the bounds evenly, as
+//! multiples of the powers of the generalised golden ratio (Roberts 2018, *The unreasonable effectiveness of
+//! quasirandom sequences*), on a logarithmic scale if the bounds are positive and far apart.
 
 mod intervals;
 mod least_squares;
@@ -27,127 +27,128 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// Bounds are filled on a logarithmic scale where both are positive and one is so many times the other.
+/// Positive bounds whose ratio is at least this are filled on a logarithmic scale.
 const FAR_APART: f64 = 100.0;
-/// Directions of parameters are told apart to so many tolerances: derivatives are as exact as a run.
+/// Relative tolerance of the rank of the Jacobian, in units of `rtol`, since derivatives are as accurate as a run.
 const TOLERANCES: f64 = 10.0;
-/// The share of the work that the search makes up; the last run is checked against others.
+/// Share of the progress for the search; the rest is for the final run and its sensitivity check.
 const SHARE: f64 = 0.9;
-/// Where the search begins, so that its runs are not heard as that of the answer.
+/// Beginning of the search in the progress. It is above 0 because only the events of a run that begins at 0 are
+/// recorded as those of the answer.
 const BEGIN: f64 = 1e-9;
-/// The part of the size of a loss by which minima from different starts are the same.
+/// Relative tolerance for the loss at minima that count as equal.
 const SAME: f64 = 1e-3;
 
-/// What is fitted to which data.
+/// The fitted quantities and the data.
 #[derive(Clone, Debug)]
 pub struct Fit {
-    /// What is fitted.
+    /// The fitted parameters and initial values.
     pub parameters: Vec<Fitted>,
     /// The times of the data, increasing, within the horizon.
     pub t: Vec<f64>,
     /// The data.
     pub data: Vec<DataColumn>,
-    /// Whether the standard deviations of the data are known; else all are one.
+    /// Whether the standard deviations of the data are known; otherwise all are set to one.
     pub is_scaled: bool,
-    /// What is made least.
+    /// The loss to minimise.
     pub loss: Loss,
-    /// The number of starts.
+    /// The number of starting points.
     pub starts: u64,
 }
 
-/// A parameter, or a state at the start, that is fitted.
+/// A fitted parameter or initial value.
 #[derive(Clone, Debug)]
 pub struct Fitted {
-    /// Its name.
+    /// The name of the parameter or of the state.
     pub name: String,
-    /// Which it is.
+    /// The quantity to differentiate with respect to.
     pub by: By,
-    /// Where the search begins.
+    /// Starting value of the search.
     pub initial: f64,
-    /// Its least value.
+    /// Lower bound.
     pub lower: f64,
-    /// Its largest value.
+    /// Upper bound.
     pub upper: f64,
 }
 
-/// What was measured.
+/// A measured quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
-    /// A state.
+    /// A state, by its index.
     State(usize),
-    /// A definition of the user, which depends on states, parameters and time alone.
+    /// A user's definition, by its index; it depends on states, parameters and time alone.
     Definition(usize),
 }
 
 /// The data of a state or a definition.
 #[derive(Clone, Debug)]
 pub struct DataColumn {
-    /// Its name.
+    /// The name of the state or definition.
     pub name: String,
-    /// Which it is.
+    /// The measured quantity.
     pub of: Quantity,
-    /// Its values; none where it was not measured.
+    /// The values; `None` where there is no measurement.
     pub values: Vec<Option<f64>>,
-    /// Their standard deviations.
+    /// The standard deviations of the values.
     pub sd: Vec<f64>,
 }
 
-/// What came of a fit.
+/// The result of a fit.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct FitAnswer {
     /// The estimates by name.
     pub parameters: BTreeMap<String, Estimate>,
     /// The names in the order of the rows and columns of `covariance`.
     pub names: Vec<String>,
-    /// The covariance of the estimates. Null where the data do not determine one, or a bound holds it.
+    /// The covariance of the estimates. Null where the data do not determine an estimate, or it is at a bound.
     pub covariance: Vec<Vec<Option<f64>>>,
-    /// The sum of the loss over all residuals, these in standard deviations where `sd` is given.
+    /// The sum of the loss over all residuals, in units of standard deviations if `sd` is given.
     pub loss: f64,
-    /// The root of the mean of squared residuals over the degrees of freedom: about 1 where `sd` is given and right, else the
-    /// standard deviation of the data.
+    /// The root of the sum of squared residuals over the degrees of freedom: about 1 if `sd` is given and correct,
+    /// otherwise the standard deviation of the data.
     pub spread: f64,
     /// The number of values that were fitted.
     pub observations: u64,
-    /// Of the Jacobian by relative changes of the parameters, in standard deviations, falling: the inverse of one is the
-    /// standard error of a combination of relative changes.
+    /// Singular values, in decreasing order, of the Jacobian with respect to relative changes of the parameters, in
+    /// units of standard deviations: the inverse of each is the standard error of a combination of relative changes.
     pub singular_values: Vec<f64>,
-    /// The combinations of relative changes that the data do not determine, by name: `{"a": 1, "b": -1}` says that `a` may be
-    /// raised by a percent while `b` is lowered by one.
+    /// The combinations of relative changes that the data do not determine, by name: `{"a": 1, "b": -1}` means that `a`
+    /// may be raised by a percent while `b` is lowered by one.
     pub undetermined: Vec<BTreeMap<String, f64>>,
-    /// The data less the fitted values, at the times of the data.
+    /// The data minus the fitted values, at the times of the data.
     pub residuals: BTreeMap<String, Vec<Option<f64>>>,
-    /// From where the search began and where it came to, in order.
+    /// The starting points and the minima found from them, in order.
     pub starts: Vec<FitStart>,
 }
 
-/// A parameter as the data tell it.
+/// The estimate of one parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Estimate {
-    /// Its most likely value.
+    /// The point estimate.
     pub estimate: f64,
-    /// Its standard error. Absent where the data do not determine it, or a bound holds it.
+    /// Standard error. Absent if the data do not determine the parameter, or it is at a bound.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sd: Option<f64>,
-    /// The lower end of its 95 % interval, within the bounds.
+    /// Lower end of the 95 % confidence interval, within the bounds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lower: Option<f64>,
-    /// The upper end.
+    /// Upper end of the 95 % confidence interval, within the bounds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub upper: Option<f64>,
 }
 
-/// One search.
+/// The search from one starting point.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct FitStart {
-    /// Where it began.
+    /// The starting point.
     pub from: BTreeMap<String, f64>,
-    /// Where it ended; absent where the problem could not be solved at its start.
+    /// The minimum; absent if the problem could not be solved at the starting point.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub to: Option<BTreeMap<String, f64>>,
-    /// The loss there.
+    /// The loss at the minimum.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub loss: Option<f64>,
-    /// The runs that it took.
+    /// The number of runs.
     pub runs: u64,
 }
 
@@ -160,7 +161,7 @@ impl Fit {
         self.parameters.iter().map(|fitted| fitted.name.clone()).zip(point.iter().copied()).collect()
     }
 
-    /// The start of this number, from zero.
+    /// Starting point by its number, from zero.
     fn start(&self, number: u64) -> Vec<f64> {
         if number == 0 {
             return self.parameters.iter().map(|fitted| fitted.initial).collect();
@@ -178,14 +179,14 @@ impl Fit {
 /// The positive root of `x^(d+1) = x + 1`.
 fn generalised_golden_ratio(d: usize) -> f64 {
     let mut x = 2.0_f64;
-    // A contraction by at least a half in each step.
+    // The iteration contracts by at least a factor of two per step.
     for _ in 0..f64::MANTISSA_DIGITS {
         x = (1.0 + x).powf(1.0 / (d as f64 + 1.0));
     }
     x
 }
 
-/// Definitions of the user as functions of states and parameters.
+/// The user's definitions as functions of states and parameters.
 struct Definitions {
     of: Observables,
     parameters: Vec<f64>,
@@ -205,7 +206,7 @@ impl Definitions {
         self.values[definition]
     }
 
-    /// The difference of the values a step forwards and one back, along which states change by `dx` and a parameter by `step`.
+    /// The central difference of a definition, without division, along `dx` in the states and `step` in a parameter.
     fn difference(
         &mut self,
         definition: usize,
@@ -229,7 +230,7 @@ impl Definitions {
     }
 }
 
-/// A search on its way.
+/// A search in progress.
 struct Search<'a> {
     model: &'a DviModel,
     plan: &'a Plan,
@@ -282,7 +283,7 @@ impl Search<'_> {
         [of(|fitted| fitted.lower), of(|fitted| fitted.upper)]
     }
 
-    /// The least of the minima from all starts; where there is none, why the first start has none.
+    /// The best of the minima from all starting points, or the failure at the first one if there is none.
     fn best_of_all_starts(&self) -> (Result<Minimum, Failure>, Vec<FitStart>) {
         let bounds = self.bounds();
         let problem = self.problem(&bounds);
@@ -316,8 +317,12 @@ impl Search<'_> {
             match failure.code.as_ref() {
                 "cancelled" | "wall_time" => failure,
                 _ => {
-                    let at = if self.fit.starts > 1 { "at no start of the fit" } else { "at the start of the fit" };
-                    let message = format!("{at} can the problem be solved: {}", failure.message);
+                    let at = if self.fit.starts > 1 {
+                        "at any starting point of the fit"
+                    } else {
+                        "at the starting point of the fit"
+                    };
+                    let message = format!("the problem cannot be solved {at}: {}", failure.message);
                     Failure { message, ..failure }
                 }
             }
@@ -329,7 +334,7 @@ impl Search<'_> {
         Failure { code: "no_fit".into(), message, time: self.plan.start, state: self.plan.initial.clone() }
     }
 
-    /// The states that what was measured depends on, by what is fitted.
+    /// The sensitivities to compute: of the states that the data depend on, with respect to the fitted quantities.
     fn columns(&self) -> Sensitivities {
         let states = || self.fit.data.iter().map(|column| column.of);
         let of: Vec<usize> = match states().all(|of| matches!(of, Quantity::State(_))) {
@@ -346,7 +351,7 @@ impl Search<'_> {
         Sensitivities { names: names.collect(), by, of }
     }
 
-    /// The problem with these parameters, and the plan of its run.
+    /// Binds the model to the given values, and adapts the plan of its run.
     fn bound(&self, point: &[f64], sensitivities: Option<Sensitivities>) -> Result<(DviModel, Plan), Failure> {
         let values = self.model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
         let mut values = values.to_vec();
@@ -370,12 +375,12 @@ impl Search<'_> {
     }
 
     fn at(&self, point: &[f64], run: u64) -> Option<Residuals> {
-        // No one knows how many runs there will be: each takes a part of what is left.
+        // The number of runs is unknown: assign a part of the remaining progress to each.
         let done = |run: u64| 1.0 - 1.0 / run as f64;
         self.control.part(done(run)..done(run + 1), || self.residuals(point).ok())
     }
 
-    /// The residuals and their derivatives from one run up to the last of the data.
+    /// Computes the residuals and their derivatives by one run up to the last time of the data.
     fn residuals(&self, point: &[f64]) -> Result<Residuals, Failure> {
         let (fit, p) = (self.fit, point.len());
         let columns = self.columns();
@@ -404,7 +409,7 @@ impl Search<'_> {
                 let Some(value) = value else { continue };
                 let (found, error) = match column.of {
                     Quantity::State(state) => {
-                        // Where all are states they are in the order of the data.
+                        // If all columns are states, they are in the order of the data.
                         let at = of.iter().position(|of| *of == state).unwrap_or(number);
                         derivatives[at * p..][..p]
                             .iter()
@@ -433,16 +438,15 @@ impl Search<'_> {
                 row += 1;
             }
         }
-        // Their squares are summed.
+        // Check finiteness of the squares, since these are summed.
         if !(values.norm_squared().is_finite() && jacobian.norm_squared().is_finite() && noise.is_finite()) {
-            let message =
-                "a residual or its derivative is not finite beside its standard deviation, or its square is not";
+            let message = "a residual or its derivative, divided by the standard deviation and squared, is not finite";
             return Err(self.failure(message.to_owned()));
         }
         Ok(Residuals { values, jacobian, noise: noise.sqrt() })
     }
 
-    /// Takes a minimum into the answer, with what speaks against it.
+    /// Writes a minimum to the answer, with its checks and caveats.
     fn answer(&self, minimum: &Minimum, starts: Vec<FitStart>, solution: &mut Solution) {
         let (fit, bounds) = (self.fit, self.bounds());
         let problem = self.problem(&bounds);
@@ -501,14 +505,15 @@ impl Search<'_> {
         solution.fit = Some(answer);
     }
 
-    /// Tells what the user should know of the estimates.
+    /// Adds caveats about the estimates.
     fn warn(&self, minimum: &Minimum, answer: &FitAnswer, (held, freedoms): (&[bool], usize), solution: &mut Solution) {
         let (fit, checks) = (self.fit, &mut solution.diagnostics.checks);
         for parts in &answer.undetermined {
             let parts: Vec<String> = parts.iter().map(|(name, part)| format!("{part:.3} for `{name}`")).collect();
             let message = format!(
-                "the data do not determine one combination of the parameters: relative changes in the proportion {} leave all \
-                 that was measured as it is; fix one of them, or measure something that tells them apart",
+                "the data do not determine one combination of the parameters: relative changes in the proportion {} \
+                 leave everything that was measured unchanged; fix one of them, or measure a quantity that \
+                 distinguishes them",
                 parts.join(", ")
             );
             checks.caveat("undetermined", message);
@@ -516,8 +521,8 @@ impl Search<'_> {
         if let Some(k) = held.iter().position(|held| *held) {
             let (name, value) = (&fit.parameters[k].name, minimum.point[k]);
             let message = format!(
-                "`{name}` is at its bound {value:?}, beyond which the loss falls further: the intervals of the others hold if it \
-                 is that"
+                "`{name}` is at its bound {value:?}, and the loss decreases further beyond it: the intervals of the \
+                 other parameters assume this value"
             );
             checks.caveat("at_bound", message);
         }
@@ -552,7 +557,7 @@ impl Search<'_> {
     }
 }
 
-/// The size that changes of a parameter are told in parts of.
+/// The scale of relative changes of a parameter.
 fn size(value: f64, fitted: &Fitted) -> f64 {
     let span = fitted.upper - fitted.lower;
     [value.abs(), fitted.initial.abs(), span].into_iter().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(1.0)

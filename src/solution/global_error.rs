@@ -1,10 +1,12 @@
-//! The error of the states at the end, estimated by a second, more accurate run: the difference of the two is the error
-//! of the first, but for that of the second (reintegration; Skeel 1986, Thirteen ways to estimate global error, section 3).
+//! The global error of the states at the end, estimated by a second, more accurate run: the difference of the two runs
+//! is the error of the first up to that of the second (reintegration; Skeel 1986, Thirteen ways to estimate global
+//! error, section 3).
 //!
-//! With a step that follows the error the second run has a hundredth of the tolerances. With a fixed step it has half
-//! the step, and `2^p / (2^p - 1)`, `p = 2s - 1`, makes up for what is left of its own error (Richardson). Switches and
-//! jumps need no thought, since both runs meet them. Not valid where the two take different solutions of a problem that
-//! has several, where the tolerance is near the rounding errors, and between a first run too coarse and the solution.
+//! With error control, the second run has a hundredth of the tolerances. With a fixed step it has half the step, and
+//! the factor `2^p / (2^p - 1)`, `p = 2s - 1`, corrects for its own error (Richardson extrapolation). Switches and
+//! jumps need no special treatment, since both runs have them. The estimate is not valid if the two runs approximate
+//! different solutions of a problem with several, if the tolerance is near the rounding errors, or if the first run is
+//! too coarse.
 
 use super::integrate::integrate_once;
 use super::run::Ended;
@@ -14,15 +16,16 @@ use models::DviModel;
 use problem::Control;
 use radau::{Settings, StageChoice};
 
-/// What the tolerances of the second run are multiplied by; below the least there is only rounding.
+/// The factor of the tolerances for the second run, and the least relative tolerance, below which rounding errors
+/// dominate.
 const TIGHTER: f64 = 0.01;
 const LEAST_RTOL: f64 = 1e-14;
 
-/// About the part of the work that the first run is.
+/// The approximate fraction of the total work that the first run takes.
 pub const SHARE: f64 = 0.5;
 
-/// Runs again, for the rest of the progress, and takes the estimate into the diagnostics of a first run; or a warning
-/// where the second does not reach the end.
+/// Makes the second run, for the rest of the progress, and records the estimate in the diagnostics of the first run, or
+/// a warning if the second run does not reach the end.
 pub fn estimate(
     model: &DviModel,
     plan: &Plan,
@@ -47,7 +50,7 @@ pub fn estimate(
     let errors: Vec<f64> = end.iter().zip(&second.x).map(|(x, exact)| factor * (x - exact)).collect();
     let scale = |j: usize| settings.atol[j] + settings.rtol * end[j].abs();
     let largest_scaled = (0..n).map(|j| errors[j].abs() / scale(j)).fold(0.0, f64::max);
-    // Errors of the tolerance in every step, which neither grow nor decay, add up to as many.
+    // If local errors neither grow nor decay, the global error is at most the number of steps times the tolerance.
     let steps = diagnostics.steps.accepted.max(1) as f64;
     diagnostics.checks.record(CheckCode::GlobalError, largest_scaled, steps, || {
         format!("the states at the end are off by {largest_scaled:.1e} times their tolerance after {steps} steps")
@@ -59,7 +62,7 @@ pub fn estimate(
     });
 }
 
-/// The settings of the second run, and what its distance to the first is multiplied by.
+/// The settings of the second run, and the factor of the difference of the runs.
 fn more_accurate(settings: &Settings) -> (Settings, f64) {
     let mut second = settings.clone();
     let tighter = TIGHTER.max(LEAST_RTOL / settings.rtol).min(1.0);

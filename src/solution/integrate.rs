@@ -1,4 +1,4 @@
-//! A differential variational inequality from start to end by Radau IIA: its failures, switches and evidence by name.
+//! Integration of a differential variational inequality by Radau IIA: failures, switches and evidence by name.
 
 use super::audit::Audit;
 use super::energy_balance::EnergyBalance;
@@ -16,7 +16,7 @@ use problem::{Control, Mass, Structure};
 use radau::{Activity, Radau, RejectionCause, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
 
-/// The faces that are analysed in one run.
+/// Most faces analysed in one run.
 const MOST_FACES: usize = 16;
 
 /// Integrates a differential variational inequality by Radau IIA.
@@ -38,7 +38,7 @@ pub fn integrate(
     ended.solution
 }
 
-/// One run.
+/// Integrates once, without the runs for sensitivity checks and the global error.
 pub(super) fn integrate_once(
     model: &DviModel,
     plan: &Plan,
@@ -55,7 +55,7 @@ pub(super) fn integrate_once(
         let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);
         let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, &plan.initial, plan.end, control)
             .map_err(failed)?;
-        // Where the run begins is no switch.
+        // The active set at the start is not a switch.
         radau.take_switches();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
         let audit = Audit::new(plan, model.has_kinks());
@@ -82,14 +82,14 @@ pub(super) fn integrate_once(
     })
 }
 
-/// A run of Radau IIA with the names that its columns go by.
+/// A Radau IIA run with the names of its columns.
 struct RadauRun<'p> {
     radau: Radau<'p>,
     followed: Option<Followed>,
     plan: &'p Plan,
     kinks: &'p KinkAdvice,
     atol: &'p [f64],
-    /// The relative tolerance; none where the step is fixed.
+    /// The relative tolerance; `None` for a fixed step.
     rtol: Option<f64>,
     audit: Audit<'p>,
     outputs: Outputs,
@@ -216,22 +216,22 @@ impl Stepper for RadauRun<'_> {
 }
 
 impl RadauRun<'_> {
-    /// Names a state whose absolute tolerance asks for more digits than its values had.
+    /// Names a state whose absolute tolerance is below the rounding of its values.
     fn atol_below_rounding(&self) -> String {
         let states = self.plan.names.iter().zip(self.atol).zip(self.radau.largest());
         let excess = |((_, atol), largest): &((&String, &f64), &f64)| f64::EPSILON * **largest / **atol;
         let worst = states.max_by(|a, b| excess(a).total_cmp(&excess(b)));
         match worst.filter(|worst| excess(worst) > 1.0) {
             Some(((name, atol), largest)) => format!(
-                "; the absolute tolerance {atol:e} of `{name}` is below the rounding of its values, which reached {largest:e}: \
-                 give an `atol` of `rtol` times the sizes that matter"
+                "; the absolute tolerance {atol:e} of `{name}` is below the rounding of its values, which reached \
+                 {largest:e}: give an `atol` of `rtol` times the values of interest"
             ),
             None => String::new(),
         }
     }
 }
 
-/// Takes the end of a step into the evidence; after a switch, the new face as well.
+/// Adds the end of a step to the evidence; after a switch, also the analysis of the new face.
 fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut Diagnostics) {
     let smooth = radau.kept_face() && !switched && radau.problem().structure().moving.is_empty();
     if let Some(Variables { set, bounded, z, g }) = radau.variables() {
@@ -241,7 +241,7 @@ fn judge(radau: &mut Radau<'_>, plan: &Plan, switched: bool, diagnostics: &mut D
             vi.largest_residual = certificates.natural_map;
         }
     }
-    // Of a member of a sweep nobody is shown the faces; the watch over them analyses those that it needs.
+    // Sweeps do not report the faces of a member; `FaceWatch` analyses those that it needs.
     if switched && diagnostics.faces.len() < MOST_FACES && plan.reducers.is_none() {
         let n = plan.initial.len();
         let (t, face) = (radau.t(), radau.face().clone());
@@ -283,30 +283,31 @@ pub(super) fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: 
             let name = plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str);
             if linear {
                 format!(
-                    "the variational inequality has no solution at t = {t:?}: the inequality of `{name}` fails whatever the \
-                     variables are. `{name}` should raise its inequality, at once or in time: look at its sign, and whether \
-                     the start satisfies it"
+                    "the variational inequality has no solution at t = {t:?}: the inequality of `{name}` is violated \
+                     for all values of the variables. `G` must increase with `{name}` (D or CB positive definite): \
+                     check its sign, and whether the initial values satisfy it"
                 )
             } else {
                 format!(
-                    "no solution of the variational inequality was found at t = {t:?}: the linearised inequality of `{name}` \
-                     fails whatever the variables are. Either there is none (look at the sign of the inequality, and \
-                     whether the states satisfy it), or Newton's method did not come near it: write the inequality so that \
-                     it is closer to linear in `{name}`"
+                    "no solution of the variational inequality was found at t = {t:?}: the linearised inequality of \
+                     `{name}` is violated for all values of the variables. Either there is none (check the sign of the \
+                     inequality, and whether the states satisfy it), or Newton's method started too far from it: write \
+                     the inequality so that it is closer to linear in `{name}`"
                 )
             }
         }
         StepError::Unresolved { t, variable } => format!(
-            "`{}` switches again and again, from t = {t:?} on, while what decides it stays below what the tolerances resolve: an \
-             accumulation of switches that was not passed. Take another `stages`, or an `rtol` and `atol` for which the states \
-             that switch it and those that it drives are resolved alike",
+            "`{}` switches repeatedly from t = {t:?} on, while the values that decide it stay below the resolution of \
+             the tolerances: an accumulation of switches that could not be stepped over. Choose another `stages`, or \
+             an `rtol` and `atol` for which the states that decide the switch and those that it drives are resolved \
+             equally well",
             plan.names.get(plan.initial.len() + variable).map_or("?", String::as_str)
         ),
         StepError::Chattering { t, kink } => {
             let name = kinks.names.get(kink).map_or("a function with a kink", String::as_str);
             let instead = match &kinks.as_set {
                 Some(problem) => {
-                    format!("this `problem` in its place has the same solution, and its steps follow it: {problem}")
+                    format!("this `problem` has the same solution, and can be integrated along the jump: {problem}")
                 }
                 None => {
                     "write the function as a variable in a set, or the rates on either side as a `filippov` problem"
@@ -314,12 +315,12 @@ pub(super) fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: 
                 }
             };
             format!(
-                "{name} makes the rates jump where its argument changes its sign; from t = {t:?} on the solution slides along \
-                 that jump, and steps cross it to and fro without end: {instead}"
+                "{name} makes the rates jump where its argument changes sign; from t = {t:?} on the solution slides \
+                 along the jump, and the steps chatter across it: {instead}"
             )
         }
         StepError::InconsistentStart { state, jump } => format!(
-            "the start is inconsistent: the constraints ask for a jump of `{}` by {jump:e}",
+            "the start is inconsistent: the constraints require a jump of `{}` by {jump:e}",
             plan.names.get(state).map_or("?", String::as_str)
         ),
         _ => error.to_string(),
@@ -327,7 +328,7 @@ pub(super) fn failure(plan: &Plan, kinks: &KinkAdvice, error: &StepError, time: 
     Failure { code: error.code().into(), message, time, state: state.to_vec() }
 }
 
-/// What is known before the run: what the theory says, what is built, what is left out and why.
+/// The diagnostics known before the run: structural analysis, what is built, and what is left out for which reason.
 pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let bounded = (0..structure.variables).any(|k| !structure.set.is_free(k)) || !structure.moving.is_empty();
     let mut diagnostics = Diagnostics {
@@ -337,8 +338,9 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
         ..Diagnostics::default()
     };
     if structure.has_impulses() && analysis.unbounded_index == Some(2.0) && !structure.constant_jacobian {
-        let message = "the index at the start is 2 (CB = 0): a bound may be crossed, but where a state reaches one and stays on \
-                       it, other states jump; only implicit Euler handles that (`\"stages\": 1` with a fixed `step`)";
+        let message = "the index at the start is 2 (CB = 0): a state may cross a bound, but where it reaches one and \
+                       stays on it, other states jump; only implicit Euler handles that (`\"stages\": 1` with a fixed \
+                       `step`)";
         diagnostics.warnings.push(Warning { code: "index_two", message: message.to_owned() });
     }
     let mut leave = |what: &str| diagnostics.left_out.push(what.to_owned());
@@ -363,7 +365,7 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
         match settings.switches {
             Switches::Locate => diagnostics.built.push("switch detection"),
             Switches::StepOver => {
-                diagnostics.left_out.push("switch detection: step_over was asked for".to_owned());
+                diagnostics.left_out.push("switch detection: `switches` is `step_over`".to_owned());
             }
         }
     }
@@ -373,12 +375,12 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
     diagnostics
 }
 
-/// States this many times their absolute tolerance at the most are hardly told from zero.
+/// A state whose maximum is below this multiple of its absolute tolerance is hardly distinguishable from zero.
 const SMALL: f64 = 10.0;
 
-/// Warns of states of which the tolerance leaves hardly a digit.
+/// Warns of states whose absolute tolerance leaves hardly a correct digit.
 fn warn_of_small_states(plan: &Plan, atol: &[f64], largest: &[f64], diagnostics: &mut Diagnostics) {
-    // What rounding leaves of a state that is zero says nothing.
+    // A state this small is rounding of zero.
     let rounding = 1e-12 * largest.iter().copied().fold(0.0, f64::max);
     let states = plan.names.iter().zip(atol).zip(largest);
     let small = states.filter(|((_, atol), largest)| **largest > rounding && **largest < SMALL * **atol);
@@ -386,14 +388,14 @@ fn warn_of_small_states(plan: &Plan, atol: &[f64], largest: &[f64], diagnostics:
         diagnostics.warnings.push(Warning {
             code: "below_tolerance",
             message: format!(
-                "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` far \
-                 below the sizes that matter"
+                "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` \
+                 far below the values of interest"
             ),
         });
     }
 }
 
-/// Takes over the counters of a run.
+/// Copies the counters of a run to the diagnostics.
 fn count(radau: &mut Radau<'_>, plan: &Plan, diagnostics: &mut Diagnostics) {
     let (counts, work) = (radau.counts, radau.work());
     diagnostics.stages = radau.stages();
@@ -423,7 +425,7 @@ fn count(radau: &mut Radau<'_>, plan: &Plan, diagnostics: &mut Diagnostics) {
         diagnostics.warnings.push(Warning {
             code: if t == plan.start { "initial_jump" } else { "jump" },
             message: format!(
-                "the state at t = {t:?} is outside what the inequalities allow; it jumped at once, by the impulse x+ = x + B p \
+                "the state at t = {t:?} violates the inequalities; it jumped there, by the impulse x+ = x + B p \
                  with p in K complementary to G(x+)"
             ),
         });
@@ -432,7 +434,7 @@ fn count(radau: &mut Radau<'_>, plan: &Plan, diagnostics: &mut Diagnostics) {
         diagnostics.warnings.push(Warning {
             code: "switches_accumulate",
             message: format!(
-                "switches followed each other ever faster ({} times); the run went on across them with the variational \
+                "switches accumulated ({} times); the run stepped over each accumulation with the variational \
                  inequality at every stage and without locating them",
                 radau.accumulations()
             ),

@@ -1,4 +1,4 @@
-//! What a solve hands back: the trajectory in columns, events, diagnostics, and how it ended.
+//! The answer of a solve: the trajectory in columns, events, diagnostics, and the status.
 
 mod audit;
 pub mod columnar;
@@ -55,7 +55,7 @@ pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
 pub use study::{Series, Study, StudyRun};
 pub use summary::{OfNumber, Summary};
-pub use table::{Column, Table, TableProvenance, Unmergeable, Values, Words};
+pub use table::{Column, Counts, Incomplete, Lists, Table, TableProvenance, Unmergeable, Values, Words, answer};
 pub use trajectory::{Field, Trajectory};
 pub use uniqueness::uniqueness_caveat;
 pub use verdict::{Caveat, CheckCode, Checks, Measured, Reason, Verdict};
@@ -66,95 +66,95 @@ use serde::{Deserialize, Deserializer, Serialize};
 use std::borrow::Cow;
 use utoipa::ToSchema;
 
-/// How a solve ended.
+/// The status of a solve.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Status {
-    /// The end time was reached, or what `stop` asks for happened.
+    /// The end time was reached, or an event of `stop` ended the run.
     #[default]
     Completed,
-    /// A limit or a cancel; the trajectory so far is kept.
+    /// A limit or a cancellation stopped the run; the trajectory so far is kept.
     Stopped,
-    /// The numerics could not go on; the trajectory so far is kept.
+    /// The numerical method failed; the trajectory so far is kept.
     Failed,
 }
 
-/// Why a solve did not reach its end time.
+/// The reason why a solve did not reach its end time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Failure {
-    /// A stable word for programs, such as `step_too_small`.
+    /// A stable code for programs, such as `step_too_small`.
     #[schema(value_type = String)]
     pub code: Cow<'static, str>,
-    /// What happened and what to try, for people.
+    /// What happened and what to change, in words.
     pub message: String,
     /// The time reached.
     pub time: f64,
-    /// The states there, in the order of the specification.
+    /// The states at that time, in the order of the specification.
     pub state: Vec<f64>,
 }
 
 /// The answer to a specification. Every number in it is finite.
 #[derive(Clone, Debug, Default, Serialize, Deserialize, ToSchema)]
 pub struct Solution {
-    /// The version of its form, 1: members may come to it, none goes or changes its meaning.
+    /// The version of the answer format, 1: members may be added, but none is removed or changes its meaning.
     #[serde(default)]
     #[schema(value_type = u64, minimum = 1, maximum = 1)]
     pub version: Version,
-    /// How it ended.
+    /// The status of the solve.
     pub status: Status,
-    /// Whether it may be relied upon, and what speaks against it.
+    /// Whether the answer may be relied upon, and the reasons against it.
     #[serde(default)]
     pub verdict: Verdict,
-    /// What it is the answer to.
+    /// The specification and the program that the answer comes from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub provenance: Option<Provenance>,
-    /// Why it stopped or failed.
+    /// The reason why the solve stopped or failed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<Failure>,
-    /// The monitor of `stop` that ended it, where one did before the end time.
+    /// The monitor of `stop` that ended the run before the end time, if one did.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_by: Option<EndedBy>,
     /// Values over time.
     pub trajectory: Trajectory,
-    /// The evidence, which is not read back: it is written for people.
+    /// The evidence. It is written for people and not read back.
     #[serde(default, deserialize_with = "passed_over")]
     pub diagnostics: Diagnostics,
-    /// How derivatives at the end compare with a difference of runs, where they were asked for.
+    /// Comparison of the derivatives at the end with a difference of runs, on request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivities: Option<Checked>,
-    /// The orbit, where one was looked for and found; the trajectory is once along it.
+    /// The periodic orbit, if one was requested and found; the trajectory then covers one period.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub orbit: Option<Orbit>,
-    /// The state of rest, where one was looked for and found; the trajectory is a short run from it.
+    /// The steady state, if one was requested and found; the trajectory is then a short run from it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steady_state: Option<SteadyState>,
-    /// One row for each member of a sweep.
+    /// One row per member of a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub table: Option<Table>,
-    /// Of each number that a sweep collects.
+    /// Summary statistics of each number that a sweep collects.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summary: Option<Summary>,
-    /// Parameters fitted to data, where that was asked for; the trajectory is the fitted one.
+    /// The fitted parameters, if a fit was requested; the trajectory is the fitted one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fit: Option<FitAnswer>,
-    /// The solution of a static problem, where it has one.
+    /// The solution of a static problem, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub solution: Option<StaticSolution>,
-    /// Error against run time, where it was asked for.
+    /// Error against run time, if a study was requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub study: Option<Study>,
-    /// What reducers have made of the run, in the order of [`Plan::reducers`]; a part of no answer of its own.
+    /// The values collected by reducers, in the order of [`Plan::reducers`]; not part of the written answer.
     #[serde(skip)]
     pub collected: Vec<Collected>,
 }
 
-/// Reads what stands there and keeps none of it.
+/// Skips a value and returns the default.
 fn passed_over<'de, T: Default, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
     IgnoredAny::deserialize(deserializer).map(|_| T::default())
 }
 
 impl Solution {
-    /// Compares all that was measured with what is allowed, once no more is to come. `end` is the end asked for.
+    /// Derives the verdict from all measurements, after the last of them. `end` is the requested end time.
     pub fn judge(&mut self, end: f64) {
         self.verdict = Verdict::of(self.status, self.error.as_ref(), end, &self.diagnostics.checks);
     }

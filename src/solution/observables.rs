@@ -1,6 +1,6 @@
-//! What a user defines beside the outputs of a problem, followed along the dense output of any method: definitions, which
-//! are further columns; integrals of expressions over time; and monitors, whose changes of sign are located and told, or end
-//! the run.
+//! User-defined quantities beside the outputs of a problem, evaluated along the dense output of any method:
+//! definitions, which are further columns; integrals of expressions over time; and monitors, whose sign changes are
+//! located and recorded, or end the run.
 
 use super::quadrature;
 use super::run::Stepper;
@@ -11,33 +11,33 @@ use numerics::Interval;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// Definitions, integrals and monitors of a user.
+/// The definitions, integrals and monitors of a user.
 #[derive(Clone, Debug, Default)]
 pub struct Observables {
     /// The names of the definitions, then of the integrals.
     pub names: Vec<String>,
     /// The number of integrals.
     pub integrals: usize,
-    /// Of each definition how many outputs of the problem there are up to the last that it depends on.
+    /// For each definition, the number of outputs of the problem up to the last one that it depends on.
     pub reach: Vec<usize>,
     /// The monitors.
     pub monitors: Vec<Monitored>,
-    /// Definitions, integrands and monitors as a program in `t` and all outputs of the problem.
+    /// Definitions, integrands and monitors compiled as functions of `t` and all outputs of the problem.
     pub program: Tape,
 }
 
-/// A monitor.
+/// A monitor (event function) of the user.
 #[derive(Clone, Debug)]
 pub struct Monitored {
-    /// The name of its events.
+    /// The label of its events.
     pub label: String,
-    /// Which of its changes count.
+    /// The sign changes that count.
     pub direction: Direction,
-    /// Whether they end the run.
+    /// Whether its events end the run.
     pub ends: bool,
 }
 
-/// The changes of a monitor that count.
+/// The direction of the sign changes that count.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
@@ -53,14 +53,14 @@ pub enum Direction {
 /// The monitor that ended a run.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct EndedBy {
-    /// Its label; where it has none, its expression.
+    /// The label of the monitor, or else its expression.
     pub label: String,
-    /// When.
+    /// The time of its event.
     pub t: f64,
 }
 
 impl Observables {
-    /// Whether something is taken within steps, whatever the output times are.
+    /// Whether something is evaluated within steps, independently of the output times.
     pub fn is_followed(&self) -> bool {
         self.integrals > 0 || !self.monitors.is_empty()
     }
@@ -71,19 +71,19 @@ impl Observables {
     }
 }
 
-/// Observables on the way of one run.
+/// Observables during a run.
 pub(super) struct Observed<'a> {
     of: &'a Observables,
     monitors: Monitors,
     place: EvaluationBuffer,
-    /// The integrals up to `reached`.
+    /// The integrals up to the time `reached`.
     integrals: Vec<f64>,
     reached: f64,
-    /// The monitor without a value.
+    /// A monitor without a finite value, if there is one.
     lost: Option<usize>,
 }
 
-/// Room for one evaluation.
+/// Buffers for one evaluation.
 struct EvaluationBuffer {
     program: Tape,
     boxes: IntervalWorkspace,
@@ -91,7 +91,7 @@ struct EvaluationBuffer {
     values: Vec<f64>,
     output_ranges: Vec<Interval>,
     ranges: Vec<Interval>,
-    /// The first monitor among the values.
+    /// Index of the first monitor among the values.
     first: usize,
 }
 
@@ -129,7 +129,7 @@ impl EvaluationBuffer {
 }
 
 impl<'a> Observed<'a> {
-    /// Begins at the start of a run with so many outputs of the problem.
+    /// Begins at the start of a run; `outputs` is the number of outputs of the problem.
     pub fn new(of: &'a Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let count = of.names.len() + of.monitors.len();
         let mut place = EvaluationBuffer {
@@ -146,8 +146,8 @@ impl<'a> Observed<'a> {
         Self { monitors, place, integrals: vec![0.0; of.integrals], reached: t, lost: None, of }
     }
 
-    /// Follows the monitors over the last step, from `begin` on: adds what they tell to the events, for as long as their number
-    /// lets it, and gives what ends the run, behind which there are no events.
+    /// Locates the events of the monitors over the last step, from `begin` on, and appends them to `events` as long as
+    /// `goes_on` allows their number. Returns the event that ends the run, after which there are no others.
     pub fn follow(
         &mut self,
         stepper: &mut impl Stepper,
@@ -191,19 +191,19 @@ impl<'a> Observed<'a> {
         ended
     }
 
-    /// The monitor that has no value at a time within the last step.
+    /// The monitor without a finite value at a time within the last step.
     fn lost_at(&mut self, stepper: &mut impl Stepper, t: f64) -> Option<usize> {
         let first = self.place.first;
         self.place.at(stepper, t)[first..].iter().position(|value| !value.is_finite())
     }
 
-    /// The label of a monitor that had no value at the end of the last step.
+    /// The label of a monitor without a finite value at the end of the last step.
     pub fn lost(&self) -> Option<&str> {
         self.lost.map(|monitor| self.of.monitors[monitor].label.as_str())
     }
 
-    /// Writes definitions and integrals at a time within the last step, at which the problem has these outputs. Times come in
-    /// order.
+    /// Writes definitions and integrals at a time within the last step, where the problem has the given outputs. Times
+    /// must increase from call to call.
     pub fn write(&mut self, stepper: &mut impl Stepper, t: f64, outputs: &[f64], out: &mut [f64]) {
         self.integrate(stepper, t);
         let (of_definitions, of_integrals) = out.split_at_mut(self.of.definitions());
@@ -211,14 +211,14 @@ impl<'a> Observed<'a> {
         of_integrals.copy_from_slice(&self.integrals);
     }
 
-    /// Writes definitions at a time at which the problem has these outputs.
+    /// Writes the definitions at a time where the problem has the given outputs.
     pub fn define(&mut self, t: f64, outputs: &[f64], out: &mut [f64]) {
         let EvaluationBuffer { program, values, .. } = &mut self.place;
         program.evaluate(t, outputs, values);
         out.copy_from_slice(&values[..out.len()]);
     }
 
-    /// Takes the integrals up to a time within the last step.
+    /// Continues the integrals up to a time within the last step.
     pub fn integrate(&mut self, stepper: &mut impl Stepper, t: f64) {
         let (first, count) = (self.of.definitions(), self.of.integrals);
         if count == 0 || t <= self.reached {
@@ -231,7 +231,7 @@ impl<'a> Observed<'a> {
         self.reached = t;
     }
 
-    /// Steps in which a monitor may have changed its sign and back unseen.
+    /// Number of steps in which a monitor may have changed sign twice without being noticed.
     pub fn open(&self) -> u64 {
         self.monitors.open
     }

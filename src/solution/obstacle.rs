@@ -1,4 +1,4 @@
-//! A parabolic obstacle problem from start to end, its outputs by name.
+//! Integration of a parabolic obstacle problem, with outputs by name.
 
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
@@ -20,7 +20,7 @@ pub fn integrate_obstacle(
     })
 }
 
-/// What is known before the run.
+/// The diagnostics known before the run.
 pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "tr_bdf2",
@@ -43,16 +43,16 @@ pub fn describe_obstacle(problem: &Obstacle, settings: &Settings, analysis: &Ana
     diagnostics
 }
 
-/// A run with the names that its columns go by.
+/// A run with the names of its columns.
 struct ObstacleRun<'a> {
     stepper: TrBdf2<'a>,
-    /// The outputs at the time before the last step, and at the time reached.
+    /// The outputs at the beginning and at the end of the last step.
     told: [Vec<f64>; 2],
     contact: Contact,
     events: Vec<Event>,
-    /// Those of the probes, as corners of an element and their weights.
+    /// The probes, as nodes with their weights.
     probes: Vec<Vec<(usize, f64)>>,
-    /// The largest `|u|` there is at the time reached, the state that failures tell.
+    /// The largest `|u|` at the current time, which failures report as their state.
     states: Vec<f64>,
     vi_tolerance: f64,
 }
@@ -81,7 +81,7 @@ impl<'a> ObstacleRun<'a> {
         Ok(course)
     }
 
-    /// Takes the outputs at the time reached into the books.
+    /// Updates the outputs at the current time.
     fn tell(&mut self) {
         let Self { stepper: TrBdf2 { system, u, force, .. }, told, probes, .. } = self;
         self.contact = Contact::of(system, u, force);
@@ -131,8 +131,8 @@ impl Stepper for ObstacleRun<'_> {
         Ok(())
     }
 
-    /// Within a step, values of `u` are those of the stepper; those of the contact set, whose rate jumps, are on the line
-    /// between the ends.
+    /// Within a step, values of `u` come from the stepper's interpolant. Those of the contact set, whose rate jumps,
+    /// are interpolated linearly.
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let Self { stepper, told: [before, now], probes, .. } = self;
         let (start, end) = (stepper.last.0, stepper.t);
@@ -169,7 +169,8 @@ impl Stepper for ObstacleRun<'_> {
             });
             diagnostics.checks.record(CheckCode::EventsUnproven, counts.unproven as f64, 0.0, || {
                 format!(
-                    "in {} steps nodes rest at all stages that the data move between them: take a smaller `step`, or none",
+                    "in {} steps nodes are in contact at all stages, but the data may lift them in between: choose a \
+                     smaller `step`, or none",
                     counts.unproven
                 )
             });

@@ -1,14 +1,14 @@
-//! Periodic orbits, by shooting: the start `x_0` from which a run comes back to itself after a period `T`,
+//! Periodic orbits, by shooting: the initial state `x_0` from which a run returns to itself after a period `T`,
 //!
 //! ```text
 //! r(x_0, T) = x(T; x_0) - x_0 = 0,    (S - I) dx_0 + x'(T) dT = -r,    S = dx(T)/dx_0
 //! ```
 //!
-//! by Newton's method with the monodromy matrix `S`, which is exact through switches ([`radau::Tangents`]; Aprille and Trick
-//! 1972, *Steady-state analysis of nonlinear circuits with periodic inputs*, where equations are smooth). `S` may be singular,
-//! as it is where a diode blocks or a body sticks; `S - I` is so where orbits come in families, of which the nearest is taken.
-//! Where the period is free, one state keeps the value at which it starts. Where Newton's method comes no nearer, or there is
-//! no derivative, the run goes on for another period, as the system itself would.
+//! by Newton's method with the monodromy matrix `S`, which is exact through switches ([`radau::Tangents`]; Aprille and
+//! Trick 1972, *Steady-state analysis of nonlinear circuits with periodic inputs*, for smooth equations). `S` may be
+//! singular, for example if a diode blocks or a body sticks; `S - I` is singular if orbits form families, of which the
+//! nearest is chosen. With a free period, one state keeps its initial value. If a Newton step does not reduce the
+//! residual, or there is no derivative, the run continues for another period, as the system itself would.
 
 use super::integrate::{failure, integrate_once};
 use super::run::{Ended, Plan, ending};
@@ -24,56 +24,57 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// The most runs over one period. Newton's method takes a handful; a system that is left to itself comes nearer to its orbit by
-/// the modulus of its multiplier in each.
+/// Most runs over one period. Newton's method takes a handful; a system left to itself approaches its orbit by the
+/// modulus of its multiplier per period.
 const MOST_SHOTS: u64 = 100;
-/// So often a step of Newton's method that comes no nearer is halved: another period of the system itself, which comes nearer too,
-/// costs as much as a half.
+/// Most halvings of a Newton step that does not reduce the residual: another period of the system itself, which also
+/// reduces it, costs as much as one halving.
 const HALVINGS: i32 = 1;
-/// The part of the distance that a step must take at least, for each part of it that is made (Deuflhard 2011, *Newton Methods for
+/// Least reduction of the residual relative to the fraction of the step taken (Deuflhard 2011, *Newton Methods for
 /// Nonlinear Problems*, section 3.1).
 const GAIN: f64 = 0.25;
-/// Singular values of `S - I` below this part of the largest are zero: the root of the accuracy of its entries, which is about
-/// that of doubles.
+/// Singular values of `S - I` below this fraction of the largest count as zero: the square root of the accuracy of its
+/// entries, which is close to that of doubles.
 const RANK: f64 = 1e-8;
-/// An orbit with a free period that is no longer than so many tolerances is a point: fewer than three digits of it are known.
+/// An orbit with a free period and a length below this number of tolerances counts as a point: fewer than three of its
+/// digits are known.
 const SEEN: f64 = 1e3;
-/// A multiplier within this distance of the unit circle is on it, to the accuracy of the derivatives.
+/// A multiplier within this distance of the unit circle counts as being on it, given the accuracy of the derivatives.
 const ON_CIRCLE: f64 = 1e-6;
-/// The times within a period at which the rows of a problem are compared with those a period later; no two are a simple part of
-/// it apart, so that edges of pulses are met by chance only.
+/// Number of times at which the rows of a problem are compared with those one period later. Their distances are not
+/// simple fractions of the period, so that they meet edges of pulses by chance only.
 const COMPARED: u32 = 16;
-/// Rows that differ by less than this part of themselves are the same: rounding of time, as their slopes make it.
+/// Relative tolerance for rows that count as equal: rounding of the time, amplified by their slopes.
 const SAME: f64 = 1e-6;
 
-/// What is looked for.
+/// The requested orbit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Periodic {
-    /// The period; where it is free, about.
+    /// The period, or an initial guess of a free one.
     pub period: f64,
-    /// Where the period is free, the state that keeps its value at the start.
+    /// For a free period, the state that keeps its initial value.
     pub phase: Option<usize>,
 }
 
 /// A periodic orbit.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Orbit {
-    /// Its period.
+    /// The period of the orbit.
     pub period: f64,
-    /// The states where it begins, by their names.
+    /// The states at the beginning of the orbit, by name.
     pub start: BTreeMap<String, f64>,
-    /// The Floquet multipliers as `[re, im]`, by falling modulus: the eigenvalues of the derivative of the states after one
-    /// period by those before. Empty where there is no such derivative.
+    /// The Floquet multipliers as `[re, im]`, by decreasing modulus: the eigenvalues of the derivative of the states
+    /// after one period with respect to those before. Empty if the derivative does not exist.
     pub multipliers: Vec<[f64; 2]>,
-    /// Whether what is near comes nearer: all multipliers are inside the unit circle, but for the one of a free phase. Absent
-    /// where that is not known.
+    /// Whether the orbit is asymptotically stable: all multipliers are inside the unit circle, except the one of a free
+    /// phase. Absent if that is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stable: Option<bool>,
-    /// Runs over one period that it took.
+    /// Number of runs over one period.
     pub shots: u64,
-    /// How far its end is from its beginning, in units of `atol + rtol |x|`.
+    /// Distance of its end from its beginning, in units of `atol + rtol |x|`.
     pub residual: f64,
-    /// Mean, root mean square, least and largest value over the period of each field that is no integral.
+    /// Mean, root mean square, minimum and maximum over the period of each field other than integrals.
     pub over_period: BTreeMap<String, OverTime>,
 }
 
@@ -84,20 +85,20 @@ struct Shot {
     to: Vec<f64>,
     /// The rates at the end.
     slope: Vec<f64>,
-    /// The derivative of the end by the start, or why there is none.
+    /// The derivative of the end with respect to the beginning, or the reason why it does not exist.
     monodromy: Result<DMatrix<f64>, NoDerivative>,
     /// The tolerances of the states.
     scale: Vec<f64>,
 }
 
 impl Shot {
-    /// The distance from end to beginning, in units of the tolerances.
+    /// The distance of the end from the beginning, in units of the tolerances.
     fn distance(&self) -> f64 {
         let parts = self.to.iter().zip(&self.from).zip(&self.scale);
         parts.map(|((to, from), scale)| (to - from).abs() / scale).fold(0.0, f64::max)
     }
 
-    /// The correction of the start and of the period by Newton's method.
+    /// The Newton correction of the initial state and of the period.
     fn correction(&self, phase: Option<usize>, rtol: f64) -> Option<(Vec<f64>, f64)> {
         let n = self.from.len();
         let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);
@@ -118,7 +119,7 @@ impl Shot {
         (of_period.is_finite() && change.iter().all(|value| value.is_finite())).then_some((change, of_period))
     }
 
-    /// The multipliers, by falling modulus.
+    /// The multipliers, by decreasing modulus.
     fn multipliers(&self) -> Vec<[f64; 2]> {
         let Ok(monodromy) = &self.monodromy else { return Vec::new() };
         let mut values: Vec<[f64; 2]> =
@@ -132,7 +133,7 @@ fn modulus([re, im]: &[f64; 2]) -> f64 {
     re.hypot(*im)
 }
 
-/// A search on its way.
+/// A search in progress.
 struct Search<'a> {
     model: &'a DviModel,
     plan: &'a Plan,
@@ -157,7 +158,7 @@ pub fn find_orbit(
     let reached = found.as_ref().map_or_else(|missed| missed.0.as_ref(), Some);
     let (start, period) =
         reached.map_or_else(|| (plan.initial.clone(), asked.period), |shot| (shot.from.clone(), shot.period));
-    // Output times were asked for over the period that was expected.
+    // Output times were requested for the expected period; scale them to the actual one.
     let at = |t: &f64| plan.start + (t - plan.start) * (period / asked.period);
     let along = Plan {
         initial: start.clone(),
@@ -181,14 +182,15 @@ pub fn find_orbit(
     };
     let distances = x.iter().zip(&start).zip(&shot.scale).map(|((to, from), scale)| (to - from).abs() / scale);
     let residual = distances.fold(0.0, f64::max);
-    // Errors of the tolerance in every step add up to as many.
+    // Tolerance-sized errors of the steps may add up to this number of tolerances.
     let allowed = diagnostics.steps.accepted.max(1) as f64;
     diagnostics.checks.record(CheckCode::ReturnResidual, residual, allowed, || {
-        format!("the end of the orbit is {residual:.1e} times the tolerance from its beginning")
+        format!("the end of the orbit differs from its beginning by {residual:.1e} times the tolerance")
     });
     let multipliers = shot.multipliers();
     if let Err(why) = &shot.monodromy {
-        let message = format!("the orbit has no derivative by its start, and so no multipliers: {why}");
+        let message =
+            format!("the orbit has no derivative with respect to its initial values, and so no multipliers: {why}");
         diagnostics.checks.caveat("no_multipliers", message);
     }
     let names = model.state_names.iter().cloned();
@@ -204,8 +206,8 @@ pub fn find_orbit(
     solution
 }
 
-/// Whether all multipliers are inside the unit circle, but for the one nearest to 1 where the phase is free; `None` where one
-/// is on it, or none are known.
+/// Whether all multipliers are inside the unit circle, except the one nearest to 1 if the phase is free; `None` if one
+/// is on the circle, or none are known.
 fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
     let off_one = |[re, im]: &[f64; 2]| (re - 1.0).hypot(*im);
     let nearest = (0..multipliers.len()).min_by(|a, b| off_one(&multipliers[*a]).total_cmp(&off_one(&multipliers[*b])));
@@ -216,7 +218,7 @@ fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
     ((largest - 1.0).abs() > ON_CIRCLE).then_some(largest < 1.0)
 }
 
-/// The shot that was the best, where there was one, and why there is none that is good.
+/// The best run, if there was one, and the reason why it is not an orbit.
 type Missed = Box<(Option<Shot>, Failure)>;
 
 impl Search<'_> {
@@ -230,8 +232,9 @@ impl Search<'_> {
             }
             if self.shots >= MOST_SHOTS {
                 let message = format!(
-                    "no orbit of period {} was found in {MOST_SHOTS} runs: the end of the last is {distance:.1e} times the \
-                     tolerance from its beginning; begin nearer to it, or where the system has come to after a while",
+                    "no orbit of period {} was found in {MOST_SHOTS} runs: the end of the last differs by \
+                     {distance:.1e} times the tolerance from its beginning; choose initial values nearer to the orbit, \
+                     such as those after a transient",
                     shot.period
                 );
                 let failure = self.failure("no_orbit", message);
@@ -252,7 +255,8 @@ impl Search<'_> {
         }
     }
 
-    /// The next shot by Newton's method, as far along its step as brings it nearer; none where no part does.
+    /// The next run by Newton's method, with the largest fraction of its step that reduces the residual; `None` if no
+    /// fraction does.
     fn damped(&mut self, shot: &Shot, (change, of_period): &(Vec<f64>, f64)) -> Result<Option<Shot>, Failure> {
         for halving in 0..=HALVINGS {
             let part = 0.5_f64.powi(halving);
@@ -270,19 +274,21 @@ impl Search<'_> {
         Ok(None)
     }
 
-    /// Refuses an orbit with a free period that is a point.
+    /// Refuses an orbit with a free period that is a single point.
     fn moves(&self, shot: Shot) -> Result<Shot, Missed> {
         let moved = shot.slope.iter().zip(&shot.scale).map(|(slope, scale)| (slope * shot.period).abs() / scale);
         if self.phase.is_none() || moved.fold(0.0, f64::max) > SEEN {
             return Ok(shot);
         }
         let message =
-            "the search came to a state of rest, which has every period; begin nearer to the orbit".to_owned();
+            "the search converged to a steady state, which has every period; choose initial values nearer to the orbit"
+                .to_owned();
         let failure = self.failure("no_orbit", message);
         Err(Box::new((Some(shot), failure)))
     }
 
-    /// Refuses a period that is not one of the problem itself; where it is free, a problem that depends on time.
+    /// Refuses a period after which the problem itself does not repeat, and a free period of a problem that depends on
+    /// time.
     fn check_forcing(&self, period: f64) -> Result<(), Missed> {
         let mut problem = self.model.problem();
         let structure = problem.structure();
@@ -308,10 +314,11 @@ impl Search<'_> {
                 |[(_, now), (_, later)]: &&[(f64, Vec<f64>); 2]| (now[row] - later[row]).abs() > SAME * largest;
             let Some([(t, now), (_, later)]) = pairs.iter().find(differs) else { continue };
             let name = self.plan.names.get(row).map_or("a bound", String::as_str);
-            let what = if row < n { "the rate of" } else { "what belongs to" };
+            let what = if row < n { "the rate of" } else { "the inequality or bound of" };
             let message = match self.phase {
                 Some(_) => format!(
-                    "{what} `{name}` depends on time, so that the period is not free: give the period of that as a number"
+                    "{what} `{name}` depends on time, so that the period is not free: give the period of the forcing \
+                     as a number"
                 ),
                 None => format!(
                     "{what} `{name}` at t = {t:?} is {}, and a period later {}: it does not repeat after {period:?}",

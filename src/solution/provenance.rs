@@ -1,27 +1,28 @@
-//! What an answer is the answer to: a file of it alone can be traced to the specification and the program that it came of.
+//! The provenance of an answer, by which it can be traced to its specification and program.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The specification and the program that an answer came of.
+/// The specification and the program that an answer comes from.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Provenance {
     /// The program and its version, as `dvi 0.1.0`.
     pub program: String,
-    /// The user's own words for the specification.
+    /// The user's label of the specification.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub label: Option<String>,
-    /// The type of the problem, by its key.
+    /// The key of the problem type.
     pub problem: String,
-    /// The SHA-256 of the text of the specification, in hexadecimal digits; of a deck, of the document that it becomes.
+    /// The SHA-256 of the text of the specification, in hexadecimal; for a SPICE deck, of the document that it is
+    /// converted to.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<String>,
     /// The relative tolerance.
     pub rtol: f64,
-    /// The absolute tolerance, where that of all states is the same.
+    /// The absolute tolerance, if it is the same for all states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub atol: Option<f64>,
-    /// The fixed step, where one is asked for.
+    /// The fixed step, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<f64>,
 }

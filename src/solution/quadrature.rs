@@ -1,13 +1,13 @@
-//! Integrals over time of what is taken along the dense output of a step.
+//! Integrals over time along the dense output of a step.
 
 use numerics::kronrod;
 
-/// The difference of both rules of quadrature, in parts of the integral of the size, at which they agree.
+/// Relative difference of the two quadrature rules at which they count as equal.
 const AGREE: f64 = 1e-13;
-/// The parts of a step that are integrated apart at most, as where an integrand has a kink: each halving takes two digits.
+/// Most subintervals of a step, for integrands with kinks: each bisection gains two digits.
 const MOST_PARTS: usize = 64;
 
-/// Adds the integrals of functions between two times to `integrals`. `at` writes all of them at a time.
+/// Adds the integrals of several functions between two times to `integrals`; `at` evaluates all of them at a time.
 pub(super) fn integrate(from: f64, to: f64, integrals: &mut [f64], mut at: impl FnMut(f64, &mut [f64])) {
     let mut left = vec![(from, to)];
     let mut parts = 0;

@@ -1,5 +1,5 @@
-//! Numbers and words of one run, in the place of its trajectory: values at its ends, extremes, means and integrals along the
-//! dense output, counts and times of located events, the word of its modes. Output times play no part.
+//! Numbers and texts collected from a run in place of its trajectory: values at its ends, extremes, means and integrals
+//! along the dense output, counts and times of located events, and the mode word. Output times have no influence.
 
 use super::columnar::checksum;
 use super::quadrature::integrate;
@@ -8,31 +8,31 @@ use super::statistics::{Extremes, Samples};
 use super::{Event, EventKind};
 use expression::Tape;
 
-/// The bytes at which a word of modes is cut.
+/// Length in bytes at which a mode word is cut.
 const LONGEST_WORD: usize = 4 << 10;
 
-/// What is collected of a run.
+/// The values to collect from a run.
 #[derive(Clone, Debug, Default)]
 pub struct Reducers {
     /// The names of the columns.
     pub names: Vec<String>,
-    /// What each is.
+    /// The reductions, one per column.
     pub reductions: Vec<Reduction>,
-    /// The expressions as a program in `t` and all outputs of the problem.
+    /// The expressions compiled as functions of `t` and all outputs of the problem.
     pub program: Tape,
 }
 
-/// One number or word.
+/// One collected number or text.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Reduction {
-    /// Of the value of an expression, by its place in the program.
+    /// A functional of an expression over time.
     Value {
-        /// The place.
+        /// The index of the expression in the program.
         at: usize,
-        /// What of its values.
+        /// The functional.
         over: Over,
     },
-    /// A derivative at the end, by its place in [`Sensitivities::names`](super::Sensitivities::names).
+    /// A sensitivity at the end, by its index in [`Sensitivities::names`](super::Sensitivities::names).
     Derivative(usize),
     /// The number of events.
     Count(Selected),
@@ -40,26 +40,26 @@ pub enum Reduction {
     First(Selected),
     /// The time of the last event.
     Last(Selected),
-    /// The modes in the order in which they were met.
+    /// The sequence of modes.
     ModeWord,
 }
 
-/// What of the values over a run.
+/// A functional of a value over a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Over {
     /// The value at the end.
     Final,
     /// The value at the start.
     Initial,
-    /// The least value.
+    /// The minimum over time.
     Min,
-    /// The largest value.
+    /// The maximum over time.
     Max,
-    /// The largest less the least.
+    /// The maximum minus the minimum.
     Ripple,
     /// The mean over time.
     Mean,
-    /// The root of the mean of the square.
+    /// The root mean square over time.
     Rms,
     /// The integral over time.
     Integral,
@@ -67,28 +67,28 @@ pub enum Over {
     At(f64),
 }
 
-/// The events that count.
+/// A selection of events.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Selected {
-    /// Their kind.
+    /// The kind of the events.
     pub kind: EventKind,
-    /// What they are of; anything, where that is left out.
+    /// The variable, contact or label of the events; `None` for any.
     pub of: Option<String>,
 }
 
-/// What came of a reduction.
+/// The result of a reduction.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Collected {
-    /// A number; none where it has no finite value, or the run did not come so far.
+    /// A number; `None` if it is not finite, or the run ended too early.
     Number(Option<f64>),
-    /// A count; none where the run did not come to its end.
+    /// A count; `None` if the run did not reach its end.
     Count(Option<u32>),
-    /// A word; none where the run did not come to its end.
+    /// A text; `None` if the run did not reach its end.
     Word(Option<String>),
 }
 
 impl Reducers {
-    /// Whether values within steps are taken.
+    /// Whether values within steps are needed.
     pub fn is_dense(&self) -> bool {
         self.reductions.iter().any(|reduction| match reduction {
             Reduction::Value { over, .. } => !matches!(over, Over::Final | Over::Initial),
@@ -96,7 +96,7 @@ impl Reducers {
         })
     }
 
-    /// What a run gives that never began.
+    /// The results of a run that never began.
     pub fn nothing(&self) -> Vec<Collected> {
         self.reductions.iter().map(Reduction::nothing).collect()
     }
@@ -118,7 +118,7 @@ impl Selected {
     }
 }
 
-/// Reducers on the way of one run.
+/// Reducers during a run.
 pub(super) struct Reducing<'a> {
     of: &'a Reducers,
     program: Tape,
@@ -128,12 +128,12 @@ pub(super) struct Reducing<'a> {
     end: f64,
     at_start: Vec<f64>,
     at_end: Vec<f64>,
-    /// The values at the times that are asked for, a place a reduction.
+    /// The values at requested times, one per reduction.
     at_times: Vec<Option<f64>>,
-    /// The places of values of which there are integrals, whether of their squares.
+    /// Indices of the values to integrate, and whether to square them.
     integrands: Vec<(usize, bool)>,
     integrals: Vec<f64>,
-    /// The places of values of which there are extremes.
+    /// Indices of the values whose extremes are needed.
     extremes: Vec<usize>,
     found: Extremes,
     samples: Samples,
@@ -142,7 +142,7 @@ pub(super) struct Reducing<'a> {
 }
 
 impl<'a> Reducing<'a> {
-    /// Begins at the start of a run with so many outputs of the problem.
+    /// Begins at the start of a run; `outputs` is the number of outputs of the problem.
     pub fn new(of: &'a Reducers, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let mut integrands = Vec::new();
         let mut extremes = Vec::new();
@@ -202,7 +202,7 @@ impl<'a> Reducing<'a> {
         self.program.evaluate(t, &self.outputs, &mut self.values);
     }
 
-    /// Takes the last step into account, from `begin` to `end`, with what happened in it.
+    /// Adds the last step, from `begin` to `end`, with its events.
     pub fn step(&mut self, stepper: &mut impl Stepper, begin: f64, end: f64, events: &[Event]) {
         self.end = end;
         if let Some(word) = &mut self.word {
@@ -232,7 +232,7 @@ impl<'a> Reducing<'a> {
         self.look_at(stepper, begin, end);
     }
 
-    /// Takes the values at those of the times that are asked for which lie within a step.
+    /// Evaluates at the requested times within a step.
     fn look_at(&mut self, stepper: &mut impl Stepper, begin: f64, end: f64) {
         if !self.has_times {
             return;
@@ -248,7 +248,7 @@ impl<'a> Reducing<'a> {
         }
     }
 
-    /// Takes the values at the end of the run.
+    /// Evaluates at the end of the run.
     pub fn end(&mut self, stepper: &mut impl Stepper) {
         if !self.values.is_empty() && self.end > self.start {
             self.evaluate(stepper, self.end);
@@ -256,7 +256,8 @@ impl<'a> Reducing<'a> {
         }
     }
 
-    /// What has come of each; what a run tells that has not come to its end is left out, but for values at times that were met.
+    /// Returns the results. Those of a run that did not reach its end are missing, except values at times that it
+    /// reached.
     pub fn finish(self, is_complete: bool, events: &[Event], derivatives: &[f64]) -> Vec<Collected> {
         let time = self.end - self.start;
         let integral = |at: usize, squared: bool| {
@@ -299,7 +300,7 @@ impl<'a> Reducing<'a> {
     }
 }
 
-/// An event as a letter of a word.
+/// An event as a letter of the mode word.
 fn told(event: &Event) -> String {
     let kind = match event.kind {
         EventKind::Activated => "activated",
@@ -313,19 +314,19 @@ fn told(event: &Event) -> String {
     format!("{}:{kind}", event.of)
 }
 
-/// A word in the making: letters joined by `>`, runs of one as `*n`.
+/// A mode word under construction: letters joined by `>`, repetitions as `*n`.
 #[derive(Debug, Default)]
 struct Word {
     text: String,
-    /// The last letter, and how often it has been met.
+    /// The last letter, and its number of repetitions.
     last: String,
     times: u64,
-    /// Of what does not fit any more.
+    /// Hash of the letters beyond the largest length.
     hash: Option<u64>,
 }
 
 impl Word {
-    /// Adds a letter; a mode is one for as long as it lasts, and events are counted.
+    /// Appends a letter. Repetitions of an event are counted; a mode repeated from step to step is a single letter.
     fn push(&mut self, letter: &str) {
         let is_mode = !letter.contains(':');
         if letter == self.last {

@@ -1,4 +1,4 @@
-//! Rigid bodies from start to end by time stepping, their outputs by name.
+//! Integration of rigid bodies by time stepping, with outputs by name.
 
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
@@ -9,7 +9,7 @@ use contact::energy::Energy;
 use models::rigid_bodies::{Body, MoreauStepping, Motion, MultibodySystem, StepFailure, between};
 use problem::Control;
 
-/// Steps a scene through the plan.
+/// Steps the bodies through the plan.
 pub fn step_rigid_bodies(
     scene: &MultibodySystem,
     plan: &Plan,
@@ -21,7 +21,7 @@ pub fn step_rigid_bodies(
     run(plan, control, diagnostics, || RigidBodyRun::new(scene, plan, settings, control))
 }
 
-/// What is known before the run.
+/// The diagnostics known before the run.
 pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "contact",
@@ -34,8 +34,8 @@ pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analy
         ("friction", scene.laws.any(|law| law.friction > 0.0), "no pair of materials has a coefficient"),
         ("restitution", scene.laws.any(|law| law.restitution > 0.0), "every coefficient is zero"),
         ("joints", !scene.joints.is_empty(), "there are none"),
-        ("midpoint rule", !scene.joints.is_empty(), "no joints hold bodies together"),
-        ("moving apart at the start", scene.resolve, "it was not asked for"),
+        ("midpoint rule", !scene.joints.is_empty(), "there are no joints"),
+        ("resolution of overlaps at the start", scene.resolve, "`interpenetration` is `refuse`"),
     ];
     for (part, needed, reason) in parts {
         if needed {
@@ -51,7 +51,7 @@ pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analy
     diagnostics
 }
 
-/// A run with the names that its columns go by.
+/// A run with the names of its columns.
 struct RigidBodyRun<'a> {
     scene: &'a MultibodySystem,
     simulation: MoreauStepping<'a>,
@@ -59,25 +59,25 @@ struct RigidBodyRun<'a> {
     control: &'a Control,
     h: f64,
     steps: u64,
-    /// The time reached, and that of the step before.
+    /// The current time, and that of the previous step.
     t: f64,
     before: f64,
-    /// How the bodies moved then, and whether contacts had pushed them there.
+    /// The motions at the previous time, and whether contacts were acting then.
     starts: Vec<Motion>,
     pushed: Vec<bool>,
     states: Vec<f64>,
-    /// Forces and coordinates of joints that are outputs, at the ends of the last two steps, and which are coordinates.
+    /// Outputs of joints at the ends of the last two steps, and which of them are coordinates (the others are forces).
     forces: [Vec<f64>; 2],
     coordinates: Vec<bool>,
     energy: Energy,
     work: ViCounts,
-    /// Steps in which a restitution was cut.
+    /// Number of steps in which a restitution was reduced.
     limited: u64,
-    /// Steps that were too long for the joints, and taken in parts.
+    /// Number of steps that were too long for the joints, and were subdivided.
     halved: u64,
-    /// Newton's iterations.
+    /// Number of Newton iterations.
     newton: u64,
-    /// Events so far.
+    /// Number of events so far.
     events: usize,
     checks: Checks,
 }
@@ -93,7 +93,7 @@ impl<'a> RigidBodyRun<'a> {
         simulation.most_memory = plan.most_memory;
         let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
         if scene.resolve && !simulation.resolve(control).map_err(failed)? {
-            let message = "the bodies overlap at the start, and there is no way found to move them apart".to_owned();
+            let message = "the bodies overlap at the start, and could not be moved apart".to_owned();
             return Err(Failure {
                 code: "interpenetration".into(),
                 message,
@@ -127,14 +127,14 @@ impl<'a> RigidBodyRun<'a> {
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
         course.energy = Energy::new(kinetic, potential);
-        // What their weights hold over their own sizes, for bodies that rest.
+        // Energy scale for bodies at rest: their weights times their sizes.
         let weight = |body: &Body| body.mass * scene.gravity.norm() * body.collider.reach();
         course.energy.meet(scene.bodies.iter().filter(|body| !body.fixed).map(weight).sum());
         course.write_states(plan.start);
         Ok(course)
     }
 
-    /// Takes the last step into the books.
+    /// Adds the last step to the energy balance and the counters.
     fn book(&mut self) {
         let report = &self.simulation.report;
         let [kinetic, potential] = self.simulation.energies();
@@ -155,8 +155,9 @@ impl<'a> RigidBodyRun<'a> {
         self.halved += u64::from(report.parts > 1);
     }
 
-    /// Notes what the last step may have made wrong of the energy: bodies that contacts push move at first order, and their
-    /// weight works by `h/2 <m g, dv>` with the velocity of the wrong end.
+    /// Estimates the energy error that the last step may explain: bodies under contact forces move at first order, and
+    /// the work of their weight has the error `h/2 <m g, dv>`, since the scheme uses the velocity at one end of the
+    /// step.
     fn explain(&mut self) {
         let (h, gravity) = (self.t - self.before, self.scene.gravity);
         let (mut error, mut exchanged) = (0.0, 0.0);
@@ -171,13 +172,14 @@ impl<'a> RigidBodyRun<'a> {
         self.energy.explain(error, exchanged);
     }
 
-    /// Records how far the last step was from what contacts and joints ask for.
+    /// Records how far the last step violates the laws of contact and the joints.
     fn judge(&mut self) {
         let (report, t) = (&self.simulation.report, self.t);
-        let remedy = "take a smaller `step`";
+        let remedy = "choose a smaller `step`";
         self.checks.record(CheckCode::LawResidual, report.residual, LARGEST_PART, || {
             format!(
-                "the law of contact and friction was solved to a relative residual of {:.1e} at t = {t:?}: velocities are                  off by about as much; {remedy}",
+                "the law of contact and friction was solved to a relative residual of {:.1e} at t = {t:?}: velocities \
+                 are off by about as much; {remedy}",
                 report.residual
             )
         });
@@ -192,7 +194,8 @@ impl<'a> RigidBodyRun<'a> {
                 let name = |body: usize| self.scene.bodies[body].name.as_str();
                 let other = joint.bodies.1.map_or("the world", name);
                 format!(
-                    "the joint of `{}` and `{other}` is off by {:.1e} of their size, or radians, at t = {t:?}: {remedy}",
+                    "the joint of `{}` and `{other}` is violated by {:.1e} of their size, or radians, at t = {t:?}: \
+                     {remedy}",
                     name(joint.bodies.0),
                     report.drift
                 )
@@ -230,14 +233,14 @@ impl Stepper for RigidBodyRun<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        // A last step within rounding of the end is none.
+        // Drop a last step that is zero up to rounding.
         let next = self.plan.start + (self.steps + 1) as f64 * self.h;
         let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
         self.starts.clone_from(&self.simulation.ends);
         self.pushed.clone_from(&self.simulation.pushed);
         let stepped = self.simulation.step(self.t, next - self.t, self.control);
         if let Err(cause @ (StepFailure::TooMuchMemory { .. } | StepFailure::Interrupted)) = &stepped {
-            // The step was not made: the last one stands.
+            // The step was not made: the previous one remains valid.
             return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
         }
         (self.before, self.t) = (self.t, next);
@@ -315,14 +318,16 @@ impl Stepper for RigidBodyRun<'_> {
         }
         if self.limited > 0 {
             let message = format!(
-                "in {} steps the whole restitution would have added energy; as much was taken as adds none",
+                "in {} steps the full restitution would have added energy; it was reduced to add none",
                 self.limited
             );
             diagnostics.warnings.push(Warning { code: "restitution_limited", message });
         }
         if self.events > MOST_EVENTS {
-            let message =
-                format!("there were {} events between bodies; the first {MOST_EVENTS} of them are told", self.events);
+            let message = format!(
+                "there were {} events between bodies; the first {MOST_EVENTS} of them are reported",
+                self.events
+            );
             diagnostics.warnings.push(Warning { code: "events_left_out", message });
         }
         diagnostics.vi = Some(self.work.clone());
@@ -331,7 +336,7 @@ impl Stepper for RigidBodyRun<'_> {
     }
 }
 
-/// Why there is no step beyond, or to, this time.
+/// The failure at time `t`, with names.
 fn failure(cause: &StepFailure, scene: &MultibodySystem, plan: &Plan, t: f64, state: &[f64]) -> Failure {
     let (code, message) = match *cause {
         StepFailure::NotFinite { body } => {
@@ -353,21 +358,24 @@ fn failure(cause: &StepFailure, scene: &MultibodySystem, plan: &Plan, t: f64, st
     Failure { code: code.into(), message, time: t, state: state.to_vec() }
 }
 
-/// What is to be said where bodies on joints, or under forces that depend on how they move, find no step.
+/// The message if no step satisfies the joints, or the forces that depend on the motion of bodies.
 fn blocked(scene: &MultibodySystem, t: f64) -> String {
     let drives = scene.joints.iter().any(|joint| joint.drive.is_some());
     let causes = [
-        (drives, "a motor jumps, is not finite, or pushes against what does not yield"),
-        (!scene.actions.is_empty(), "a force is not finite, or grows faster than any step follows"),
+        (drives, "a motor jumps, is not finite, or acts against an immovable constraint"),
+        (!scene.actions.is_empty(), "a force is not finite, or grows too fast for any step"),
     ];
     let causes: Vec<&str> = causes.iter().filter(|(applies, _)| *applies).map(|(_, cause)| *cause).collect();
     if causes.is_empty() {
-        return format!("the joints cannot all hold at t = {t}");
+        return format!("the joints cannot all be satisfied at t = {t}");
     }
-    format!("no step, however short, is found to t = {t}: the joints cannot all hold, or {}", causes.join(", or "))
+    format!(
+        "no step to t = {t} was found, however short: the joints cannot all be satisfied, or {}",
+        causes.join(", or ")
+    )
 }
 
-/// What is to be said of contacts that take too much memory: those that were found until they did.
+/// The message about contacts that need too much memory; counting stopped at `contacts`.
 fn too_much_memory(
     scene: &MultibodySystem,
     plan: &Plan,
@@ -378,17 +386,18 @@ fn too_much_memory(
     let most = plan.most_memory >> 20;
     let of_one = most_touched.map_or_else(String::new, |(body, contacts)| {
         let name = &scene.bodies[body].name;
-        format!(", {contacts} of them on `{name}`: what touches one body takes memory by the square of its contacts")
+        format!(", {contacts} of them on `{name}`: memory grows with the square of the contacts of one body")
     });
     format!(
-        "the step from t = {t} takes {} MiB or more, and {most} MiB are allowed: there are at least {contacts} contacts \
-         between {bodies} bodies{of_one}. Use fewer bodies, or more memory; what lies on a `fixed` body is not coupled by it",
+        "the step from t = {t} needs at least {} MiB, and {most} MiB are allowed: there are at least {contacts} \
+         contacts between {bodies} bodies{of_one}. Use fewer bodies, or more memory; contacts with a `fixed` body do \
+         not couple other bodies",
         bytes.div_ceil(1 << 20)
     )
 }
 
-/// The events that are told: a heap that falls has more than anyone reads.
+/// Most reported events: a collapsing heap has more than anyone reads.
 const MOST_EVENTS: usize = 10_000;
 
-/// A residual that the user should know of.
+/// A residual above this value is reported as a warning.
 const UNSATISFACTORY: f64 = 1e-6;

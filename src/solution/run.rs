@@ -1,4 +1,4 @@
-//! Runs a stepper from start to end: outputs, limits, events, evidence. Written once, outside the methods.
+//! The main loop of a run: outputs, limits, events and evidence, common to all methods.
 
 use super::observables::{EndedBy, Observables, Observed};
 use super::reducers::{Reducers, Reducing};
@@ -11,102 +11,102 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// What to run and what to keep of it.
+/// The plan of a run: what to integrate and what to keep.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The names of the states, then of the other outputs.
     pub names: Vec<String>,
-    /// What the user defines in these; its names come behind them.
+    /// The user's definitions, integrals and monitors; their names follow `names`.
     pub observables: Observables,
     /// The initial states.
     pub initial: Vec<f64>,
-    /// The time to start from.
+    /// The start time.
     pub start: f64,
-    /// The time to reach.
+    /// The end time.
     pub end: f64,
-    /// The times to report at, increasing, within `[start, end]`; none is at every step.
+    /// The output times, increasing, within `[start, end]`; `None` for every step.
     pub times: Option<Vec<f64>>,
-    /// The derivatives that are asked for; their columns come behind the observables.
+    /// The requested sensitivities; their columns follow the observables.
     pub sensitivities: Option<Sensitivities>,
-    /// The fields to keep, as indices into `names` and the names of observables and derivatives behind them.
+    /// The fields to keep, as indices into `names` followed by the names of observables and sensitivities.
     pub fields: Vec<usize>,
-    /// Whether the error at the end is to be estimated.
+    /// Whether to estimate the error at the end.
     pub global_error: bool,
-    /// Whether mean, extremes and the like of the fields are to be found.
+    /// Whether to compute means, extremes and the like of the fields.
     pub statistics: bool,
-    /// What is collected of the run beside its trajectory.
+    /// The values to collect from the run beside its trajectory.
     pub reducers: Option<Arc<Reducers>>,
-    /// The most steps.
+    /// Most steps.
     pub most_steps: u64,
-    /// The most numbers in the trajectory.
+    /// Most numbers in the trajectory.
     pub most_values: usize,
-    /// The most bytes that the method may take, where it tells on the way.
+    /// Most bytes that the method may allocate, if it monitors them.
     pub most_memory: usize,
 }
 
-/// A method on its way through one problem.
+/// A method integrating a problem step by step.
 pub trait Stepper {
-    /// The time reached.
+    /// The current time.
     fn t(&self) -> f64;
 
     /// Whether the end is reached.
     fn is_done(&self) -> bool;
 
-    /// The steps made so far.
+    /// The number of steps so far.
     fn accepted(&self) -> u64;
 
-    /// The states at the time reached.
+    /// The states at the current time.
     fn states(&self) -> &[f64];
 
     /// Makes one accepted step.
     ///
     /// # Errors
-    /// Why it cannot be made, for the user.
+    /// The reason why the step failed, for the user.
     fn step(&mut self) -> Result<(), Failure>;
 
     /// Writes all outputs, in the order of [`Plan::names`], at a time within the last step.
     fn values(&mut self, t: f64, out: &mut [f64]);
 
-    /// The same where the user is given them, as evidence is taken of what is given.
+    /// Writes all outputs at an output time, and records the evidence for them.
     fn outputs(&mut self, t: f64, out: &mut [f64]) {
         self.values(t, out);
     }
 
-    /// Writes intervals that hold the outputs between two times within the last step, to those of which it is known; false
-    /// where none is.
+    /// Writes enclosures of the outputs between two times within the last step, as far as they are known. Returns false
+    /// if none is.
     fn enclose(&mut self, _from: f64, _to: f64, _out: &mut [Interval]) -> bool {
         false
     }
 
-    /// Writes the derivatives that are asked for at a time within the last step.
+    /// Writes the requested sensitivities at a time within the last step.
     fn derivatives(&mut self, _t: f64, _out: &mut [f64]) {}
 
-    /// The mode at the time reached, in a word; none of methods that tell no more of it than what happened.
+    /// The name of the current mode; `None` for methods that report events only.
     fn mode(&mut self) -> Option<String> {
         None
     }
 
-    /// Hands over what happened in the last step, in the order of time.
+    /// Moves the events of the last step, in the order of time, to `events`.
     fn take_events(&mut self, events: &mut Vec<Event>);
 
-    /// Takes the end of a step into the evidence; `switched` says that there were events in it.
+    /// Adds the end of a step to the evidence; `switched` is true if the step has events.
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics);
 
-    /// Hands over the counters of the whole run.
+    /// Copies the counters of the whole run to the diagnostics.
     fn finish(&mut self, diagnostics: &mut Diagnostics);
 }
 
-/// A run, and the states where it ended.
+/// A finished run with its final states.
 pub(super) struct Ended {
     pub solution: Solution,
     pub x: Vec<f64>,
-    /// The derivatives there, in the order of [`Sensitivities::names`].
+    /// The final sensitivities, in the order of [`Sensitivities::names`].
     pub derivatives: Vec<f64>,
-    /// Of the fields by their names, where [`Plan::statistics`] asks for them.
+    /// Statistics of the fields by name, if [`Plan::statistics`] asks for them.
     pub statistics: BTreeMap<String, OverTime>,
 }
 
-/// Starts a stepper and drives it to the end; whatever happens, the trajectory so far is in the answer.
+/// Starts a stepper and drives it to the end; after a failure, the answer contains the trajectory so far.
 pub fn run<S: Stepper>(
     plan: &Plan,
     control: &Control,
@@ -116,7 +116,7 @@ pub fn run<S: Stepper>(
     run_to_end(plan, control, diagnostics, start).solution
 }
 
-/// The same, with the states where it ended.
+/// Starts a stepper and drives it to the end, and returns the final states as well.
 pub(super) fn run_to_end<S: Stepper>(
     plan: &Plan,
     control: &Control,
@@ -134,7 +134,7 @@ pub(super) fn run_to_end<S: Stepper>(
     }
 }
 
-/// A run on its way, through one stepper or several, one after the other.
+/// A run in progress, driven by one stepper or by several in sequence.
 pub(super) struct Run<'a> {
     plan: &'a Plan,
     control: &'a Control,
@@ -151,12 +151,12 @@ impl<'a> Run<'a> {
         Self { plan, control, recorder, x, began: Instant::now(), diagnostics }
     }
 
-    /// Whether a monitor of the user has ended it.
+    /// Whether an event of the user has ended the run.
     pub fn is_ended(&self) -> bool {
         self.recorder.ended_by.is_some()
     }
 
-    /// Drives a stepper until it is done, or a monitor of the user ends the run; why it did not come so far, if it did not.
+    /// Drives a stepper until it is done, or an event of the user ends the run; returns the reason if neither happens.
     pub fn drive(&mut self, stepper: &mut impl Stepper) -> Result<(), (Status, Failure)> {
         let plan = self.plan;
         self.recorder.start(stepper);
@@ -209,8 +209,8 @@ impl<'a> Run<'a> {
         self.diagnostics.switches = switches.count() as u64;
         if let Some(open) = observed.map(|observed| observed.open()).filter(|open| *open > 0) {
             let message = format!(
-                "in {open} steps what `stop` watches is not enclosed, and was looked at here and there: a change of its sign and \
-                 back within a step would not be seen"
+                "in {open} steps a monitor of `stop` could not be enclosed, and was evaluated at some points only: two \
+                 sign changes within a step would not be seen"
             );
             self.diagnostics.checks.caveat("stop_not_proven", message);
         }
@@ -243,7 +243,7 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Why there is no step: because the outside gave it no time, or because it failed.
+/// The status after a failed step: stopped if `control` asked for it, else failed.
 pub(super) fn ending(control: &Control, failure: Failure) -> (Status, Failure) {
     match stopped(control, failure.time) {
         Some((code, message)) => (Status::Stopped, Failure { code: code.into(), message, ..failure }),
@@ -251,17 +251,17 @@ pub(super) fn ending(control: &Control, failure: Failure) -> (Status, Failure) {
     }
 }
 
-/// What the outside asks for, if it asks to stop: a code and a message.
+/// The code and message of a request to stop, if there is one.
 fn stopped(control: &Control, t: f64) -> Option<(&'static str, String)> {
     Some(match control.poll()? {
         Stop::Cancelled => ("cancelled", format!("cancelled at t = {t:?}")),
         Stop::Deadline => {
-            ("wall_time", format!("the wall time allowed ended at t = {t:?}; allow more with limits.wall_seconds"))
+            ("wall_time", format!("the wall-clock limit was reached at t = {t:?}; allow more with limits.wall_seconds"))
         }
     })
 }
 
-/// The limit that the run has reached, if any: its code and message.
+/// The code and message of the limit that the run has reached, if any.
 fn limit(
     stepper: &impl Stepper,
     plan: &Plan,
@@ -283,35 +283,35 @@ fn limit(
         let most = plan.most_values;
         return Some((
             "output",
-            format!("the trajectory holds {most} numbers at t = {t:?}; ask for fewer times or fields"),
+            format!("the trajectory has {most} numbers at t = {t:?}; ask for fewer times or fields"),
         ));
     }
     None
 }
 
-/// Puts the outputs asked for into columns.
+/// Records the requested outputs in columns.
 struct Recorder<'a> {
     plan: &'a Plan,
     trajectory: Trajectory,
-    /// The next of the times asked for.
+    /// The index of the next output time.
     next: usize,
     /// The outputs of the problem, then those of the user.
     y: Vec<f64>,
-    /// The observables of the user, from the start of the run on.
+    /// The user's observables, once the run has started.
     observed: Option<Observed<'a>>,
-    /// Those of the fields that are no integrals and no derivatives, with these places in `y`.
+    /// Statistics of the fields other than integrals and sensitivities, with their indices in `y`.
     statistics: Option<(Vec<usize>, Statistics)>,
     reducing: Option<Reducing<'a>>,
     is_started: bool,
     ended_by: Option<EndedBy>,
-    /// The column that is not finite, and when.
+    /// The first column with a value that is not finite, and its time.
     broken: Option<(usize, f64)>,
 }
 
-/// What a step has brought.
+/// The events of a step.
 struct Recorded<'r> {
     events: &'r [Event],
-    /// Whether the method itself has had an event.
+    /// Whether the method itself has reported an event.
     switched: bool,
 }
 
@@ -348,7 +348,7 @@ impl<'a> Recorder<'a> {
         self.trajectory.t.len() * (1 + self.trajectory.fields.len()) + self.trajectory.events.len()
     }
 
-    /// Begins, unless that is done.
+    /// Begins with the first stepper.
     fn start(&mut self, stepper: &mut impl Stepper) {
         if std::mem::replace(&mut self.is_started, true) {
             return;
@@ -370,7 +370,7 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Takes over the outputs of the last step, which began at `begin`, and its events.
+    /// Records the outputs and events of the last step, which began at `begin`.
     fn step(&mut self, stepper: &mut impl Stepper, begin: f64, control: &Control) -> Recorded<'_> {
         let before = self.trajectory.events.len();
         let mut events = Vec::new();
@@ -390,7 +390,7 @@ impl<'a> Recorder<'a> {
                 self.next += 1;
             }
         }
-        // Where a run is ended the user wants to know what is there.
+        // Where an event ends the run, record the values there in any case.
         let is_last = self.ended_by.is_some() && self.trajectory.t.last().is_none_or(|last| *last < end);
         if self.plan.times.is_none() || is_last {
             self.sample(stepper, end);
@@ -432,7 +432,7 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// The failure of an observable that has no value; the rows with it are left out.
+    /// The failure of an observable without a finite value, if there is one; its rows are removed.
     fn not_finite(&mut self, stepper: &impl Stepper) -> Option<Failure> {
         let (name, t) = match (self.broken, self.observed.as_ref().and_then(Observed::lost)) {
             (Some((place, t)), _) => (self.plan.observables.names[place].as_str(), t),

@@ -1,4 +1,4 @@
-//! A static variational inequality: its solution, or why there is none, with what is certain of either.
+//! A static variational inequality: its solution with a certificate of uniqueness, or the reason why there is none.
 
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Diagnostics, Event, Failure, Solution, Status, ViCounts};
@@ -14,22 +14,23 @@ use vi::{
     AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SolverKind, SparseVi, Worst, certificate, start,
 };
 
-/// The most variables of a problem that is solved again from other starts to find other solutions, and the starts.
+/// Most variables of a problem that is solved again from other starts to find other solutions, and the number of
+/// starts.
 const MOST_SEARCHED: usize = 60;
 const SEARCHES: usize = 8;
-/// Solutions further apart than this part of their size are two.
+/// Relative distance above which two solutions count as different.
 const APART: f64 = 1e-4;
-/// The most variables that a message names.
+/// Most variables named in a message.
 const NAMED: usize = 6;
-/// Eigenvalues of a symmetric part above minus this part of the largest entry are not negative.
+/// Relative tolerance for negative eigenvalues of a positive semidefinite symmetric part.
 const ROUNDING: f64 = 1e-11;
 
-/// How a static problem is solved.
+/// The method for a static problem.
 #[derive(Clone, Copy, Debug)]
 pub struct StaticPlan {
-    /// The solver of affine problems.
+    /// The solver of affine subproblems.
     pub kind: SolverKind,
-    /// The natural-map residual to reach, relative to the terms of `G`.
+    /// The tolerance of the natural-map residual, relative to the terms of `G`.
     pub tolerance: f64,
 }
 
@@ -39,15 +40,15 @@ pub struct StaticPlan {
 pub struct StaticSolution {
     /// The variables by name.
     pub z: BTreeMap<String, f64>,
-    /// `G` there, by the variable that each component is paired with.
+    /// `G` at the solution, by the variable that each component is paired with.
     pub G: BTreeMap<String, f64>,
-    /// `max |z - P_K(z - G)|`, the residual of the natural map.
+    /// The residual `max |z - P_K(z - G)|` of the natural map.
     pub residual: f64,
-    /// Whether it is the only solution, the only one near, or one of many, and why.
+    /// Whether it is the only solution, locally unique or one of many, with the reason.
     pub certificate: String,
 }
 
-/// The end of a search, as a run that is over when it begins.
+/// The solution point as a run that is complete from the beginning.
 struct Point<'a> {
     z: &'a [f64],
 }
@@ -84,7 +85,7 @@ impl Stepper for Point<'_> {
     fn finish(&mut self, _diagnostics: &mut Diagnostics) {}
 }
 
-/// What is said of a static problem before it is solved.
+/// The diagnostics known before the solve.
 pub fn describe_static(model: &StaticModel) -> Diagnostics {
     let mut diagnostics =
         Diagnostics { method: "josephy_newton", built: vec!["variational inequality"], ..Diagnostics::default() };
@@ -123,16 +124,16 @@ pub fn solve_static(model: &StaticModel, plan: &Plan, asked: StaticPlan, control
     solution
 }
 
-/// `G` and its derivative at a point.
+/// `G` and its Jacobian at a point.
 struct At {
     g: Vec<f64>,
     derivatives: Vec<f64>,
-    /// `|G| + |J| |z|`.
+    /// The size of the terms of `G`: `|G| + |J| |z|`.
     terms: Vec<f64>,
     worst: Worst,
 }
 
-/// Takes the evidence into the diagnostics.
+/// Adds the evidence to the diagnostics.
 fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Found, diagnostics: &mut Diagnostics) {
     let set = &model.equations.structure().set;
     let solver = found.method;
@@ -153,7 +154,7 @@ fn record(model: &StaticModel, z: &[f64], at: &At, asked: StaticPlan, found: Fou
     });
 }
 
-/// A problem with what solves it.
+/// A problem with its solvers.
 struct Search<'a> {
     model: &'a StaticModel,
     problem: Inequality,
@@ -190,13 +191,13 @@ impl Search<'_> {
         self.model.equations.variable_names.get(i).map_or("?", String::as_str)
     }
 
-    /// What is certain of a solution, in words; that there are others is a caveat too.
+    /// The certificate of a solution, in words. The existence of other solutions is also a caveat.
     fn certify(&mut self, z: &[f64], at: &At, diagnostics: &mut Diagnostics) -> String {
         let structure = self.model.equations.structure();
         let is_affine = structure.constant_jacobian;
         if z.len() > MOST_VARIABLES {
             let message = format!(
-                "{} variables are more than the {MOST_VARIABLES} that are looked at for other solutions",
+                "the problem has {} variables, and uniqueness is examined only up to {MOST_VARIABLES}",
                 z.len()
             );
             diagnostics.checks.caveat("uniqueness_not_guaranteed", format!("uniqueness is not guaranteed: {message}"));
@@ -211,26 +212,25 @@ impl Search<'_> {
                 );
             }
             Certificate::UniqueOfConvex => {
-                return "the only solution: G is affine and its matrix positive semidefinite, so that solutions form a convex \
-                        set, and there is no other near"
+                return "the only solution: G is affine and its matrix positive semidefinite, so that solutions form a \
+                        convex set, and this one is isolated"
                     .to_owned();
             }
             Certificate::Continuum(direction) => {
                 let moves = self.listed(direction);
-                let message =
-                    format!("there are infinitely many solutions near this one: {moves} may be changed together");
+                let message = format!("there are infinitely many solutions near this one: change {moves} together");
                 diagnostics.checks.caveat("many_solutions", message.clone());
                 return format!("one of many: {message}");
             }
             Certificate::Isolated(_, 0, 0) => {
-                "the only solution near: all variables rest on a bound, and no inequality is zero there".to_owned()
+                "locally unique: all variables are at a bound, and no inequality is zero there".to_owned()
             }
             Certificate::Isolated(least, inside, undecided) => {
                 let also =
-                    if *undecided > 0 { format!(" and {undecided} at an end with G = 0 there") } else { String::new() };
+                    if *undecided > 0 { format!(" and {undecided} at a bound with G = 0") } else { String::new() };
                 format!(
-                    "the only solution near: the derivative by the {inside} variables inside their intervals{also} is regular, \
-                     with {least:.3e} its least singular value"
+                    "locally unique: the derivative with respect to the {inside} variables inside their \
+                     intervals{also} is regular, with {least:.3e} its least singular value"
                 )
             }
             Certificate::Nothing(why) => format!("a solution: {why}"),
@@ -248,14 +248,16 @@ impl Search<'_> {
                 format!("{told}; {message}")
             }
             None => {
-                let message = format!("uniqueness is not guaranteed: {told}; no other was found from other starts");
+                let message = format!(
+                    "uniqueness is not guaranteed: {told}; no other solution was found from other starting points"
+                );
                 diagnostics.checks.caveat("uniqueness_not_guaranteed", message);
                 told
             }
         }
     }
 
-    /// The variables that a direction changes most, by how much of the largest.
+    /// Names the variables that change most along a direction, with their changes relative to the largest.
     fn listed(&self, direction: &[f64]) -> String {
         let largest = direction.iter().fold(0.0_f64, |most, v| if v.abs() > most.abs() { *v } else { most });
         let mut moved: Vec<usize> =
@@ -267,7 +269,7 @@ impl Search<'_> {
         format!("{}{more}", parts.join(", "))
     }
 
-    /// Another solution, from other starts.
+    /// Searches for another solution from other starts.
     fn another(&mut self, z: &[f64]) -> Option<Vec<f64>> {
         if z.len() > MOST_SEARCHED {
             return None;
@@ -288,13 +290,13 @@ impl Search<'_> {
         None
     }
 
-    /// Why no solution was found: a proof that there is none, where there is one.
+    /// The reason why no solution was found; a proof of infeasibility, if there is one.
     fn why_not(&mut self, at: &At, found: Found) -> (Status, &'static str, String) {
         if let Some(stop) = self.control.poll() {
             let (code, message) = match stop {
                 problem::Stop::Cancelled => ("cancelled", "cancelled before a solution was found".to_owned()),
                 problem::Stop::Deadline => {
-                    ("wall_time", "the wall time allowed ended; allow more with limits.wall_seconds".to_owned())
+                    ("wall_time", "the wall-clock limit was reached; allow more with limits.wall_seconds".to_owned())
                 }
             };
             return (Status::Stopped, code, message);
@@ -305,13 +307,15 @@ impl Search<'_> {
         let broken = at.g.iter().position(|g| !g.is_finite());
         let message = match broken {
             Some(i) => format!(
-                "the inequality of `{}` is not finite where the search came to: a division by zero, a function outside its \
-                 domain, or a number too large; give `initial` values at which it has a value, or bounds that keep it there",
+                "the inequality of `{}` is not finite where the search ended: a division by zero, a function outside \
+                 its domain, or a number too large; give `initial` values at which it is finite, or bounds within its \
+                 domain",
                 self.name(i)
             ),
             None => format!(
-                "no solution was found, and none was proven not to exist: from {} starts the residual came down to {:.1e}, most \
-                 of it in the inequality of `{}`. Begin nearer with `initial`, give bounds, or look at its sign",
+                "no solution was found, nor a proof that there is none: from {} starting points the residual decreased \
+                 to {:.1e}, most of it in the inequality of `{}`. Give nearer `initial` values or bounds, or check the \
+                 sign of the inequality",
                 found.starts + 1,
                 at.worst.largest,
                 self.name(at.worst.component)
@@ -320,7 +324,7 @@ impl Search<'_> {
         (Status::Failed, "vi_unsolved", message)
     }
 
-    /// A proof that there is no solution.
+    /// A proof of infeasibility, if there is one.
     fn impossible(&mut self, at: &At, found: Found) -> Option<String> {
         let structure = self.model.equations.structure();
         let set = &structure.set;
@@ -330,7 +334,10 @@ impl Search<'_> {
         if self.problem.0.enclose(Interval::point(0.0), &ranges, &mut enclosed) {
             for (i, range) in enclosed.iter().enumerate().take(m).filter(|(i, _)| set.block_of(*i).is_none()) {
                 if let Some(side) = presses(*range, set, i) {
-                    return Some(format!("the inequality of `{}` is {side} whatever the variables are", self.name(i)));
+                    return Some(format!(
+                        "the inequality of `{}` is {side} for all values of the variables",
+                        self.name(i)
+                    ));
                 }
             }
         }
@@ -341,7 +348,7 @@ impl Search<'_> {
         let mut q = vec![0.0; m];
         self.problem.evaluate(&vec![0.0; m], &mut q);
         if let Some(i) = (AffineVi { matrix: &matrix, q: &q, set }).contradiction() {
-            return Some(format!("the inequality of `{}` fails whatever the variables are", self.name(i)));
+            return Some(format!("the inequality of `{}` is violated for all values of the variables", self.name(i)));
         }
         let symmetric = (&matrix + matrix.transpose()) * 0.5;
         let least = symmetric.symmetric_eigenvalues().min();
@@ -353,7 +360,8 @@ impl Search<'_> {
     }
 }
 
-/// What an inequality is everywhere, where that leaves its variable no place to rest.
+/// The sign of an inequality's range that leaves its variable without a solution: a negative one with no upper bound,
+/// or a positive one with no lower bound.
 fn presses(range: Interval, set: &ConvexSet, i: usize) -> Option<&'static str> {
     if !range.defined || range.is_empty() {
         return None;

@@ -1,67 +1,67 @@
-//! Mean, root of the mean square, least and largest value of outputs over a run, along the dense output: by quadrature, and with
-//! the places of extremes found within steps, so that output times play no part.
+//! Mean, root mean square, minimum and maximum of outputs over a run, along the dense output: by quadrature, and by
+//! searches for extremes within steps, so that output times have no influence.
 
 use super::quadrature::integrate;
 use numerics::kronrod;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// By this part of the distance between samples the place of an extreme is known: its value is then known to the square of that,
-/// which is rounding.
+/// Relative accuracy of the location of an extreme within its bracket; its value is then accurate to the square of
+/// that, which is rounding.
 const KNOWN: f64 = 1e-8;
-/// The part of a bracket that the section by the golden ratio leaves.
+/// Reduction of a bracket by a golden-section step.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
-/// What an output is over a length of time.
+/// Statistics of an output over a time interval.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct OverTime {
-    /// Its mean.
+    /// The mean.
     pub mean: f64,
-    /// The root of the mean of its square.
+    /// The root mean square.
     pub rms: f64,
-    /// Its least value.
+    /// The minimum.
     pub min: f64,
-    /// Its largest value.
+    /// The maximum.
     pub max: f64,
-    /// The largest less the least.
+    /// The maximum minus the minimum.
     pub ripple: f64,
 }
 
-/// Several outputs on the way of a run.
+/// Statistics of several outputs during a run.
 #[derive(Clone, Debug)]
 pub(super) struct Statistics {
     time: f64,
-    /// The integrals of all, then of their squares.
+    /// The integrals of all outputs, then of their squares.
     integrals: Vec<f64>,
     extremes: Extremes,
     samples: Samples,
 }
 
-/// The least and the largest values of several outputs so far.
+/// The minima and maxima of several outputs so far.
 #[derive(Clone, Debug)]
 pub(super) struct Extremes {
     least: Vec<f64>,
     largest: Vec<f64>,
 }
 
-/// Values of outputs at times within one step: room that is used again.
+/// Samples of outputs within one step, in buffers that are reused.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Samples {
     times: Vec<f64>,
-    /// The values at the first time, at the second, and so on.
+    /// The values at the first time, then at the second, and so on.
     values: Vec<f64>,
     order: Vec<usize>,
     at_one: Vec<f64>,
 }
 
 impl Statistics {
-    /// Of so many outputs.
+    /// Statistics of `count` outputs.
     pub fn new(count: usize) -> Self {
         let (extremes, samples) = (Extremes::new(count), Samples::default());
         Self { time: 0.0, integrals: vec![0.0; 2 * count], extremes, samples }
     }
 
-    /// Takes a step from one time to another into account; `at` writes the outputs at a time within it.
+    /// Adds a step between two times; `at` writes the outputs at a time within it.
     pub fn step(&mut self, from: f64, to: f64, mut at: impl FnMut(f64, &mut [f64])) {
         let count = self.extremes.least.len();
         let Self { integrals, extremes, samples, time } = self;
@@ -78,7 +78,7 @@ impl Statistics {
         samples.widen(extremes, &mut at);
     }
 
-    /// What has come of each output.
+    /// Returns the statistics of each output.
     pub fn finish(self) -> Vec<OverTime> {
         let (means, squares) = self.integrals.split_at(self.extremes.least.len());
         let all = means.iter().zip(squares).enumerate();
@@ -91,19 +91,19 @@ impl Statistics {
 }
 
 impl Extremes {
-    /// Of so many outputs, none of which has been seen.
+    /// Extremes of `count` outputs, without samples.
     pub fn new(count: usize) -> Self {
         Self { least: vec![f64::INFINITY; count], largest: vec![f64::NEG_INFINITY; count] }
     }
 
-    /// The least and the largest value of an output.
+    /// The minimum and the maximum of output `k`.
     pub fn of(&self, k: usize) -> (f64, f64) {
         (self.least[k], self.largest[k])
     }
 }
 
 impl Samples {
-    /// Takes a step from one time to another into account; `at` writes the outputs at a time within it.
+    /// Adds a step between two times; `at` writes the outputs at a time within it.
     pub fn step(&mut self, extremes: &mut Extremes, from: f64, to: f64, mut at: impl FnMut(f64, &mut [f64])) {
         self.begin(extremes.least.len());
         self.take(from, &mut at);
@@ -120,7 +120,7 @@ impl Samples {
         self.at_one.resize(count, 0.0);
     }
 
-    /// Takes the values at a time.
+    /// Adds a sample.
     fn take(&mut self, t: f64, at: &mut impl FnMut(f64, &mut [f64])) -> &[f64] {
         let begin = self.values.len();
         self.times.push(t);
@@ -129,7 +129,7 @@ impl Samples {
         &self.values[begin..]
     }
 
-    /// Widens the extremes by the hills and valleys about the samples.
+    /// Updates the extremes with the local maxima and minima around the samples.
     fn widen(&mut self, extremes: &mut Extremes, at: &mut impl FnMut(f64, &mut [f64])) {
         let Self { times, values, order, at_one } = self;
         let count = at_one.len();
@@ -154,7 +154,7 @@ impl Samples {
     }
 }
 
-/// The largest value of a function between two times between which it has one hill, by sections in the golden ratio.
+/// The maximum of a function in an interval where it is unimodal, by golden-section search.
 fn highest([mut a, mut b]: [f64; 2], mut value: impl FnMut(f64) -> f64) -> f64 {
     let close = KNOWN * (b - a);
     let (mut left, mut right) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));

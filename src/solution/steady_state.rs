@@ -1,11 +1,12 @@
-//! States of rest, `0 in F(x, z) + N_K(z)` with `F` zero for the states: by steps of implicit Euler of growing length, each of
-//! which is, for an infinite length, one of Josephy and Newton for that inclusion (Kelley and Keyes 1998, *Convergence analysis
-//! of pseudo-transient continuation*). Steps begin as short as the system is fast, so that the state of rest is the one that it
-//! comes to, if it comes to one; where it does not, an unstable one may be found.
+//! Steady states, `0 in F(x, z) + N_K(z)` with `F` zero for the states, by steps of implicit Euler of growing length.
+//! In the limit of infinite length, a step is a Josephy-Newton step for this inclusion (Kelley and Keyes 1998,
+//! *Convergence analysis of pseudo-transient continuation*). The first steps are as short as the dynamics are fast, so
+//! that the search leads to the steady state that the system would approach. If it approaches none, an unstable steady
+//! state may be found.
 //!
-//! Eigenvalues `lambda` of the equations on the face there, `lambda diag(M, 0) v = Phi_y v`, are those of
-//! `(sigma diag(M, 0) - Phi_y)^-1 diag(M, 0)`, which are `1/(sigma - lambda)`: what is infinite in one is zero in the other,
-//! whatever the index.
+//! Eigenvalues `lambda` of the equations on the active face, `lambda diag(M, 0) v = Phi_y v`, follow from those of
+//! `(sigma diag(M, 0) - Phi_y)^-1 diag(M, 0)`, which are `1/(sigma - lambda)`: infinite eigenvalues become zero, for
+//! any index.
 
 use super::integrate::{failure, integrate_once};
 use super::run::{Ended, Plan, ending};
@@ -20,45 +21,46 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 
-/// By how much a step is longer than one that was made, and shorter than one that was not.
+/// Factors by which a step grows after a success and shrinks after a failure.
 const GROWTH: f64 = 8.0;
 const SHRINKS: f64 = 0.125;
-/// A step is infinite where it is longer than the first by this: what a step of this length lacks to one of Newton's method is
-/// its inverse, which is rounding.
+/// A step longer than the first one by this factor counts as infinite: its difference from a Newton step is of the
+/// order of its inverse, which is rounding.
 const INFINITE: f64 = 1e16;
-/// The most steps: those from the first length to the last, and as many again for what is nonlinear.
+/// Most steps: those that lengthen the first step to the last, and as many again for nonlinearity.
 const MOST_STEPS: u64 = 400;
-/// Eigenvalues of the inverse below this part of the largest are those of infinite ones: the root of rounding, as they are
-/// double for each hidden constraint.
+/// Eigenvalues of the inverse below this fraction of the largest belong to infinite ones. The square root of rounding
+/// is needed since each hidden constraint makes them double.
 const INFINITE_EIGENVALUE: f64 = 1e-7;
-/// What the rates of the states by themselves are multiplied by to shift eigenvalues: no simple number, as eigenvalues of small
+/// Factors of the shift relative to the states' own rates. They avoid simple numbers, which eigenvalues of small
 /// problems often are.
 const SHIFTS: [f64; 3] = [1.272_019_649_514, 1.839_286_755_214, 2.506_628_274_631];
-/// The part of the largest eigenvalue within which a real part is zero, to the accuracy of a matrix that is not symmetric.
+/// Relative tolerance at which a real part counts as zero, the accuracy of eigenvalues of an unsymmetric matrix.
 const ON_AXIS: f64 = 1e-9;
-/// The times, in parts of the first step, at which the rows of a problem are compared.
+/// Times at which the rows of a problem are compared, relative to the first step.
 const COMPARED: [f64; 4] = [1.0, 3.7, 1e2, 1e5];
-/// Rows that differ by less than this part of the largest value are the same.
+/// Relative tolerance for rows that count as equal.
 const SAME: f64 = 1e-9;
 
-/// A state of rest.
+/// A steady state.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct SteadyState {
-    /// The states, by their names.
+    /// The states, by name.
     pub states: BTreeMap<String, f64>,
-    /// The variables.
+    /// The variables, by name.
     pub variables: BTreeMap<String, f64>,
-    /// The eigenvalues of the equations there as `[re, im]`, the variables that rest on a bound held there, by falling real part.
-    /// Empty where variables are on the boundary of a ball, a cone, a simplex or a polyhedron.
+    /// The eigenvalues of the linearised equations as `[re, im]`, with the variables at a bound fixed there, by
+    /// decreasing real part. Empty if variables are on the boundary of a ball, a cone, a simplex or a polyhedron.
     pub eigenvalues: Vec<[f64; 2]>,
-    /// Whether what is near comes nearer: all real parts are negative. Absent where one is zero, or none are known.
+    /// Whether the steady state is asymptotically stable: all real parts are negative. Absent if one is zero, or none
+    /// are known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stable: Option<bool>,
-    /// By how much the last step of Newton's method changed the states, in units of `atol + rtol |x|`.
+    /// The change of the states in the last Newton step, in units of `atol + rtol |x|`.
     pub residual: f64,
 }
 
-/// What was found.
+/// The steady state that was found.
 struct Rest {
     x: Vec<f64>,
     z: Vec<f64>,
@@ -66,7 +68,7 @@ struct Rest {
     residual: f64,
 }
 
-/// Finds a state of rest from the start, and runs from there for a while.
+/// Finds a steady state near the initial values, and integrates from it for a while.
 pub fn find_steady_state(
     model: &DviModel,
     plan: &Plan,
@@ -82,7 +84,7 @@ pub fn find_steady_state(
     };
     let fastest = eigenvalues.iter().flatten().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max);
     let span = plan.end - plan.start;
-    // As long as an unstable state of rest is not left.
+    // Integrate only for so long that the solution does not leave an unstable steady state.
     let end = plan.start + if fastest > 0.0 { span.min(fastest.recip()) } else { span };
     let along = Plan { initial: start.clone(), end, times: Some(vec![plan.start, end]), ..plan.clone() };
     let Ended { mut solution, x, .. } = integrate_once(model, &along, settings, analysis, control);
@@ -100,13 +102,15 @@ pub fn find_steady_state(
     let scale = settings.tolerances(0, &start);
     let moved = x.iter().zip(&start).zip(&scale).map(|((to, from), scale)| (to - from).abs() / scale);
     let moved = moved.fold(0.0, f64::max);
-    // Errors of the tolerance in every step add up to as many.
+    // Tolerance-sized errors of the steps may add up to this number of tolerances.
     let allowed = diagnostics.steps.accepted.max(1) as f64;
     diagnostics.checks.record(CheckCode::ReturnResidual, moved, allowed, || {
-        format!("a run from the state of rest leaves it by {moved:.1e} times the tolerance until t = {end:?}")
+        format!("a run from the steady state departs from it by {moved:.1e} times the tolerance until t = {end:?}")
     });
     if let Err(why) = &eigenvalues {
-        diagnostics.checks.caveat("no_eigenvalues", format!("the state of rest has no eigenvalues: {why}"));
+        diagnostics
+            .checks
+            .caveat("no_eigenvalues", format!("the eigenvalues at the steady state could not be computed: {why}"));
     }
     let eigenvalues = eigenvalues.unwrap_or_default();
     let largest = eigenvalues.first().map(|[re, _]| *re);
@@ -122,7 +126,7 @@ pub fn find_steady_state(
     solution
 }
 
-/// The eigenvalues of the equations at a state of rest, by falling real part.
+/// The eigenvalues of the equations at a steady state, by decreasing real part.
 fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, String> {
     let n = rest.x.len();
     let directions = Directions {
@@ -136,17 +140,17 @@ fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, S
     let y = [rest.x.as_slice(), &rest.z].concat();
     let [mass, by_y] = tangents.linearised(&rest.face, t, &y).map_err(|why| why.to_string())?;
     let rates = by_y.rows(0, n);
-    // As large as the states' own rates, so that no digits of these are lost.
+    // A shift of the order of the states' own rates, so that these lose no digits.
     let size = rates.columns(0, n).amax() / mass.amax();
     let size = if size > 0.0 { size } else { 1.0 };
-    // One of them is no eigenvalue, unless all are.
+    // One of the shifts is not an eigenvalue, unless the pencil is singular.
     let solved = SHIFTS.iter().find_map(|part| {
         let shift = part * size;
         let ratio = (&mass * shift - &by_y).lu().solve(&mass)?;
         ratio.iter().all(|value| value.is_finite()).then_some((shift, ratio))
     });
     let Some((shift, ratio)) = solved else { return Err("its equations are singular".to_owned()) };
-    // Variables have no rates, and add zeros alone.
+    // Variables have no rates and would only add zero eigenvalues.
     let ratio = ratio.view((0, 0), (n, n)).into_owned();
     let values = ratio.complex_eigenvalues();
     let largest = values.iter().map(|value| value.norm()).fold(0.0, f64::max);
@@ -161,7 +165,7 @@ fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, S
     Ok(found)
 }
 
-/// A search.
+/// A search for a steady state.
 struct Search<'a> {
     model: &'a DviModel,
     plan: &'a Plan,
@@ -210,12 +214,12 @@ impl Search<'_> {
             }
             h = (GROWTH * h).min(INFINITE * first);
         }
-        let message =
-            "no state of rest was found from here: the system may have none, or come to an orbit; begin nearer to one";
+        let message = "no steady state was found from these initial values: the system may have none, or approach an \
+                       orbit; choose initial values nearer to one";
         Err(self.failure("no_steady_state", message.to_owned()))
     }
 
-    /// A step in which no state changes by much.
+    /// The length of a step in which no state changes by much.
     fn first_step(&self) -> Result<f64, Failure> {
         let mut problem = self.model.problem();
         let failed = |error| failure(self.plan, &self.model.kinks, &error, self.plan.start, &self.plan.initial);
@@ -244,7 +248,8 @@ impl Search<'_> {
             if let Some(row) = (0..rows).find(|row| (now[*row] - later[*row]).abs() > SAME * largest) {
                 let name = self.plan.names.get(row).map_or("a bound", String::as_str);
                 let message = format!(
-                    "what belongs to `{name}` depends on time, so that nothing rests; `periodic` finds what repeats"
+                    "the equation of `{name}` depends on time, so that there is no steady state; `periodic` finds \
+                     periodic orbits"
                 );
                 return Err(self.failure("not_autonomous", message));
             }

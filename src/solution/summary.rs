@@ -1,46 +1,52 @@
-//! The numbers of a table in a few: how many there are, mean, standard deviation, extremes and quantiles.
+//! Summary statistics of the numbers in a table: count, mean, standard deviation, extremes and quantiles.
 
-use super::table::Table;
+use crate::columnar::Members;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::io;
 use utoipa::ToSchema;
 
-/// The quantiles that are given.
+/// The quantiles in a summary.
 const QUANTILES: [(&str, f64); 5] = [("0.05", 0.05), ("0.25", 0.25), ("0.5", 0.5), ("0.75", 0.75), ("0.95", 0.95)];
 
-/// Of each number that was collected, by its name.
+/// The distribution of each collected number, by name.
 pub type Summary = BTreeMap<String, OfNumber>;
 
-/// The distribution of a number over the members that have it.
+/// The distribution of a number over the members that have a value.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct OfNumber {
-    /// Members that have it.
+    /// Number of members that have a value.
     pub count: u64,
-    /// Its mean.
+    /// Mean.
     pub mean: f64,
-    /// Its standard deviation, with `count - 1`; zero of one.
+    /// Standard deviation, with divisor `count - 1`; zero for a single member.
     pub sd: f64,
-    /// Its least value.
+    /// Minimum.
     pub min: f64,
-    /// Its largest value.
+    /// Maximum.
     pub max: f64,
-    /// By their parts, such as `0.5`: linear between the values in order (Hyndman and Fan 1996, type 7).
+    /// Quantiles by their probability, such as `0.5`, with linear interpolation of the sorted values (Hyndman and Fan
+    /// 1996, type 7).
     pub quantiles: BTreeMap<String, f64>,
 }
 
-impl Table {
-    /// The distribution of each number that was collected.
-    pub fn summary(&self) -> Summary {
-        let mut summary = Summary::new();
-        for name in &self.collected {
-            let Some(values) = self.column(name) else { continue };
-            let numbers: Vec<f64> = (0..values.len()).filter_map(|row| values.number(row)).collect();
-            if let Some(of) = OfNumber::of(numbers) {
-                summary.insert(name.clone(), of);
-            }
+/// The distribution of each number that was collected.
+///
+/// # Errors
+/// Those of reading the table.
+pub fn summary(members: &dyn Members) -> io::Result<Summary> {
+    let mut summary = Summary::new();
+    for name in &members.head().collected {
+        // No more than is needed, and one column at a time: there may be millions.
+        let (mut count, mut numbers) = (0, Vec::new());
+        members.visit(name, |values| count += (0..values.len()).filter(|row| values.number(*row).is_some()).count())?;
+        numbers.reserve_exact(count);
+        members.visit(name, |values| numbers.extend((0..values.len()).filter_map(|row| values.number(row))))?;
+        if let Some(of) = OfNumber::of(numbers) {
+            summary.insert(name.clone(), of);
         }
-        summary
     }
+    Ok(summary)
 }
 
 impl OfNumber {
@@ -50,12 +56,12 @@ impl OfNumber {
         }
         let count = numbers.len() as f64;
         let size = numbers.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
-        // In parts of the largest, so that neither the sum nor a square overflows.
+        // Divide by the largest value, so that neither the sum nor a square overflows.
         let unit = if size > 0.0 { size } else { 1.0 };
         let mean = numbers.iter().map(|x| x / unit).sum::<f64>() / count;
         let squares = numbers.iter().map(|x| (x / unit - mean).powi(2)).sum::<f64>();
         let sd = if numbers.len() > 1 { (squares / (count - 1.0)).sqrt() * unit } else { 0.0 };
-        numbers.sort_by(f64::total_cmp);
+        numbers.sort_unstable_by(f64::total_cmp);
         let quantile = |part: f64| {
             let place = part * (count - 1.0);
             let below = place as usize;

@@ -1,53 +1,63 @@
-//! The table of a sweep: one row a member, a column for each name that was swept, for each number that was collected, and for how
-//! the member ended.
+//! The table of a sweep: one row per member; columns for each swept name, each collected number, and the outcome of the
+//! member.
 //!
-//! Columns are kept as such: eight bytes a number, four bytes a count, one or four a word (words that come again are kept once). A number
+//! Columns are kept as such: eight bytes a number, up to four bytes a count or a word (words that come again are kept once). A number
 //! that is missing is NaN here, and null or nothing wherever it is written.
 
+mod answer;
+mod counts;
 mod json;
+mod lists;
+mod rows;
 
+pub use answer::{Incomplete, answer};
+pub use counts::Counts;
+pub use lists::Lists;
+
+use counts::MISSING;
 use json::{by_name, schema_of_columns};
 use rustc_hash::FxHashMap;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::ops::Range;
 use utoipa::ToSchema;
-
-/// A count or a word that is missing.
-const MISSING: u32 = u32::MAX;
 
 /// One row for each member of a sweep, in the order of members.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Table {
-    /// By name: `member`, from zero; what was swept; what was collected; `status`, `trusted`, `error`, `steps`, `switches`, `residual`,
-    /// `warnings`. A value that is missing is null.
+    /// The columns by name: `member`, from zero; the swept names; the collected values; `status`, `trusted`, `error`,
+    /// `steps`, `switches`, `residual`, `warnings`. A missing value is null.
     #[serde(with = "by_name")]
     #[schema(schema_with = schema_of_columns)]
     pub columns: Vec<Column>,
-    /// Members of the sweep; there may be fewer rows, where it was stopped or this is a part of it.
+    /// Number of members of the sweep; there may be fewer rows, if it was stopped or this is a part of it.
     pub members: u64,
-    /// Rows of members that failed.
+    /// Number of failed members among the rows.
     pub failed: u64,
-    /// The names of the columns that were swept.
+    /// Names of the swept columns.
     #[serde(default)]
     pub swept: Vec<String>,
-    /// The names of the columns that were collected.
+    /// Names of the collected columns.
     #[serde(default)]
     pub collected: Vec<String>,
+    /// The times of the trajectories that were kept, in columns of lists such as `trajectory.x`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub times: Vec<f64>,
     /// What made it.
     #[serde(flatten)]
     pub provenance: TableProvenance,
 }
 
-/// What a table was made by, and of: parts that differ in it are not parts of one table.
+/// The provenance of a table: parts can be merged only if it is the same.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 pub struct TableProvenance {
-    /// The version of the program.
+    /// Version of the program.
     #[serde(default, rename = "program")]
     pub version: String,
-    /// The machine's instructions that the program makes use of.
+    /// The CPU instruction sets that the program uses.
     #[serde(default)]
     pub features: String,
-    /// SHA-256 of the specification, however it is laid out.
+    /// SHA-256 of the specification, independent of its layout.
     #[serde(default)]
     pub digest: String,
 }
@@ -55,84 +65,34 @@ pub struct TableProvenance {
 /// A column.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// Its name.
+    /// The name of the column.
     pub name: String,
-    /// A value a row.
+    /// One value per row.
     pub values: Values,
 }
 
 /// The values of a column.
 #[derive(Clone, Debug)]
 pub enum Values {
-    /// Numbers; NaN where there is none.
+    /// Numbers; NaN if missing.
     Numbers(Vec<f64>),
     /// Counts; [`u32::MAX`] where there is none.
-    Counts(Vec<u32>),
+    Counts(Counts),
     /// Truths.
     Flags(Vec<bool>),
-    /// Words by their places in a list.
+    /// Texts, as indices into a list.
     Words(Words),
+    /// Lists of numbers.
+    Lists(Lists),
 }
 
-/// Words, each kept once.
+/// A column of texts, each distinct text stored once.
 #[derive(Clone, Debug, Default)]
 pub struct Words {
-    places: Places,
+    /// The place of the word of each row.
+    places: Counts,
     words: Vec<String>,
     known: FxHashMap<String, u32>,
-}
-
-/// Places in a list of words: a byte each, for as long as there are few words, as of columns that say how a member ended.
-#[derive(Clone, Debug)]
-enum Places {
-    Narrow(Vec<u8>),
-    Wide(Vec<u32>),
-}
-
-impl Default for Places {
-    fn default() -> Self {
-        Self::Narrow(Vec::new())
-    }
-}
-
-impl Places {
-    fn len(&self) -> usize {
-        match self {
-            Self::Narrow(places) => places.len(),
-            Self::Wide(places) => places.len(),
-        }
-    }
-
-    fn get(&self, row: usize) -> Option<u32> {
-        match self {
-            Self::Narrow(places) => {
-                places.get(row).map(|place| if *place == u8::MAX { MISSING } else { u32::from(*place) })
-            }
-            Self::Wide(places) => places.get(row).copied(),
-        }
-    }
-
-    fn push(&mut self, place: u32) {
-        if let Self::Narrow(places) = self {
-            match u8::try_from(place) {
-                _ if place == MISSING => return places.push(u8::MAX),
-                Ok(place) if place < u8::MAX => return places.push(place),
-                _ => {}
-            }
-            let wide = (0..self.len()).map(|row| self.get(row).unwrap_or(MISSING)).collect();
-            *self = Self::Wide(wide);
-        }
-        if let Self::Wide(places) = self {
-            places.push(place);
-        }
-    }
-
-    fn reserve(&mut self, rows: usize) {
-        match self {
-            Self::Narrow(places) => places.reserve_exact(rows),
-            Self::Wide(places) => places.reserve_exact(rows),
-        }
-    }
 }
 
 /// Why tables are not parts of one.
@@ -146,7 +106,7 @@ impl fmt::Display for Unmergeable {
 }
 
 impl Words {
-    /// Adds a word, or that there is none.
+    /// Appends a text, or a missing value.
     pub fn push(&mut self, word: Option<&str>) {
         let place = word.map_or(MISSING, |word| self.place(word));
         self.places.push(place);
@@ -162,16 +122,15 @@ impl Words {
         place
     }
 
-    /// The word of a row.
+    /// The text in a row.
     pub fn get(&self, row: usize) -> Option<&str> {
         self.words.get(self.places.get(row)? as usize).map(String::as_str)
     }
 
     fn append(&mut self, other: &Self) {
         let places: Vec<u32> = other.words.iter().map(|word| self.place(word)).collect();
-        for row in 0..other.places.len() {
-            let place = other.places.get(row).and_then(|place| places.get(place as usize)).copied();
-            self.places.push(place.unwrap_or(MISSING));
+        for place in other.places.iter() {
+            self.places.push(places.get(place as usize).copied().unwrap_or(MISSING));
         }
     }
 }
@@ -192,6 +151,7 @@ impl PartialEq for Values {
             (Self::Counts(a), Self::Counts(b)) => a == b,
             (Self::Flags(a), Self::Flags(b)) => a == b,
             (Self::Words(a), Self::Words(b)) => a == b,
+            (Self::Lists(a), Self::Lists(b)) => a == b,
             // Of what has no value at all the type is not told by the text.
             (a, b) => a.len() == b.len() && (0..a.len()).all(|row| a.is_missing(row) && b.is_missing(row)),
         }
@@ -206,21 +166,23 @@ impl Values {
             Self::Counts(values) => values.len(),
             Self::Flags(values) => values.len(),
             Self::Words(words) => words.places.len(),
+            Self::Lists(lists) => lists.len(),
         }
     }
 
-    /// Whether there is no row.
+    /// Whether there are no rows.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Whether there is nothing in a row.
+    /// Whether the value in a row is missing.
     pub fn is_missing(&self, row: usize) -> bool {
         match self {
             Self::Numbers(values) => values.get(row).is_none_or(|value| !value.is_finite()),
-            Self::Counts(values) => values.get(row).is_none_or(|value| *value == MISSING),
+            Self::Counts(values) => values.get(row).is_none_or(|value| value == MISSING),
             Self::Flags(values) => values.get(row).is_none(),
             Self::Words(words) => words.get(row).is_none(),
+            Self::Lists(lists) => lists.numbers(row).is_none(),
         }
     }
 
@@ -228,40 +190,50 @@ impl Values {
     pub fn number(&self, row: usize) -> Option<f64> {
         match self {
             Self::Numbers(values) => values.get(row).copied().filter(|value| value.is_finite()),
-            Self::Counts(values) => values.get(row).copied().filter(|value| *value != MISSING).map(f64::from),
-            Self::Flags(_) | Self::Words(_) => None,
+            Self::Counts(values) => values.get(row).filter(|value| *value != MISSING).map(f64::from),
+            Self::Flags(_) | Self::Words(_) | Self::Lists(_) => None,
         }
     }
 
-    /// The word in a row.
+    /// The text in a row.
     pub fn word(&self, row: usize) -> Option<&str> {
         match self {
             Self::Words(words) => words.get(row),
-            Self::Numbers(_) | Self::Counts(_) | Self::Flags(_) => None,
+            Self::Numbers(_) | Self::Counts(_) | Self::Flags(_) | Self::Lists(_) => None,
         }
     }
 
-    /// Makes room for so many rows more.
+    /// Reserves space for additional rows.
     pub fn reserve(&mut self, rows: usize) {
         match self {
             Self::Numbers(values) => values.reserve_exact(rows),
-            Self::Counts(values) => values.reserve_exact(rows),
+            Self::Counts(values) => values.reserve(rows),
             Self::Flags(values) => values.reserve_exact(rows),
             Self::Words(words) => words.places.reserve(rows),
+            Self::Lists(lists) => lists.reserve(rows),
         }
     }
 
-    /// Adds a number, or that there is none.
+    /// Appends a number, or a missing value.
     pub fn push_number(&mut self, value: Option<f64>) {
         match self {
             Self::Numbers(values) => values.push(value.unwrap_or(f64::NAN)),
             Self::Counts(values) => values.push(value.map_or(MISSING, |value| value as u32)),
             Self::Flags(values) => values.push(value.is_some_and(|value| value != 0.0)),
             Self::Words(words) => words.push(None),
+            Self::Lists(lists) => lists.push(&[]),
         }
     }
 
-    /// Adds a word, or that there is none.
+    /// Adds a list, or a part of one.
+    pub fn push_list(&mut self, list: &[f64]) {
+        match self {
+            Self::Lists(lists) => lists.push(list),
+            other => other.push_number(None),
+        }
+    }
+
+    /// Appends a text, or a missing value.
     pub fn push_word(&mut self, word: Option<&str>) {
         match self {
             Self::Words(words) => words.push(word),
@@ -272,7 +244,7 @@ impl Values {
     fn append(&mut self, other: Self) -> bool {
         let is_empty = |values: &Self| (0..values.len()).all(|row| values.is_missing(row));
         if std::mem::discriminant(self) != std::mem::discriminant(&other) {
-            // Of what has no value at all the kind is not told by the text.
+            // A column without any value has no type in its written form.
             if is_empty(self) {
                 let mut values = other.emptied();
                 (0..self.len()).for_each(|_| values.push_number(None));
@@ -286,33 +258,65 @@ impl Values {
         }
         match (self, other) {
             (Self::Numbers(values), Self::Numbers(other)) => values.extend(other),
-            (Self::Counts(values), Self::Counts(other)) => values.extend(other),
+            (Self::Counts(values), Self::Counts(other)) => other.iter().for_each(|value| values.push(value)),
             (Self::Flags(values), Self::Flags(other)) => values.extend(other),
             (Self::Words(words), Self::Words(other)) => words.append(&other),
+            (Self::Lists(lists), Self::Lists(other)) if lists.length() == other.length() || lists.is_empty() => {
+                if lists.is_empty() {
+                    lists.take_length(&other);
+                }
+                (0..other.len()).filter_map(|row| other.get(row)).for_each(|list| lists.push(list));
+            }
+            (Self::Lists(_), Self::Lists(other)) if other.is_empty() => {}
             _ => return false,
         }
         true
+    }
+
+    /// The values in some rows.
+    pub fn part(&self, rows: Range<usize>) -> Self {
+        match self {
+            Self::Numbers(values) => Self::Numbers(values.get(rows).unwrap_or_default().to_vec()),
+            Self::Counts(values) => Self::Counts(rows.filter_map(|row| values.get(row)).collect()),
+            Self::Flags(values) => Self::Flags(values.get(rows).unwrap_or_default().to_vec()),
+            Self::Words(words) => {
+                let mut part = Words::default();
+                rows.take_while(|row| *row < words.places.len()).for_each(|row| part.push(words.get(row)));
+                Self::Words(part)
+            }
+            Self::Lists(lists) => {
+                let mut part = Lists::new(lists.length());
+                rows.filter_map(|row| lists.get(row)).for_each(|list| part.push(list));
+                Self::Lists(part)
+            }
+        }
     }
 
     /// The same kind of values, without any.
     pub fn emptied(&self) -> Self {
         match self {
             Self::Numbers(_) => Self::Numbers(Vec::new()),
-            Self::Counts(_) => Self::Counts(Vec::new()),
+            Self::Counts(_) => Self::Counts(Counts::default()),
             Self::Flags(_) => Self::Flags(Vec::new()),
             Self::Words(_) => Self::Words(Words::default()),
+            Self::Lists(lists) => Self::Lists(Lists::new(lists.length())),
         }
     }
 
     fn reordered(&self, order: &[usize]) -> Self {
         match self {
             Self::Numbers(values) => Self::Numbers(order.iter().map(|row| values[*row]).collect()),
-            Self::Counts(values) => Self::Counts(order.iter().map(|row| values[*row]).collect()),
+            Self::Counts(values) => Self::Counts(order.iter().filter_map(|row| values.get(*row)).collect()),
             Self::Flags(values) => Self::Flags(order.iter().map(|row| values[*row]).collect()),
             Self::Words(words) => {
                 let mut ordered = Words::default();
                 order.iter().for_each(|row| ordered.push(words.get(*row)));
                 Self::Words(ordered)
+            }
+            Self::Lists(lists) => {
+                let mut ordered = Lists::new(lists.length());
+                order.iter().filter_map(|row| lists.get(*row)).for_each(|list| ordered.push(list));
+                Self::Lists(ordered)
             }
         }
     }
@@ -324,33 +328,24 @@ impl Table {
         self.columns.first().map_or(0, |column| column.values.len())
     }
 
-    /// Makes room for so many rows more.
+    /// Reserves space for additional rows.
     pub fn reserve(&mut self, rows: usize) {
         self.columns.iter_mut().for_each(|column| column.values.reserve(rows));
     }
 
-    /// The column of that name.
+    /// The column of the given name.
     pub fn column(&self, name: &str) -> Option<&Values> {
         self.columns.iter().find(|column| column.name == name).map(|column| &column.values)
     }
 
-    /// Columns behind those of what was swept and collected.
+    /// Number of columns after the swept and collected ones.
     pub fn own(&self) -> usize {
         self.columns.len().saturating_sub(1 + self.swept.len() + self.collected.len())
     }
 
-    /// Whether there is a column of that name behind those of what was swept and collected.
+    /// Whether there is a column of the given name after the swept and collected ones.
     pub fn has(&self, name: &str) -> bool {
         self.columns[self.columns.len() - self.own()..].iter().any(|column| column.name == name)
-    }
-
-    /// Rows of members that reached their end and are not trusted.
-    pub fn untrusted(&self) -> u64 {
-        let (Some(Values::Flags(trusted)), Some(status)) = (self.column("trusted"), self.column("status")) else {
-            return 0;
-        };
-        let is_untrusted = |row: &usize| !trusted[*row] && status.word(*row) == Some("completed");
-        (0..trusted.len()).filter(is_untrusted).count() as u64
     }
 
     /// The same columns, without any row.
@@ -366,14 +361,15 @@ impl Table {
             failed: self.failed,
             swept: self.swept.clone(),
             collected: self.collected.clone(),
+            times: self.times.clone(),
             provenance: self.provenance.clone(),
         }
     }
 
-    /// Adds the rows of a part of the same sweep.
+    /// Appends the rows of another part of the same sweep.
     ///
     /// # Errors
-    /// It is a part of another.
+    /// The parts do not belong together.
     pub fn append(&mut self, part: Self) -> Result<(), Unmergeable> {
         let refuse = |what: &str, this: &str, other: &str| {
             Err(Unmergeable(format!("the parts differ in {what}: {this} and {other}")))
@@ -402,10 +398,10 @@ impl Table {
         Ok(())
     }
 
-    /// Puts rows in the order of members.
+    /// Sorts the rows by member.
     ///
     /// # Errors
-    /// A member has two rows.
+    /// A member occurs in two rows.
     pub fn sort(&mut self) -> Result<(), Unmergeable> {
         let members: Vec<u64> =
             (0..self.rows()).map(|row| self.columns[0].values.number(row).unwrap_or(0.0) as u64).collect();
@@ -438,7 +434,7 @@ mod tests {
         let column = |name: &str, values: Values| Column { name: name.to_owned(), values };
         Table {
             columns: vec![
-                column("member", Values::Counts(members.to_vec())),
+                column("member", Values::Counts(members.iter().copied().collect())),
                 column("x", Values::Numbers(numbers.to_vec())),
                 column("error", words(errors)),
             ],
@@ -446,6 +442,7 @@ mod tests {
             failed: errors.iter().flatten().count() as u64,
             swept: vec!["x".to_owned()],
             collected: Vec::new(),
+            times: Vec::new(),
             provenance: TableProvenance { version: "1".to_owned(), ..TableProvenance::default() },
         }
     }
@@ -466,7 +463,7 @@ mod tests {
         merged.sort().unwrap();
         assert_eq!(merged, whole);
         assert_eq!(serde_json::to_string(&merged).unwrap(), serde_json::to_string(&whole).unwrap());
-        // A column of nothing but what is missing has no kind.
+        // A column without any value has no type in its written form.
         let text = serde_json::to_string(&table(&[0, 2], &[0.5, 2.5], &[None, None])).unwrap();
         let mut merged: Table = serde_json::from_str(&text).unwrap();
         merged.append(table(&[1], &[1.5], &[Some("b")])).unwrap();

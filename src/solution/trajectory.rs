@@ -1,4 +1,4 @@
-//! The trajectory in columns.
+//! The trajectory, in columns.
 
 use problem::Event;
 use serde::de::{Deserializer, MapAccess, Visitor};
@@ -10,9 +10,9 @@ use utoipa::ToSchema;
 /// One output over time.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Field {
-    /// The name of the state or variable.
+    /// The name of the state, variable or other output.
     pub name: String,
-    /// Its values, as many as there are times.
+    /// The values, one per output time.
     pub values: Vec<f64>,
 }
 
@@ -21,16 +21,16 @@ pub struct Field {
 pub struct Trajectory {
     /// The times, increasing.
     pub t: Vec<f64>,
-    /// The outputs that were asked for.
+    /// The requested outputs.
     #[serde(deserialize_with = "columns")]
     #[schema(value_type = BTreeMap<String, Vec<f64>>)]
     pub fields: Vec<Field>,
-    /// The switches.
+    /// The events, in order of time.
     pub events: Vec<Event>,
 }
 
 impl Trajectory {
-    /// The column of that name.
+    /// The column of the given name.
     pub fn field(&self, name: &str) -> Option<&[f64]> {
         self.fields.iter().find(|field| field.name == name).map(|field| field.values.as_slice())
     }
@@ -46,7 +46,7 @@ impl Serialize for Trajectory {
     }
 }
 
-/// Fields as one object, name to values, in order.
+/// Fields as a JSON object from names to values, in order.
 struct Columns<'a>(&'a [Field]);
 
 impl Serialize for Columns<'_> {
@@ -59,7 +59,7 @@ impl Serialize for Columns<'_> {
     }
 }
 
-/// The fields of one object, in its order.
+/// Reads the fields of a JSON object, in its order.
 fn columns<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Field>, D::Error> {
     struct Visit;
 

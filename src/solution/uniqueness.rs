@@ -1,6 +1,6 @@
-//! Uniqueness as a caveat of the verdict: a solution that is not certified to be the only one is *a* solution. What is
-//! certified at the start need not hold later: the run watches whether it gets where the equations are not Lipschitz, and
-//! whether the certificate holds on the faces and at the states that it visits.
+//! Uniqueness as a caveat of the verdict: a solution not certified to be unique is *a* solution. The certificate at the
+//! start need not hold later. The run therefore monitors whether it reaches points where the equations are not
+//! Lipschitz, and whether the certificate holds on the faces and at the states that it visits.
 
 use super::Diagnostics;
 use analysis::{Analysis, Uniqueness, analyse_face};
@@ -10,28 +10,28 @@ use numerics::Interval;
 use problem::{Structure, Warning};
 use radau::{Activity, Radau};
 
-/// What the user should know of the uniqueness of the solution, before it is computed.
+/// The caveat about uniqueness before the solve, if there is one.
 pub fn uniqueness_caveat(analysis: &Analysis) -> Option<Warning> {
     let certified = analysis.uniqueness.is_certified() || analysis.uniqueness == Uniqueness::NotAnalysed;
     let message = format!("uniqueness is not guaranteed: {}", analysis.because);
     (!certified).then_some(Warning { code: "uniqueness_not_guaranteed", message })
 }
 
-/// Watches a run for places where its equations are not Lipschitz.
+/// Detects points of a run where the equations are not Lipschitz.
 pub(super) struct LipschitzWatch<'p> {
     model: &'p DviModel,
     irregularities: Irregularities,
     rtol: f64,
     atol: &'p [f64],
-    /// The end of the last step: time, states, variables.
+    /// Time, states and variables at the end of the last step.
     last: (f64, Vec<f64>),
-    /// The ranges over a step, widened by the tolerance.
+    /// The ranges of the unknowns over a step, widened by the tolerance.
     ranges: Vec<Interval>,
     met: Option<(f64, Irregularity)>,
 }
 
 impl<'p> LipschitzWatch<'p> {
-    /// A watch from `(t, y)` on; none where what is certified cannot be lost.
+    /// Begins at `(t, y)`; `None` if the certificate cannot be lost in this way.
     pub(super) fn new(
         model: &'p DviModel,
         analysis: &Analysis,
@@ -43,7 +43,7 @@ impl<'p> LipschitzWatch<'p> {
         Some(Self { model, irregularities, rtol, atol, last: (t, y.to_vec()), ranges, met: None })
     }
 
-    /// Takes a step to `(t, y)` into account.
+    /// Examines a step to `(t, y)`.
     pub(super) fn observe(&mut self, t: f64, y: &[f64]) {
         if self.met.is_some() {
             return;
@@ -60,7 +60,7 @@ impl<'p> LipschitzWatch<'p> {
         last.copy_from_slice(y);
     }
 
-    /// Takes the certificate back if it was lost.
+    /// Withdraws the certificate if it was lost.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
         if let Some((t, met)) = &self.met {
             take_back(diagnostics, |analysis| self.model.uncertified(analysis, met, *t));
@@ -68,26 +68,26 @@ impl<'p> LipschitzWatch<'p> {
     }
 }
 
-/// Up to this many states and variables every step is analysed; the analysis of more takes longer than a step, so that they
-/// are analysed where they switch.
+/// Up to this number of states and variables, the face is analysed at every step; above it, the analysis takes longer
+/// than a step and is made only at switches.
 const MOST_AT_EVERY_STEP: usize = 40;
 
-/// Watches a run for faces on which a certificate that was given at its start does not hold: where a surface that attracted
-/// begins to repel, a solution may leave it at any time.
+/// Detects faces on which a certificate of uniqueness no longer holds: where an attractive surface becomes repulsive, a
+/// solution may leave it at any time.
 pub(super) struct FaceWatch {
     at_every_step: bool,
-    /// The time and the face on which the certificate was lost.
+    /// The time and the analysis of the face on which the certificate was lost.
     lost: Option<(f64, Analysis)>,
 }
 
 impl FaceWatch {
-    /// A watch; none where nothing is certified, or where the derivatives are the same everywhere.
+    /// Begins at the start; `None` if nothing is certified, or the Jacobian is constant.
     pub(super) fn new(structure: &Structure, analysis: &Analysis) -> Option<Self> {
         let may_lose = analysis.uniqueness.is_certified() && structure.variables > 0 && !structure.constant_jacobian;
         may_lose.then(|| Self { at_every_step: structure.unknowns() <= MOST_AT_EVERY_STEP, lost: None })
     }
 
-    /// Takes the face at the end of a step into account, of which the analysis may be `known`.
+    /// Examines the face at the end of a step; `known` is its analysis, if that exists already.
     pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool, known: Option<&Analysis>) {
         let moves = radau.face().places.iter().any(|place| place.equations() < usize::MAX);
         if self.lost.is_some() || !moves || !(self.at_every_step || switched) {
@@ -99,16 +99,16 @@ impl FaceWatch {
         }
     }
 
-    /// Takes the certificate back if it was lost.
+    /// Withdraws the certificate if it was lost.
     pub(super) fn finish(&self, diagnostics: &mut Diagnostics) {
         if let Some((t, Analysis { uniqueness, because, .. })) = &self.lost {
-            let because = format!("on the face met at t = {t}: {because}");
+            let because = format!("on the face that became active at t = {t}: {because}");
             take_back(diagnostics, |analysis| Analysis { uniqueness: *uniqueness, because, ..analysis });
         }
     }
 }
 
-/// Puts what is left of the analysis of a run in its place, with the caveat that it asks for.
+/// Replaces the analysis of a run by one without the certificate, and adds the caveat.
 fn take_back(diagnostics: &mut Diagnostics, uncertified: impl FnOnce(Analysis) -> Analysis) {
     let Some(analysis) = diagnostics.analysis.take().map(uncertified) else { return };
     if let Some(Warning { code, message }) = uniqueness_caveat(&analysis) {
@@ -117,7 +117,7 @@ fn take_back(diagnostics: &mut Diagnostics, uncertified: impl FnOnce(Analysis) -
     diagnostics.analysis = Some(analysis);
 }
 
-/// The analysis of the face that is active where a run has arrived.
+/// The analysis of the active face at the current time of a run.
 pub(super) fn analysis_of_face(radau: &mut Radau<'_>) -> Analysis {
     let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
     let blocks = radau.equations_of_blocks();

@@ -1,8 +1,8 @@
-//! The verdict on an answer: whether it may be relied upon, and if not, which measurement speaks against it.
+//! The verdict on an answer: whether it may be relied upon, and if not, the measurements against it.
 //!
-//! While a stepper runs it records [`Checks`]: each is a number that was measured, beside the number that the tolerances
-//! allow. [`Verdict::of`] compares them once the run has ended. A check that was not made says nothing; a check that
-//! failed makes the answer untrusted, whatever `status` is.
+//! While a stepper runs, it records [`Checks`]: measured values beside the values that the tolerances permit.
+//! [`Verdict::of`] compares them at the end of the run. A check that was not made has no influence; a failed check
+//! makes the answer untrusted, whatever its `status`.
 
 use super::{Failure, Status};
 use serde::{Deserialize, Serialize, Serializer};
@@ -12,35 +12,35 @@ use utoipa::openapi::schema::{ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
 
-/// What is measured of an answer.
+/// The measured quantities of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckCode {
-    /// The natural map of the law that was posed, in the units of its set.
+    /// Residual of the natural map of the law, in the units of its set.
     LawResidual,
-    /// Constraints that a mode holds, and hidden ones, at the outputs and between the steps.
+    /// Residual of active and hidden constraints, at the outputs and between the steps.
     ConstraintResidual,
-    /// How far joints are apart.
+    /// Violation of joints.
     JointDrift,
-    /// What the balance of energy lacks.
+    /// Defect of the energy balance.
     EnergyBalance,
-    /// Steps in which an event may have been missed.
+    /// Number of steps in which an event may have been missed.
     EventsUnproven,
-    /// The local error of accepted steps, where it is beyond the tolerance or not controlled.
+    /// Local error of accepted steps above the tolerance, or not controlled.
     LocalError,
-    /// The error at the end, where it was asked for.
+    /// Global error at the end, on request.
     GlobalError,
-    /// How far derivatives are from a difference of runs.
+    /// Difference of sensitivities from a difference of runs.
     Derivatives,
-    /// How far a run from a state of rest, or once along an orbit, ends from where it began.
+    /// Distance between the end and the beginning of a run from a steady state, or along an orbit.
     ReturnResidual,
-    /// How far fitted parameters are from the minimum.
+    /// Distance of fitted parameters from the minimum.
     FitDistance,
-    /// The distance by which an accumulation of events was stepped over.
+    /// Distance by which an accumulation of events was stepped over.
     AccumulationPassed,
-    /// Members of a sweep that are not to be relied upon.
+    /// Number of members of a sweep that are not trusted.
     UntrustedMembers,
-    /// The time that is missing to the end asked for.
+    /// Time missing to the requested end.
     NotAtEnd,
 }
 
@@ -62,7 +62,7 @@ impl CheckCode {
         Self::NotAtEnd,
     ];
 
-    /// The word that programs read.
+    /// The name of the code, for programs.
     pub const fn name(self) -> &'static str {
         match self {
             Self::LawResidual => "law_residual",
@@ -81,56 +81,58 @@ impl CheckCode {
         }
     }
 
-    /// What the value is, and what it is compared with.
+    /// The meaning of the value, and what it is compared with.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::LawResidual => {
-                "Residual of the natural map of the law that was posed (complementarity, friction, impact), in the units of its \
-                 set; of bodies relative to their velocities. Allowed is `vi_tolerance`, where there is one."
+                "Residual of the natural map of the law (complementarity, friction, impact), in the units of its \
+                 set; for rigid bodies relative to their velocities. Allowed: `vi_tolerance`, if there is one."
             }
             Self::ConstraintResidual => {
-                "Residual of the constraints that hold on the active face, hidden ones included, at the outputs and between the \
-                 steps; of contacts a gap, of bodies their overlap as a part of the smaller. Allowed is the tolerance of the \
-                 outputs, or 1e-3 of the largest length met where steps have one size."
+                "Residual of the constraints of the active face, hidden ones included, at the outputs and between the \
+                 steps; for contacts a gap, for rigid bodies their overlap relative to the smaller one. Allowed: the \
+                 tolerance of the outputs, or 1e-3 of the largest length for fixed steps."
             }
             Self::JointDrift => {
-                "How far a joint has come apart: a length, or a part of the size of its bodies. Allowed is what the tolerance \
-                 gives over the steps made, or 1e-3 of the largest length met where steps have one size."
+                "Violation of a joint: a length, or a length relative to the size of its bodies. Allowed: the \
+                 tolerance summed over the steps, or 1e-3 of the largest length for fixed steps."
             }
             Self::EnergyBalance => {
-                "Defect of the balance of energy, work, friction, viscosity and impacts. Allowed is what the tolerance gives over \
-                 the steps made, or 1e-3 of the largest energy met where steps have one size."
+                "Defect of the balance of energy, work, friction, viscosity and impacts. Allowed: the tolerance summed \
+                 over the steps, or 1e-3 of the largest energy for fixed steps."
             }
             Self::EventsUnproven => {
                 "Number of steps that are not proven free of an undetected event (a switch, an impact, a kink); none is allowed."
             }
             Self::LocalError => {
-                "Largest local error of an accepted step in units of `atol + rtol |x|`, where the error test was passed over or \
-                 could not see the state."
+                "Largest local error of an accepted step in units of `atol + rtol |x|`, if the error test was skipped \
+                 or could not see the state."
             }
             Self::GlobalError => {
-                "Estimate of the error at the end in units of `atol + rtol |x|`; measured where `output.global_error` asks for it."
+                "Estimate of the error at the end in units of `atol + rtol |x|`; measured if `output.global_error` is \
+                 set."
             }
             Self::Derivatives => {
-                "How far the derivatives at the end are from the difference of two runs, in units of the uncertainty of this; \
-                 measured where `sensitivities` asks for them."
+                "Difference of the derivatives at the end from the difference quotient of two runs, in units of the \
+                 uncertainty of the latter; measured if `sensitivities` are requested."
             }
             Self::ReturnResidual => {
-                "How far a run once along an orbit, or from a state of rest, ends from where it began, in units of \
-                 `atol + rtol |x|`; measured where `periodic` or `steady_state` asks for one. Allowed is one for each step."
+                "Distance between the end and the beginning of a run over one period of an orbit, or from a steady \
+                 state, in units of `atol + rtol |x|`; measured for `periodic` and `steady_state`. Allowed: one per \
+                 step."
             }
             Self::FitDistance => {
-                "How far the estimates of `fit` are from the minimum that the derivatives there predict, in standard errors. \
-                 Allowed is a hundredth, or what the tolerance of the runs leaves."
+                "Distance of the estimates of `fit` from the minimum that the derivatives there predict, in standard \
+                 errors. Allowed: a hundredth, or the uncertainty from the tolerance of the runs."
             }
             Self::AccumulationPassed => {
-                "How far an accumulation of events (Zeno) was from its limit when the run passed over it: a distance of the \
-                 states, or a part of the largest energy. Allowed is the tolerance."
+                "Distance of an accumulation of events (Zeno) from its limit when the run stepped over it: a distance \
+                 of the states, or a fraction of the largest energy. Allowed: the tolerance."
             }
             Self::UntrustedMembers => {
                 "Number of members of a sweep that reached their end and are not trusted; none is allowed."
             }
-            Self::NotAtEnd => "Time from where the run ended to the end that was asked for; none is allowed.",
+            Self::NotAtEnd => "Time from the end of the run to the requested end; none is allowed.",
         }
     }
 }
@@ -149,30 +151,30 @@ impl PartialSchema for CheckCode {
             name.description(Some(code.meaning()))
         };
         let codes = Self::ALL.into_iter().fold(OneOfBuilder::new(), |codes, code| codes.item(of(code)));
-        codes.description(Some("What is measured of an answer.")).into()
+        codes.description(Some("The measured quantities of an answer.")).into()
     }
 }
 
 impl ToSchema for CheckCode {}
 
-/// One measurement, the worst of its code so far.
+/// The worst measurement of a code so far.
 #[derive(Clone, Debug, PartialEq)]
 struct Check {
     value: f64,
     allowed: f64,
-    /// What was measured and where, for people.
+    /// Description of the measurement, for people.
     message: String,
 }
 
 impl Check {
-    /// How far the value is beyond what is allowed; above one the check fails, and so does a value that is not a number.
+    /// The ratio of the value to the permitted one; the check fails above one, and for NaN.
     fn excess(&self) -> f64 {
         let ratio = if self.value == 0.0 { 0.0 } else { self.value / self.allowed };
         if ratio.is_nan() { f64::INFINITY } else { ratio }
     }
 }
 
-/// The measurements of a run: of each code the one that is worst against what is allowed.
+/// The measurements of a run: for each code, the worst one relative to its permitted value.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checks {
     worst: BTreeMap<CheckCode, Check>,
@@ -180,8 +182,7 @@ pub struct Checks {
 }
 
 impl Checks {
-    /// Records a measurement. Keeps it if it exceeds what it is allowed by more than those of its code before; only then
-    /// is the message made.
+    /// Records a measurement if it is worse than all previous ones of its code; only then the message is created.
     pub fn record(&mut self, code: CheckCode, value: f64, allowed: f64, message: impl FnOnce() -> String) {
         let mut check = Check { value, allowed, message: String::new() };
         if self.worst.get(&code).is_none_or(|worst| check.excess() > worst.excess()) {
@@ -190,14 +191,14 @@ impl Checks {
         }
     }
 
-    /// Adds something that the user should know though it does not speak against the answer; once for each code.
+    /// Adds a caveat, which does not make the answer untrusted; once per code.
     pub fn caveat(&mut self, code: &'static str, message: String) {
         if self.caveats.iter().all(|caveat| caveat.code != code) {
             self.caveats.push(Caveat { code: code.into(), message });
         }
     }
 
-    /// Takes over the measurements and caveats of another part of the run.
+    /// Merges the measurements and caveats of another part of the run.
     pub fn absorb(&mut self, other: Self) {
         for (code, check) in other.worst {
             self.record(code, check.value, check.allowed, || check.message);
@@ -209,14 +210,14 @@ impl Checks {
         }
     }
 
-    /// The measurement of a code: its value and what is allowed.
+    /// The measured and the permitted value of a code.
     pub fn get(&self, code: CheckCode) -> Option<(f64, f64)> {
         self.worst.get(&code).map(|check| (check.value, check.allowed))
     }
 }
 
 impl Serialize for Checks {
-    /// An object: code to value and what is allowed.
+    /// Serialises as an object from codes to measured and permitted values.
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let measured = |check: &Check| Measured { value: finite(check.value), allowed: finite(check.allowed) };
         serializer.collect_map(self.worst.iter().map(|(code, check)| (code, measured(check))))
@@ -226,7 +227,7 @@ impl Serialize for Checks {
 impl PartialSchema for Checks {
     fn schema() -> RefOr<Schema> {
         let checks = ObjectBuilder::new().additional_properties(Some(Ref::from_schema_name(Measured::name())));
-        checks.description(Some("Code (`CheckCode`) to measurement, of the checks that were made.")).into()
+        checks.description(Some("The measurement of each check that was made, by its code (`CheckCode`).")).into()
     }
 }
 
@@ -236,30 +237,30 @@ impl ToSchema for Checks {
     }
 }
 
-/// A measurement beside what is allowed.
+/// A measured value and the permitted one.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, ToSchema)]
 pub struct Measured {
-    /// The worst value of the run; the largest finite number where it is not finite.
+    /// The worst value of the run; the largest finite number if it is not finite.
     pub value: f64,
-    /// The value up to which it does not speak against the answer.
+    /// The largest value at which the answer is trusted.
     pub allowed: f64,
 }
 
-/// The nearest finite number; JSON has no other.
+/// The nearest finite number, since JSON has no others.
 fn finite(value: f64) -> f64 {
     if value.is_nan() { f64::MAX } else { value.clamp(f64::MIN, f64::MAX) }
 }
 
-/// A measurement that speaks against the answer.
+/// A measurement that makes the answer untrusted.
 #[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Reason {
-    /// What was measured.
+    /// The code of the check.
     pub code: CheckCode,
-    /// The value that was found; the largest finite number where it is not finite.
+    /// The measured value; the largest finite number if it is not finite.
     pub value: f64,
-    /// The value up to which the answer would be trusted.
+    /// The largest value at which the answer would be trusted.
     pub allowed: f64,
-    /// What that means, with the remedy.
+    /// The meaning, and what to change.
     pub message: String,
 }
 
@@ -271,7 +272,7 @@ impl fmt::Display for Reason {
     }
 }
 
-/// A number for people: three digits are enough to see by how much it is beyond another.
+/// A number for people, in three digits.
 struct Figure(f64);
 
 impl fmt::Display for Figure {
@@ -290,28 +291,28 @@ impl fmt::Display for Figure {
     }
 }
 
-/// Something that the user should know and that does not speak against the answer.
+/// Information for the user that does not make the answer untrusted.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 pub struct Caveat {
-    /// A stable word for programs.
+    /// A stable code for programs.
     pub code: String,
-    /// For people.
+    /// The information, in words.
     pub message: String,
 }
 
 /// Whether an answer may be relied upon.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct Verdict {
-    /// Whether every check that was made is within what is allowed, and the end was reached.
+    /// Whether the end was reached and every check is within its permitted value.
     pub trusted: bool,
-    /// What speaks against the answer; empty where it is trusted.
+    /// The reasons against the answer; empty if it is trusted.
     pub because: Vec<Reason>,
-    /// What does not, but should be known.
+    /// Further information for the user.
     pub caveats: Vec<Caveat>,
 }
 
 impl Verdict {
-    /// Compares what was measured with what is allowed. `end` is the end asked for.
+    /// Compares the measurements with the permitted values. `end` is the requested end time.
     pub fn of(status: Status, error: Option<&Failure>, end: f64, checks: &Checks) -> Self {
         let mut because: Vec<Reason> = checks
             .worst
@@ -330,7 +331,7 @@ impl Verdict {
                 code: CheckCode::NotAtEnd,
                 value: finite((end - reached).abs()),
                 allowed: 0.0,
-                message: format!("the run ended at t = {reached:?}, before the end asked for, {end:?}"),
+                message: format!("the run ended at t = {reached:?}, before the requested end, {end:?}"),
             });
         }
         Self { trusted: because.is_empty(), because, caveats: checks.caveats.clone() }

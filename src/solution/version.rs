@@ -1,13 +1,13 @@
-//! The version of the form in which answers are written.
+//! The version of the format of answers.
 
 use serde::de::{Deserialize, Deserializer, Error};
 use serde::{Serialize, Serializer};
 
-/// The first one, which may gain members but loses none and changes the meaning of none.
+/// The first version, to which members may be added, but none removed or changed in meaning.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Version;
 
-/// Its number.
+/// The version number of the result format.
 const NUMBER: u64 = 1;
 
 impl Serialize for Version {
@@ -21,7 +21,8 @@ impl<'de> Deserialize<'de> for Version {
         match u64::deserialize(deserializer)? {
             NUMBER => Ok(Self),
             other => Err(D::Error::custom(format!(
-                "the answer has version {other}, and this program reads version {NUMBER}: use one as recent as what wrote it"
+                "the answer has version {other}, and this program reads version {NUMBER}: use a version at least as \
+                 recent as the one that wrote it"
             ))),
         }
     }

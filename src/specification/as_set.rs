@@ -1,37 +1,38 @@
-//! A problem with its kinks written as a set: `abs`, `sign`, `heaviside`, `min` and `max` of states in rates and inequalities
-//! become variables, so that what a user has to write instead can be shown in his own names.
+//! Rewriting of kinks as a set: calls of `abs`, `sign`, `heaviside`, `min` and `max` that depend on unknowns, in rates,
+//! inequalities and definitions, become variables in `K`. An error message about a kink can then show what to write
+//! instead, in the user's own names.
 //!
 //! ```text
 //! sign(a) = z,          z in [-1, 1],  G = -a            heaviside(a) = z,     z in [0, 1],  G = -a
 //! abs(a) = a z,         z in [-1, 1],  G = -a
 //! min(a, b) = a - z,    z >= 0,        G = z - (a - b)   max(a, b) = a + z,    z >= 0,       G = z - (b - a)
 //! ```
-//!
-//! For the first: `z` is in `Sgn(a)` if and only if `a` is normal to `[-1, 1]` at `z`, `-a (z~ - z) >= 0` for all `z~` in it.
+//! For `sign(a)`: `z` is in `Sgn(a)` if and only if `a` is normal to `[-1, 1]` at `z`: `-a (z~ - z) >= 0` for all `z~`
+//! in it.
 
 use super::dvi::{DviProblem, State, Variable};
 use super::expression::Expression;
 use super::set::{Block, BoxBlock};
 use std::collections::HashSet;
 
-/// Functions that are replaced in one problem at the most: the result is to be read.
+/// Most calls that are rewritten in one problem: the result is meant to be read by a person.
 const MOST: usize = 64;
 
-/// The functions with a kink or a jump.
+/// Functions with a kink or a jump.
 const FUNCTIONS: [&str; 5] = ["abs", "sign", "heaviside", "min", "max"];
 
-/// A call that was replaced.
+/// A call that has been replaced by a variable.
 struct Replaced {
     call: String,
-    /// The variable that stands for it.
+    /// The variable introduced for the call.
     name: String,
     value: String,
     inequality: String,
     interval: Option<(f64, f64)>,
 }
 
-/// The problem with the kinks of its rates and inequalities written as a set; `None` if there are none, too many, or if
-/// there is one that is not understood.
+/// Rewrites the kinks of rates, inequalities and definitions as a set. Returns `None` if there are no kinks, more than
+/// `MOST`, or a call that has no such form.
 pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
     let names = problem.states.names().chain(problem.variables.names()).chain(problem.definitions.names());
     let mut rewriting = Rewriting {
@@ -77,7 +78,7 @@ pub(super) fn rewritten(problem: &DviProblem) -> Option<DviProblem> {
     })
 }
 
-/// The names of a problem, and what has been replaced in it.
+/// The names in use in a problem, and the calls replaced so far.
 struct Rewriting {
     unknowns: HashSet<String>,
     parameters: HashSet<String>,
@@ -95,7 +96,8 @@ impl Rewriting {
         Some(Expression::Text(text))
     }
 
-    /// The last call of a function with a kink that depends on an unknown; no such call is within it.
+    /// Finds the last call of a function with a kink that depends on an unknown. Being the last to begin, it contains
+    /// no other such call.
     fn innermost(&self, text: &str) -> Option<Call> {
         let words = words(text);
         words.iter().rev().find_map(|&(start, word)| {
@@ -108,7 +110,7 @@ impl Rewriting {
         })
     }
 
-    /// What stands for a call.
+    /// Returns the expression that replaces a call, introducing a variable for it if the call is new.
     fn value_of(&mut self, call: &str, function: &str, arguments: &[String]) -> Option<String> {
         let call: String = call.split_whitespace().collect();
         if let Some(known) = self.replaced.iter().find(|replaced| replaced.call == call) {
@@ -124,7 +126,7 @@ impl Rewriting {
             ("abs", [a]) => (format!("(({a})*{name})"), negated(a), Some((-1.0, 1.0))),
             ("min", [a, b]) => (format!("({a} - {name})"), format!("{name} - (({a}) - ({b}))"), None),
             ("max", [a, b]) => (format!("({a} + {name})"), format!("{name} - (({b}) - ({a}))"), None),
-            // Of several arguments, the first two first.
+            // Three or more arguments: nest the first two.
             ("min" | "max", [a, b, rest @ ..]) => {
                 return Some(format!("{function}({function}({a}, {b}), {})", rest.join(", ")));
             }
@@ -142,11 +144,11 @@ impl Rewriting {
     }
 }
 
-/// A call in a text.
+/// A function call within a text.
 struct Call {
     function: &'static str,
     start: usize,
-    /// Behind its closing parenthesis.
+    /// Index after the closing parenthesis.
     end: usize,
     arguments: Vec<String>,
 }
@@ -180,7 +182,7 @@ fn negated(a: &str) -> String {
     if is_word { format!("-{a}") } else { format!("-({a})") }
 }
 
-/// The names in a text, with their places. The `e` of a number is not among them.
+/// Splits a text into names with their byte offsets; the exponent `e` of a number is not a name.
 fn words(text: &str) -> Vec<(usize, &str)> {
     let mut words = Vec::new();
     let mut start = None;

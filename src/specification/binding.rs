@@ -1,4 +1,4 @@
-//! Other values for the parameters of a problem that is lowered: nothing is read, differentiated or compiled again.
+//! Binding of new parameter values to a lowered problem, without reading, differentiating or compiling anything again.
 
 use super::checked::Specification;
 use super::error::{Errors, SpecificationError};
@@ -9,12 +9,13 @@ use expression::nearest;
 use models::Unbindable;
 
 impl Specification {
-    /// The same problem with other values of some parameters, by their names. Parameters that are expressions in others
-    /// follow them.
+    /// Returns this specification with new values for some parameters, given by name. Parameters defined as expressions
+    /// in others are recomputed.
     ///
     /// # Errors
-    /// Names that are no parameters with values of their own, values that are none or that the problem does not have at its
-    /// start, and those that would change the structure (`structure_changes`), for which it is to be read anew.
+    /// Unknown parameter names; values that are not finite or that the problem does not admit at its start; and values
+    /// that would change the structure of the equations (`structure_changes`), for which the specification has to be
+    /// read anew.
     pub fn with_parameters(&self, given: &[(&str, f64)]) -> Result<Self, Vec<SpecificationError>> {
         let (root, time, mut errors) = (Pointer::Root, self.time(), Errors::default());
         let (problem, key) = (root.key("problem"), self.problem());
@@ -28,7 +29,7 @@ impl Specification {
             match parameters.names().iter().position(|known| known == name) {
                 Some(k) => values[k] = value,
                 None => {
-                    let detail = format!("`{}` is no parameter with a value of its own", abridged(name));
+                    let detail = format!("`{}` is not a parameter with a value of its own", abridged(name));
                     let names = || parameters.names().iter().map(String::as_str);
                     let error = SpecificationError::new(place.key(name).to_string(), "unknown_name", detail);
                     errors.push(error.expected(listed(names())).did_you_mean(nearest(name, names())));

@@ -1,5 +1,6 @@
-//! What there is to choose from: problems, sets, methods with their checked conditions, solvers, and the limits of a
-//! solve. All of it is read off the types that a specification is read into, and off the tableaux in use.
+//! The catalogue of choices: problem types, sets, methods with their verified order conditions, solvers, and the limits
+//! of a solve. All entries are derived from the types that specifications are deserialised into, and from the tableaux
+//! in use.
 
 use super::lowering::MOST_UNKNOWNS;
 use super::method::{ImpactLawName, Impacts, MethodName, Switches, ViSolverName};
@@ -11,44 +12,44 @@ use serde::Serialize;
 use serde_json::Value;
 use std::sync::LazyLock;
 
-/// All that a specification may ask for.
+/// Everything that a specification may choose among.
 #[derive(Debug, Serialize)]
 pub struct Catalogue {
-    /// The types of problem.
+    /// The problem types.
     pub problems: Vec<Choice>,
-    /// The factors of `K`.
+    /// The types of block, whose Cartesian product is `K`.
     pub sets: Vec<Choice>,
     /// The families of methods.
     pub methods: Vec<Choice>,
-    /// What may be done where the active set changes.
+    /// The treatments of a change of the active set.
     pub switches: Vec<Choice>,
-    /// How impacts are met.
+    /// The treatments of impacts.
     pub impacts: Vec<Choice>,
-    /// How impacts at several contacts at once come about.
+    /// The laws for impacts at several contacts at once.
     pub impact_laws: Vec<Choice>,
     /// The solvers of the variational inequalities at the stages.
     pub vi_solvers: Vec<Choice>,
-    /// The coefficients of Radau IIA, one to the most stages.
+    /// The coefficients of Radau IIA, for 1 stage up to the largest number.
     pub tableaux: Vec<Coefficients>,
-    /// What bounds a solve, wherever it runs.
+    /// The limits of every solve.
     pub limits: Vec<Limit>,
 }
 
-/// A word in a specification.
+/// A keyword of the specification.
 #[derive(Debug, Serialize)]
 pub struct Choice {
-    /// The word.
+    /// The keyword.
     pub name: String,
-    /// What it stands for, in a sentence.
+    /// The meaning of the choice, in one sentence.
     pub meaning: String,
 }
 
-/// A Runge-Kutta method, and what is found of it.
+/// A Runge-Kutta method, and its verified properties.
 #[derive(Debug, Serialize)]
 pub struct Coefficients {
-    /// `s`
+    /// Number of stages `s`.
     pub stages: usize,
-    /// Whether it has an embedded error estimate, so that the step can follow the error.
+    /// Whether the method has an embedded error estimate, so that the step size can be adapted.
     pub adaptive: bool,
     /// The nodes.
     pub c: &'static [f64],
@@ -57,22 +58,22 @@ pub struct Coefficients {
     /// The matrix, by rows.
     #[serde(rename = "A")]
     pub a: Vec<Vec<f64>>,
-    /// The conditions of the theory, as they are found to hold for these doubles.
+    /// The order conditions of the theory, verified on these rounded coefficients.
     pub conditions: Conditions,
 }
 
-/// A bound, and what it bounds.
+/// A limit.
 #[derive(Debug, Serialize)]
 pub struct Limit {
-    /// Its name.
+    /// The name of the limit.
     pub name: &'static str,
     /// The largest value allowed.
     pub value: u64,
-    /// What it bounds, in a sentence.
+    /// The quantity that it bounds, in one sentence.
     pub meaning: &'static str,
 }
 
-/// The catalogue; computed when it is first asked for.
+/// The catalogue, computed on first use.
 pub fn catalogue() -> &'static Catalogue {
     static CATALOGUE: LazyLock<Catalogue> = LazyLock::new(|| {
         let schema = json_schema();
@@ -96,7 +97,7 @@ fn choices<T: Copy>(all: &[T], told: impl Fn(T) -> (&'static str, &'static str))
     told.map(|(name, meaning)| Choice { name: name.to_owned(), meaning: meaning.to_owned() }).collect()
 }
 
-/// The variants of a choice that is tagged from outside, from its definition in the schema.
+/// The variants of an externally tagged enum, read from its definition in the schema.
 fn tagged(schema: &Value, definition: &str) -> Vec<Choice> {
     let variants = schema["$defs"][definition]["oneOf"].as_array();
     let choice = |variant: &Value| {

@@ -44,36 +44,38 @@ pub struct Specification {
     pub(super) study: Option<StudyPlan>,
     sweep: Option<SweepPlan>,
     limits: Limits,
-    /// What its bodies come to where they touch at the start.
+    /// Memory estimate for the contacts at the start.
     pub(super) load: Load,
     pub(super) most_memory: usize,
     analysis: Analysis,
-    /// What its text is known by; nothing where other parameters were bound.
+    /// Digest of the text; `None` once other parameters have been bound.
     digest: Option<Digest>,
 }
 
-/// The version of the language of specifications.
+/// The version of the specification language.
 const VERSION: u64 = 1;
 
 impl Specification {
     /// Reads and checks a JSON document.
     ///
     /// # Errors
-    /// All that is wrong with it, at least one.
+    /// Every error in the document, at least one.
     pub fn from_json(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
         Self::from_json_with(text, &Control::new())
     }
 
-    /// Reads and checks a JSON document for as long as `control` lets it: a short document may describe a large grid.
+    /// Reads and checks a JSON document, stopping early if `control` asks for it: a short document may describe a large
+    /// grid.
     ///
     /// # Errors
-    /// All that is wrong with it, at least one; where `control` asked to stop, that alone
+    /// Every error in the document, at least one; or, if `control` asked to stop, the interruption alone
     /// ([`SpecificationError::is_interruption`]).
     pub fn from_json_with(text: &[u8], control: &Control) -> Result<Self, Vec<SpecificationError>> {
         Draft::read(text)?.check(control)
     }
 
-    /// Checks what a document means. What was mended in reading it is not held against it again.
+    /// Checks the meaning of a document. Errors at members that reading has replaced or repaired are not reported
+    /// twice.
     pub(super) fn check(
         document: Document,
         (repairs, vectors, prepared): (&Repairs, &Vectors, &Prepared),
@@ -111,7 +113,7 @@ impl Specification {
             let error = SpecificationError::new("/time", "conflict", "a static problem has no time");
             found.push(error.expected("no `time`"));
         }
-        // Any horizon: nothing depends on it.
+        // Any horizon will do: a static problem does not depend on time.
         let time = if is_static { Some(Time { start: 0.0, end: 1.0 }) } else { time };
         if time.is_none() && asked.key().is_none() && !repairs.explain("/time") {
             let error = SpecificationError::new("", "missing_key", "`time` is missing");
@@ -164,7 +166,7 @@ impl Specification {
                 );
             }
             if study.is_some() && sensitivities.is_some() {
-                let why = "a `study` compares runs, of which one alone has derivatives";
+                let why = "a `study` compares several runs, and only one of them has derivatives";
                 found.report(&root.key("sensitivities"), "conflict", why);
             }
             if study.is_some() && sweep.is_some() {
@@ -199,7 +201,11 @@ impl Specification {
                         are_inputs,
                     };
                     let horizon = (time.start, time.end);
-                    let plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    let mut plan = asked.check(prepared, &nameable, horizon, (&of_problem, start), &mut found);
+                    if let Some(plan) = &mut plan {
+                        let kept = (columns.named(&output_fields), output_times.as_deref());
+                        plan.keep(&asked, kept, search.is_some(), &mut found);
+                    }
                     lacks_plan = plan.is_none();
                     plan
                 }
@@ -245,7 +251,7 @@ impl Specification {
         specification
     }
 
-    /// Reads and checks the tree of a document with these values of names of numbers.
+    /// Reads and checks the tree of a document, with the given values for its named numbers.
     pub(super) fn from_tree(
         tree: Json,
         values: &[(String, f64)],
@@ -254,7 +260,7 @@ impl Specification {
         Draft::of_tree(tree, values)?.check(control)
     }
 
-    /// The same with another model of the same names, which has these values of its parameters.
+    /// Returns this specification with another model of the same names, bound to the given parameter values.
     pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
         let mut bound = Self { model, analysis, digest: None, ..self.clone() };
         bound.observables.program.bind(parameters);
@@ -264,18 +270,18 @@ impl Specification {
         bound
     }
 
-    /// The same problem, to be solved in at most so many accepted steps.
+    /// Limits the number of accepted steps to at most `most`.
     #[must_use]
     pub fn within_steps(mut self, most: u64) -> Self {
         self.limits.steps = Some(self.step_limit().unwrap_or(MOST_STEPS).min(most));
         self
     }
 
-    /// The same problem, reported at these times, which increase and lie within the horizon, in place of those that it asks
-    /// for, and without a study.
+    /// Returns this specification without its study and with the given output times, increasing and within the horizon,
+    /// in place of its own.
     ///
     /// # Errors
-    /// All that is wrong with the times.
+    /// Every error in the times.
     pub fn reporting_at(&self, times: Vec<f64>) -> Result<Self, Vec<SpecificationError>> {
         let mut errors = Errors::default();
         let output = Output { times: Times::List(times), ..Output::default() };
@@ -290,13 +296,13 @@ impl Specification {
         Self { digest, ..self }
     }
 
-    /// The same, known to be what reading `text` gives.
+    /// Records `text` as the source of this specification, for its digest.
     #[must_use]
     pub fn of_text(self, text: &[u8]) -> Self {
         self.with_digest(Some(digest(text)))
     }
 
-    /// What an answer to it is the answer to.
+    /// Provenance of an answer: the program, the problem, the tolerances and the digest of the specification.
     pub fn provenance(&self) -> Provenance {
         let atol = self.absolute_tolerances.first().copied();
         Provenance {
@@ -310,19 +316,19 @@ impl Specification {
         }
     }
 
-    /// A control that stops a solve when the wall-clock time is over that the user allows, counted from now.
+    /// Returns a control that stops a solve at the user's wall-clock limit, counted from now.
     pub fn control(&self) -> Control {
         let allowed = self.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         let deadline = allowed.and_then(|allowed| Instant::now().checked_add(allowed));
         deadline.map_or_else(Control::new, Control::with_deadline)
     }
 
-    /// The user's own words for it, at most 200 characters.
+    /// The user's label, at most 200 characters.
     pub fn label(&self) -> Option<&str> {
         self.label.as_deref()
     }
 
-    /// The type of the problem, by its key.
+    /// The key of the problem type.
     pub fn problem(&self) -> &'static str {
         self.problem
     }
@@ -332,64 +338,68 @@ impl Specification {
         &*self.model
     }
 
-    /// What the theory says of the problem at the start.
+    /// The structural analysis of the problem (index, uniqueness) at the start.
     pub fn analysis(&self) -> &Analysis {
         &self.analysis
     }
 
-    /// The time horizon; the end comes after the start.
+    /// The time horizon; the end is after the start.
     pub fn time(&self) -> Time {
         self.time
     }
 
-    /// How it is to be solved; every number is in its range.
+    /// The method and its settings; every number is in its range.
     pub fn method(&self) -> &Method {
         &self.method
     }
 
-    /// The absolute tolerance of each state, above zero.
+    /// The absolute tolerance of each state, positive.
     pub fn absolute_tolerances(&self) -> &[f64] {
         &self.absolute_tolerances
     }
 
-    /// The increasing times to report at, within the horizon; none for those of the steps.
+    /// The requested output times, increasing and within the horizon; `None` to report at every step.
     pub fn output_times(&self) -> Option<&[f64]> {
         self.output_times.as_deref()
     }
 
-    /// The fields to keep, as places in the outputs of the problem and in the definitions and integrals behind them.
+    /// The columns to keep, as indices into the outputs of the problem followed by definitions and integrals.
     pub fn output_fields(&self) -> &[usize] {
         &self.output_fields
     }
 
-    /// Definitions, integrals, and what ends the run.
+    /// Definitions, integrals and user-defined events.
     pub fn observables(&self) -> &Observables {
         &self.observables
     }
 
-    /// The derivatives that are asked for.
+    /// The requested sensitivities.
     pub fn sensitivities(&self) -> Option<&Sensitivities> {
         self.sensitivities.as_ref()
     }
 
-    /// What is looked for in place of a run over the horizon.
+    /// The search (orbit, steady state or fit) that replaces a run over the horizon.
     pub fn search(&self) -> Option<&Search> {
         self.search.as_ref()
     }
 
-    /// Whether the error at the end is to be estimated.
+    /// Whether to estimate the global error at the end.
     pub fn estimates_global_error(&self) -> bool {
         self.global_error
     }
 
-    /// The study that is asked for.
+    /// The requested study.
     pub fn study(&self) -> Option<&StudyPlan> {
         self.study.as_ref()
     }
 
-    /// The sweep that is asked for.
+    /// The requested sweep.
     pub fn sweep(&self) -> Option<&SweepPlan> {
         self.sweep.as_ref()
+    }
+
+    pub(super) fn sweep_mut(&mut self) -> Option<&mut SweepPlan> {
+        self.sweep.as_mut()
     }
 
     /// The wall-clock time the user allows, in seconds.
@@ -397,13 +407,13 @@ impl Specification {
         self.limits.wall_seconds
     }
 
-    /// The steps, accepted and rejected, that the user allows.
+    /// The user's limit on steps, accepted and rejected together.
     pub fn step_limit(&self) -> Option<u64> {
         self.limits.steps
     }
 }
 
-/// The model, where the problem has one; its errors go to `errors`.
+/// Lowers the problem to a model; errors are appended to `errors`.
 fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Arc<dyn Model>> {
     let place = Pointer::Root.key("problem");
     let problem = problem.written();
@@ -419,7 +429,7 @@ fn lower(problem: &Problem, start: Start<'_>, errors: &mut Errors) -> Option<Arc
     model
 }
 
-/// The horizon, if it is one.
+/// Checks that the end is after the start and the horizon finite.
 fn check_time(time: Time, place: &Pointer<'_>, errors: &mut Errors) -> Option<Time> {
     if time.end > time.start && (time.end - time.start).is_finite() {
         return Some(time);

@@ -1,6 +1,6 @@
-//! Words that a specification chooses among: the type that is read, the words, and what each means, said once.
+//! Keywords that a specification chooses among: the enum, the keywords and their meanings, declared in one place.
 
-/// Declares an enumeration whose first word is the default.
+/// Declares an enumeration whose first variant is the default.
 macro_rules! choices {
     ($(#[doc = $about:literal])* $name:ident { $($word:tt $variant:ident: $meaning:tt)* }) => {
         $(#[doc = $about])*
@@ -11,12 +11,12 @@ macro_rules! choices {
             /// Every choice, the default first.
             pub const ALL: &[Self] = &[$(Self::$variant),*];
 
-            /// The word in a specification.
+            /// The keyword in a specification.
             pub fn name(self) -> &'static str {
                 match self { $(Self::$variant => $word,)* }
             }
 
-            /// What it stands for, in a sentence.
+            /// The meaning, in one sentence.
             pub fn meaning(self) -> &'static str {
                 match self { $(Self::$variant => $meaning,)* }
             }

@@ -1,8 +1,8 @@
-//! A specification that goes on from the end of a run: its initial values are those that the states had there, its start
-//! is the time of that end.
+//! Continuation of a run: the specification with the final states of the run as initial values and its end time as
+//! start.
 //!
-//! States determine what comes after, and so they determine active sets, contact modes and regions, which are found anew
-//! at the start. Memory, and fields whose start is an expression in space, they do not determine.
+//! The states determine the further motion, and with it active sets, contact modes and regions, which are found anew at
+//! the start. They do not determine problems with memory, or fields whose start is given as an expression in space.
 
 use super::deserializer::COMMENT;
 use super::error::Errors;
@@ -13,12 +13,13 @@ use serde::{Serialize, Serializer};
 use serde_json::Number;
 use std::fmt;
 
-/// Why a run cannot be continued.
+/// Reason why a run cannot be continued.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NotContinuable {
-    /// The specification cannot be read.
+    /// The specification cannot be parsed.
     Unreadable,
-    /// The states of this type of problem do not determine, or its specification cannot say, what comes after.
+    /// The states of this problem type do not determine the further motion, or its specification has no way to state
+    /// them.
     Problem(&'static str),
     /// The trajectory has no such column.
     Column(String),
@@ -36,11 +37,11 @@ impl fmt::Display for NotContinuable {
     }
 }
 
-/// The document of a run from `start` to `end` that goes on from one whose `document` it was; `last` has what each column
-/// of its trajectory was at that start.
+/// Returns the specification that continues a run of `document` from `start` to `end`; `last` maps a column of the
+/// trajectory to its final value, which is the value at the new start.
 ///
 /// # Errors
-/// Why it cannot be continued.
+/// The reason why the run cannot be continued.
 pub fn continued(
     document: &[u8],
     start: f64,
@@ -49,7 +50,7 @@ pub fn continued(
 ) -> Result<Vec<u8>, NotContinuable> {
     let mut json: Json = serde_json::from_slice(document).map_err(|_| NotContinuable::Unreadable)?;
     if json.member("sweep").is_some() {
-        return Err(NotContinuable::Problem("a sweep is many runs, each with an end of its own"));
+        return Err(NotContinuable::Problem("a sweep has many runs, each with its own end"));
     }
     vectors::write_out(&mut json, &mut Errors::default());
     if json.member("fit").is_some() {
@@ -77,7 +78,7 @@ pub fn continued(
                 value.set("initial", last(coordinate)?);
                 value.set("velocity", last(&velocity_name(coordinate))?);
             }
-            // What the tolerance leaves of a gap or a joint may be negative.
+            // A gap or joint may be violated by as much as the tolerance.
             problem.set("interpenetration", Json::Text("resolve".to_owned()));
         }
         "rigid_bodies" => of_bodies(problem, last)?,
@@ -135,7 +136,8 @@ fn of_bodies(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinua
     Ok(())
 }
 
-/// Whether something of a scene refers to where its bodies are at the start, by more than points and axes of the world.
+/// Whether a joint, spring or motion refers to the initial configuration of the bodies otherwise than by points and
+/// axes of the world.
 fn is_placed_at_its_start(problem: &mut Json) -> bool {
     let has_springs = matches!(problem.member("springs"), Some(Json::List(springs)) if !springs.is_empty());
     let mut moves_by_itself = false;
@@ -163,7 +165,7 @@ fn of_circuit(problem: &mut Json, last: impl Fn(&str) -> Result<Json, NotContinu
         match kind {
             "capacitor" => values.set("volts", last("v")?),
             "inductor" => values.set("amperes", last("i")?),
-            // What hysteresis remembers is part of the state.
+            // The memory of a hysteresis is part of the state.
             "switch" if values.member("hysteresis").is_some() => {
                 let closed = last("closed")?.value().is_some_and(|closed| closed > 0.5);
                 values.set("initially", Json::Bool(closed));
@@ -208,7 +210,7 @@ impl Json {
         member.map(|(name, value)| (name.as_str(), value))
     }
 
-    /// Writes the values of these members as lists, where one stands for a list of it alone.
+    /// Wraps these members in a list of one element, where the user has written a single value.
     fn write_lists(&mut self, keys: &[&str]) {
         let Self::Object(members) = self else { return };
         for (_, value) in members.iter_mut().filter(|(name, _)| keys.contains(&name.as_str())) {
@@ -244,7 +246,7 @@ impl Json {
         if let Self::Text(text) = self { text } else { "" }
     }
 
-    /// Of listed output times those within; where none is left, the steps.
+    /// Keeps the listed output times within the horizon; if none remains, output is at the steps.
     fn keep_times_within(&mut self, start: f64, end: f64) {
         let Some(Self::List(times)) = self.member("times") else { return };
         times.retain(|time| {

@@ -1,8 +1,8 @@
-//! Reads serde types from a [`Json`]. Stricter than reading from text: an object is not to be written as a list, and
-//! a choice is a string or an object with exactly one key. In two things it is more lenient:
+//! Deserialises serde types from a [`Json`]. Stricter than deserialising from text: an object must not be written as a
+//! list, and a choice is a string or an object with exactly one key. More lenient in two respects:
 //!
-//! - A value that is no list stands for a list of it alone: MATLAB, Octave and R write lists of one element so.
-//! - A member `comment` of an object of fixed keys is passed over, where it is no key of it.
+//! - A value in the place of a list stands for a list of one element, as MATLAB, Octave and R write it.
+//! - A member `comment` of an object with fixed keys is ignored, unless it is one of the keys.
 
 use super::json::Json;
 use super::mismatch::Mismatch;
@@ -11,7 +11,7 @@ use serde::de::{Deserializer, Error, IntoDeserializer, Unexpected, Visitor};
 use serde::forward_to_deserialize_any;
 use std::iter::once;
 
-/// The key that is passed over.
+/// The ignored key.
 pub(super) const COMMENT: &str = "comment";
 
 impl Json {
@@ -31,7 +31,7 @@ impl Json {
     }
 }
 
-/// The members of an object; of one with these fixed keys, those that are no comment.
+/// The members of an object; with fixed keys, all but comments.
 fn members<'a>(
     members: &'a [(String, Json)],
     fixed: Option<&'static [&'static str]>,
@@ -104,7 +104,7 @@ impl<'de> Deserializer<'de> for &'de Json {
 
     fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Mismatch> {
         match self {
-            // A list in quotes is none.
+            // A list in quotes is a mistake, not a list of one string.
             Json::Text(text) if text.trim_start().starts_with('[') => self.deserialize_any(visitor),
             Json::Number(_) | Json::Text(_) | Json::Object(_) => visitor.visit_seq(SeqDeserializer::new(once(self))),
             _ => self.deserialize_any(visitor),

@@ -2,7 +2,7 @@
 
 use sha2::{Digest as _, Sha256};
 
-/// The digest of a text.
+/// A SHA-256 digest.
 pub(super) type Digest = [u8; 32];
 
 /// The SHA-256 of a text.

@@ -1,17 +1,17 @@
-//! The directions of space, for each of which something may be given.
+//! The directions of space, for members given per direction.
 
 use super::lowering::Lowering;
 use super::pointer::Pointer;
 
-/// Their names.
+/// Names of the directions.
 pub(super) const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
 
-/// Reports that nothing is given for a direction that `what` has.
+/// Reports a missing member for a direction that `what` has.
 pub(super) fn missing(key: &str, what: &str, place: &Pointer<'_>, lowering: &mut Lowering) {
-    lowering.errors.report(place, "missing_key", format!("there is no `{key}`, and the {what} has that direction"));
+    lowering.errors.report(place, "missing_key", format!("`{key}` is missing, a direction of the {what}"));
 }
 
-/// Reports that something is given for a direction that `what` has not.
+/// Reports a member for a direction that `what` does not have.
 pub(super) fn surplus(key: &str, what: &str, place: &Pointer<'_>, lowering: &mut Lowering) {
     lowering.errors.report(&place.key(key), "no_such_direction", format!("the {what} has no direction `{key}`"));
 }

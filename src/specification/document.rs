@@ -1,4 +1,4 @@
-//! The document as a whole: what a user posts, before it is checked.
+//! The document that a user posts, before it is checked.
 
 use super::circuit::CircuitProblem;
 use super::convolution::ConvolutionProblem;
@@ -23,76 +23,77 @@ use super::written::Written;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A problem, the time to solve it over, and how. Only `problem` and `time.end` are required; `periodic`, `steady_state`
-/// and a problem of type `vi` need no time.
+/// A problem, the time to solve it over, and the method. Only `problem` and `time.end` are required; `periodic`,
+/// `steady_state` and a problem of type `vi` need no time.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(as = Specification)]
 pub struct Document {
-    /// The address of the schema of specifications, for editors that complete and explain them. Nothing else looks at it.
+    /// The address of the JSON Schema of specifications, for editors with completion. The solver ignores it.
     #[serde(rename = "$schema", default)]
     pub schema: Option<String>,
-    /// The version of the language of specifications: 1, as where it is absent.
+    /// The version of the specification language: 1, which is also the default.
     #[schema(minimum = 1, maximum = 1)]
     pub version: Option<u64>,
-    /// What is to be solved.
+    /// The problem to solve.
     pub problem: Problem,
-    /// The time horizon. Required, but beside `periodic` and `steady_state`, and for `vi`, which has none.
+    /// The time horizon. Required, except beside `periodic` and `steady_state`, and for `vi`, which has no time.
     pub time: Option<Time>,
-    /// How it is solved.
+    /// The method of solution.
     #[serde(default)]
     pub method: Method,
-    /// What is kept of the trajectory.
+    /// The part of the trajectory to keep.
     #[serde(default)]
     pub output: Output,
-    /// When to stop early.
+    /// Limits at which to stop early.
     #[serde(default)]
     pub limits: Limits,
-    /// What ends the run before `time.end`, or is only told as an event.
+    /// User-defined events, which end the run before `time.end` or are only recorded.
     #[serde(default)]
     pub stop: Vec<Stop>,
-    /// Derivatives by parameters and initial values.
+    /// Derivatives with respect to parameters and initial values.
     pub sensitivities: Option<SensitivitiesRequest>,
-    /// A periodic orbit, in place of a run over `time`.
+    /// A periodic orbit, computed in place of a run over `time`.
     pub periodic: Option<PeriodicRequest>,
-    /// A state of rest, in place of a run over `time`.
+    /// A steady state, computed in place of a run over `time`.
     pub steady_state: Option<SteadyStateRequest>,
     /// The same problem for many values of some of its numbers.
     pub sweep: Option<SweepRequest>,
-    /// Parameters fitted to data, with runs over `time`.
+    /// Parameters to fit to data, with runs over `time`.
     pub fit: Option<FitRequest>,
     /// A study of error against run time.
     pub study: Option<StudyRequest>,
-    /// How a system in a plane is drawn on the page.
+    /// The drawing of a plane system on the page.
     pub view: Option<View>,
     /// Free text, at most 200 characters.
     #[schema(max_length = 200)]
     pub label: Option<String>,
 }
 
-/// Exactly one type of problem. Each is a way to write `M x' = f(t,x) + B(t,x) z`, `z in K`,
-/// `<G(t,x,z), z~ - z> >= 0` for all `z~ in K`.
+/// Exactly one problem type. Each is a way to write `M x' = f(t,x) + B(t,x) z`, `z in K`, `<G(t,x,z), z~ - z> >= 0` for
+/// all `z~ in K`.
 ///
-/// Vectors: a member `"x[1..n]": ...` of parameters, definitions, integrals, states, variables or coordinates stands for one
-/// member for each index, `x[1]` to `x[n]`, in which `i` is the index; `"x[k in 0..n+1]"` names it otherwise, and
-/// `"x[1..3, 1..4]"` has two, `i` and `j`. Sizes are whole numbers, and parameters that are whole numbers. A list in the place
-/// of an expression has one value for each element. `"x[0]"` and `"x[n+1]"` may be declared beside them, as ends of a chain
-/// under `definitions`. In lists of names, as of a set or of `output.fields`, `"x[1..n]"` stands for all elements; an entry of
-/// a list whose `name` or `label` has a range, and a `box` whose `of` is one name with a range, for one entry an element.
+/// Vectors: a member `"x[1..n]": ...` of parameters, definitions, integrals, states, variables or coordinates declares
+/// one member per index, `x[1]` to `x[n]`, with `i` as the index in its expressions. `"x[k in 0..n+1]"` names the index
+/// `k`, and `"x[1..3, 1..4]"` has two indices, `i` and `j`. Sizes are whole numbers, or parameters that are whole
+/// numbers. A list in the place of an expression gives one value for each element. `"x[0]"` and `"x[n+1]"` may be
+/// declared beside them under `definitions`, as the ends of a chain. In lists of names, as of a set or of
+/// `output.fields`, `"x[1..n]"` stands for all elements; a list entry whose `name` or `label` has a range, or a `box`
+/// whose `of` is a single name with a range, stands for one entry per element.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Problem {
-    /// The general form, in expressions.
+    /// The general form, as expressions.
     Dvi(DviProblem),
-    /// A linear complementarity system, in matrices.
+    /// A linear complementarity system, given by matrices.
     Lcs(Box<LcsProblem>),
     /// A mechanical system with impacts and friction, in generalised coordinates.
     Mechanical(Box<MechanicalProblem>),
     /// Rigid bodies in space.
     RigidBodies(Box<RigidBodiesProblem>),
-    /// A Filippov system: rates that jump between regions, and slide on their borders.
+    /// A Filippov system: rates that jump at the borders of regions, with sliding along them.
     Filippov(FilippovProblem),
-    /// An electrical circuit with ideal diodes and switches, in components or as a netlist.
+    /// An electrical circuit with ideal diodes and switches, as components or as a netlist.
     Circuit(CircuitProblem),
     /// A parabolic equation above an obstacle, on an interval, a rectangle or a box.
     Obstacle(Box<ObstacleProblem>),
@@ -105,7 +106,7 @@ pub enum Problem {
 }
 
 impl Problem {
-    /// The key of its type.
+    /// The key of the problem type.
     pub fn name(&self) -> &'static str {
         self.written().key()
     }
@@ -130,22 +131,23 @@ impl Problem {
 #[derive(Clone, Copy, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Time {
-    /// Where the initial values hold.
+    /// The time of the initial values.
     #[serde(default)]
     #[schema(default = 0.0)]
     pub start: f64,
-    /// Where the solve ends; after `start`. It may be written as `until`, for programs that reserve the word `end`.
+    /// The end of the solve, after `start`. It may be written as `until`, for programs in which `end` is a reserved
+    /// word.
     pub end: f64,
 }
 
-/// When to stop early, with the trajectory so far.
+/// Limits at which to stop early, with the trajectory computed so far.
 #[derive(Clone, Copy, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
-    /// Wall-clock time, in seconds. The server has a limit of its own, and the lesser counts.
+    /// Wall-clock time, in seconds. If the server has a limit as well, the smaller one applies.
     #[schema(exclusive_minimum = 0.0)]
     pub wall_seconds: Option<f64>,
-    /// Accepted and rejected steps.
+    /// Number of steps, accepted and rejected together.
     #[schema(minimum = 1, maximum = 10_000_000)]
     pub steps: Option<u64>,
 }

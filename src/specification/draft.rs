@@ -1,5 +1,5 @@
-//! A document that has been read and not yet checked. A few words may declare a grid of a million nodes: whoever serves
-//! others asks how long the check will take before it begins.
+//! A document that has been parsed but not yet checked. A few words may declare a grid of a million nodes, so a service
+//! estimates how long the check will take before it begins.
 
 use super::checked::Specification;
 use super::document::Document;
@@ -11,31 +11,32 @@ use super::times::Times;
 use problem::Control;
 use std::time::Duration;
 
-/// The structure of a document is known, its meaning is not.
+/// A document whose structure is known and whose meaning has not been checked.
 #[derive(Debug)]
 pub struct Draft(Reading);
 
-/// The bytes that a tree is taken for which has been read before: it needs no mending, or little.
+/// Length in bytes assumed for a tree that is already parsed; it bounds the work of repairs, of which it needs few or
+/// none.
 const OF_TREE: usize = 1 << 20;
 
-/// What making an output time takes, in nanoseconds: measured.
+/// Time to generate one output time, in nanoseconds, measured.
 const A_TIME: usize = 5;
 
 impl Draft {
     /// Reads a JSON document.
     ///
     /// # Errors
-    /// All that is wrong with its structure, at least one, where it could not be mended to be checked.
+    /// Every error in its structure, at least one, if the document cannot be repaired well enough to be checked.
     pub fn read(text: &[u8]) -> Result<Self, Vec<SpecificationError>> {
         read(text).map(Self)
     }
 
-    /// Reads the tree of a document, with these values of names of numbers.
+    /// Reads the tree of a document, with the given values for its named numbers.
     pub(super) fn of_tree(tree: Json, values: &[(String, f64)]) -> Result<Self, Vec<SpecificationError>> {
         read_tree(tree, values, OF_TREE).map(Self)
     }
 
-    /// About how long the check takes beyond what the length of the text tells.
+    /// Estimated time of the check, beyond what the length of the text accounts for.
     pub fn check_time(&self) -> Duration {
         let document = &self.0.document;
         let of_problem = document.problem.written().time_to_check();
@@ -43,19 +44,20 @@ impl Draft {
         Duration::from_nanos(nanoseconds as u64)
     }
 
-    /// Checks what it means, until `control` asks to stop: then it is refused, whatever it means.
+    /// Checks the meaning of the document. If `control` asks to stop, the document is refused, right or wrong.
     ///
     /// # Errors
-    /// All that is wrong with it, at least one.
+    /// Every error, at least one.
     pub fn check(self, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         self.check_within(usize::MAX, control)
     }
 
-    /// The same, to be solved in at most so many bytes, as far as they are told on the way. What the estimate counts one by
-    /// one, such as pairs of bodies, is counted until it is far beyond them: the estimate is a lower bound then.
+    /// Checks the meaning of the document, to be solved in at most `most` bytes as far as these are estimated on the
+    /// way. Items that the estimate counts one by one, such as pairs of bodies, are counted until it is far beyond
+    /// `most`: it is a lower bound then.
     ///
     /// # Errors
-    /// All that is wrong with it, at least one.
+    /// Every error, at least one.
     pub fn check_within(self, most: usize, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
         let Reading { document, repairs, mut errors, vectors, prepared, digest } = self.0;
         match Specification::check(document, (&repairs, &vectors, &prepared), most, control, &mut errors) {
@@ -65,12 +67,12 @@ impl Draft {
     }
 }
 
-/// The output times that are made of a rule; more than there may be are not made.
+/// Number of output times that a rule generates; 0 if there are too many, since those are refused.
 fn declared_times(document: &Document) -> usize {
     let times = match &document.output.times {
         Times::Steps | Times::List(_) => 0.0,
         Times::Count(count) => *count as f64,
-        // The period of an orbit is not read yet.
+        // The period of an orbit is not known yet.
         Times::Every(dt) => document.time.map_or(0.0, |time| (time.end - time.start) / dt),
     };
     if times <= MOST_TIMES as f64 { times.max(0.0) as usize } else { 0 }
@@ -109,7 +111,7 @@ mod tests {
         assert_time(&decay(r#"{"count": 2000000}"#), moment, second);
         assert_time(&decay(r#"{"every": 1e-6}"#), moment, second);
         assert_time(&decay(r#"{"every": -1}"#), Duration::ZERO, moment);
-        // Refused at once.
+        // Too many output times are refused immediately.
         assert_time(&decay(r#"{"count": 18446744073709551615}"#), Duration::ZERO, moment);
     }
 

@@ -1,4 +1,4 @@
-//! The general form, in expressions:
+//! The general form of a differential variational inequality, as expressions:
 //!
 //! ```text
 //! M x' = F(t,x,z),    z in K(t,x),    <G(t,x,z), z~ - z> >= 0  for all z~ in K(t,x)
@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// The general form: rates of the states, an inequality for each variable, and the set they lie in.
+/// The general form: rates of the states, an inequality for each variable, and the set `K` of the variables.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DviProblem {
@@ -48,17 +48,17 @@ pub struct DviProblem {
     #[serde(default, skip_serializing_if = "Ordered::is_empty")]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// The states `x` by name, at least one. Their order is that of the output.
+    /// The states `x` by name, at least one. The output has the same order.
     #[schema(value_type = std::collections::BTreeMap<String, State>)]
     pub states: Ordered<State>,
     /// The variables `z` by name. None for an ordinary differential equation.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Variable>)]
     pub variables: Ordered<Variable>,
-    /// The set `K` as a product of blocks. Required where there are variables; each stands in exactly one block.
+    /// The set `K` as a product of blocks. Required if there are variables; each variable belongs to exactly one block.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub set: Option<Vec<Block>>,
-    /// The mass matrix `M`, square of the number of states, constant; it may be singular. Default the identity.
+    /// The constant mass matrix `M`, as many rows and columns as states; it may be singular. Default: the identity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mass: Option<Matrix>,
 }
@@ -67,9 +67,9 @@ pub struct DviProblem {
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct State {
-    /// Its value at the start, an expression in the parameters.
+    /// Initial value, an expression in the parameters.
     pub initial: Expression,
-    /// Its rate: row `i` of `F` in `M x' = F(t,x,z)`. Affine in the variables, which is checked.
+    /// Rate: row `i` of `F` in `M x' = F(t,x,z)`. It must be affine in the variables, which is checked.
     pub rate: Expression,
 }
 
@@ -77,9 +77,9 @@ pub struct State {
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Variable {
-    /// The component of `G(t,x,z)` paired with it. For `z_i >= 0` it is what must be nonnegative, and zero while
-    /// `z_i > 0`; for a free variable it is what must be zero; between bounds it is nonnegative at the lower,
-    /// nonpositive at the upper.
+    /// The component of `G(t,x,z)` paired with the variable. For `z_i >= 0` it is nonnegative, and zero while `z_i >
+    /// 0`; for a free variable it is zero; between bounds it is nonnegative at the lower bound, nonpositive at the
+    /// upper bound, and zero in between.
     pub inequality: Expression,
 }
 
@@ -155,7 +155,7 @@ impl Written for DviProblem {
 }
 
 impl DviProblem {
-    /// The problem with its kinks written as a set, as JSON, if it can be.
+    /// Rewrites the problem with its kinks as a set, as JSON, if possible.
     fn as_set(&self, start: Start<'_>) -> Option<String> {
         let problem = as_set::rewritten(self)?;
         let (lowering, model) = problem.lower(&Pointer::Root, start);
@@ -198,10 +198,11 @@ pub(super) fn refused(
         LoweringError::NotAffine { rate, variable } => {
             let (state, variable) = (abridged(&states[rate]), abridged(&variables[variable]));
             let detail = format!(
-                "the rate of `{state}` is not affine in the variables: its derivative by `{variable}` depends on them"
+                "the rate of `{state}` is not affine in the variables: its derivative with respect to `{variable}` \
+                 depends on them"
             );
             SpecificationError::new(pointer(rate), "rate_not_affine", detail)
-                .expected("f(t,x) + B(t,x) z; a nonlinear law belongs into an `inequality`")
+                .expected("f(t,x) + B(t,x) z; write a nonlinear law as an `inequality`")
         }
         LoweringError::Derivative { row, error } => {
             SpecificationError::new(pointer(row), error.code, error.message).did_you_mean(error.did_you_mean)

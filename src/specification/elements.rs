@@ -1,4 +1,4 @@
-//! How many elements a body or a domain has in each direction: one number for all, or `{"x": .., "y": ..}`.
+//! Numbers of elements of a body or domain in each direction: one number for all, or `{"x": .., "y": ..}`.
 
 use super::directions::{DIRECTIONS, missing, surplus};
 use super::error::SpecificationError;
@@ -15,9 +15,9 @@ use utoipa::{PartialSchema, ToSchema};
 /// Numbers of elements.
 #[derive(Clone, Copy, Debug)]
 pub enum Elements {
-    /// The same in every direction.
+    /// The same number of elements in every direction.
     Same(u64),
-    /// In each direction.
+    /// A number for each direction.
     Each(ElementsOf),
 }
 
@@ -25,19 +25,19 @@ pub enum Elements {
 #[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElementsOf {
-    /// Along `x`.
+    /// Number along `x`.
     #[schema(minimum = 1)]
     pub x: u64,
-    /// Along `y`, where there is that direction.
+    /// Number along `y`, if the body or domain has that direction.
     #[schema(minimum = 1)]
     pub y: Option<u64>,
-    /// Along `z`, where there is that direction.
+    /// Number along `z`, if the body or domain has that direction.
     #[schema(minimum = 1)]
     pub z: Option<u64>,
 }
 
 impl Elements {
-    /// The number in each of so many directions, where it is given.
+    /// The number in each of the first `dimension` directions, if it is given.
     fn of(&self, dimension: usize) -> Vec<Option<u64>> {
         let all = match self {
             Self::Same(n) => [Some(*n); 3],
@@ -46,7 +46,7 @@ impl Elements {
         all[..dimension].to_vec()
     }
 
-    /// The number of nodes in so many directions, as far as it is given.
+    /// The number of nodes in `dimension` directions, counting one element where the number is not given.
     pub(super) fn nodes(&self, dimension: usize) -> usize {
         self.of(dimension).iter().fold(1, |nodes: usize, &n| {
             let n = usize::try_from(n.unwrap_or(1)).unwrap_or(usize::MAX);
@@ -54,7 +54,7 @@ impl Elements {
         })
     }
 
-    /// Where the number in a direction is written.
+    /// The JSON pointer to the number in a direction.
     pub(super) fn pointer(&self, direction: usize, place: &Pointer<'_>) -> String {
         match self {
             Self::Same(_) => place.to_string(),
@@ -62,7 +62,7 @@ impl Elements {
         }
     }
 
-    /// The number in each of so many directions of `what`, each at least `fewest`; what is wrong is reported at `place`.
+    /// Checks the number in each direction of `what`, at least `fewest`, and reports errors at `place`.
     pub(super) fn counts(
         &self,
         dimension: usize,
@@ -94,7 +94,7 @@ impl PartialSchema for Elements {
         OneOfBuilder::new()
             .item(ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(1.0)))
             .item(Ref::from_schema_name("ElementsOf"))
-            .description(Some("The number of elements in every direction, or in each."))
+            .description(Some("The number of elements: one number for every direction, or one for each."))
             .into()
     }
 }

@@ -1,19 +1,19 @@
-//! What is wrong with a specification, where, and what would be right.
+//! Errors in a specification: what is wrong, where, and what to write instead.
 
 use super::pointer::Pointer;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// One thing wrong with a specification.
+/// One error in a specification.
 #[derive(Clone, Debug, PartialEq, Serialize, ToSchema)]
 pub struct SpecificationError {
-    /// The JSON pointer (RFC 6901) of the offender.
+    /// The JSON pointer (RFC 6901) to the erroneous part.
     pub pointer: String,
-    /// A stable word for programs, such as `unknown_key`.
+    /// A stable code for programs, such as `unknown_key`.
     pub code: &'static str,
-    /// What is wrong, for people.
+    /// What is wrong, in words.
     pub detail: String,
-    /// What would be right.
+    /// What to write instead.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub expected: Option<String>,
     /// The nearest valid name.
@@ -28,12 +28,12 @@ impl SpecificationError {
         Self { pointer: pointer.into(), code, detail: detail.into(), expected: None, did_you_mean: None }
     }
 
-    /// The one error of a document whose reading was stopped from outside.
+    /// The only error of a document whose check was stopped from outside.
     pub(super) fn interrupted() -> Self {
         Self::new("", INTERRUPTED, "reading and checking the specification was stopped before it was done")
     }
 
-    /// Whether it says nothing of the document: reading it was stopped.
+    /// Whether the check was stopped, so that nothing is known about the document.
     pub fn is_interruption(&self) -> bool {
         self.code == INTERRUPTED
     }
@@ -49,7 +49,7 @@ impl SpecificationError {
     }
 }
 
-/// The most errors one answer lists: a large matrix can hold a million of the same kind.
+/// Most errors listed in one answer: a large matrix may contain a million errors of one kind.
 pub(super) const MOST: usize = 100;
 
 /// The errors found so far.
@@ -60,7 +60,7 @@ pub struct Errors {
 }
 
 impl Errors {
-    /// Adds an error, which is made only if there is room: to find the nearest of many names takes time.
+    /// Adds an error, which is constructed only if there is room: a search for the nearest of many names takes time.
     pub(super) fn push_with(&mut self, error: impl FnOnce() -> SpecificationError) {
         if self.has_room() {
             self.listed.push(error());
@@ -76,13 +76,14 @@ impl Errors {
         self.push_with(|| SpecificationError::new(place.to_string(), code, detail));
     }
 
-    /// Whether another error can be listed. One who asks and is told no need not look for it.
+    /// Whether there is room for another error. A caller that gets `false` need not look for one: the list will be
+    /// marked as cut.
     pub(super) fn has_room(&mut self) -> bool {
         self.cut |= self.listed.len() >= MOST;
         !self.cut
     }
 
-    /// Adds the errors of another list after those of this one.
+    /// Appends the errors of another list.
     pub(super) fn append(&mut self, other: Self) {
         for error in other.listed {
             self.push(error);
@@ -94,18 +95,20 @@ impl Errors {
         self.listed.is_empty()
     }
 
-    /// Keeps the errors whose pointer passes.
+    /// Keeps only the errors whose pointer satisfies `keep`.
     pub(super) fn retain(&mut self, mut keep: impl FnMut(&str) -> bool) {
         self.listed.retain(|error| keep(&error.pointer));
     }
 
-    /// The list, with a last entry if it was cut; where reading was stopped, that alone: the rest may be its consequence.
+    /// Returns the list, with a note if it was cut. After an interruption, returns the interruption alone: other errors
+    /// may be its consequence.
     pub(super) fn into_list(mut self) -> Vec<SpecificationError> {
         if let Some(interrupted) = self.listed.iter().position(SpecificationError::is_interruption) {
             return vec![self.listed.swap_remove(interrupted)];
         }
         if self.cut {
-            let detail = format!("these are the first {MOST} errors; what comes after them was not checked in full");
+            let detail =
+                format!("these are the first {MOST} errors; the rest of the document was not checked completely");
             self.listed.push(SpecificationError::new("", "more_errors", detail));
         }
         self.listed

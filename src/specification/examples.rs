@@ -1,4 +1,4 @@
-//! Ready specifications, one for each system of the theory, as they stand in `api/examples`.
+//! Ready specifications, one for each system of the theory, included from `api/examples`.
 
 macro_rules! examples {
     ($($name:literal)*) => {
@@ -9,12 +9,12 @@ macro_rules! examples {
     };
 }
 
-/// A specification as it stands in `api/examples`.
+/// A specification from `api/examples`.
 #[derive(Debug)]
 pub struct Example {
-    /// The name of its file, without the extension.
+    /// File name without the extension.
     pub name: &'static str,
-    /// The file.
+    /// Content of the file.
     pub text: &'static str,
 }
 
@@ -24,11 +24,14 @@ pub const EXAMPLES: &[Example] = examples! {
     "bar_impact"
     "belt_fit"
     "bottleneck"
+    "bounce_slope"
     "bouncing_ball"
     "braess"
     "buck_closed_loop"
     "buck_converter"
     "buck_orbit"
+    "charger"
+    "chattering_modes"
     "coulomb_slope"
     "crank_slider"
     "diode_bridge"
@@ -41,7 +44,9 @@ pub const EXAMPLES: &[Example] = examples! {
     "friction_chain"
     "friction_disk"
     "heavy_chain"
+    "held_capsule"
     "hires"
+    "lost_bounce"
     "memory_abel"
     "memory_relaxation"
     "nash_cournot"
@@ -57,10 +62,12 @@ pub const EXAMPLES: &[Example] = examples! {
     "rocking_block"
     "rolling_ball"
     "shaken_table"
+    "sliding_cube"
     "sliding_mode"
     "string_obstacle"
     "switching_circle"
     "three_regions"
+    "three_roots"
     "torn_off"
     "van_der_pol"
     "viscoelastic_block"

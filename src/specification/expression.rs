@@ -1,4 +1,4 @@
-//! An expression as it stands in a document: a number, or text in infix notation.
+//! An expression as the user writes it: a number, or text in infix notation.
 
 use serde::Serialize;
 use serde::de::{Deserialize, Deserializer, Error, Visitor};
@@ -13,7 +13,7 @@ use utoipa::{PartialSchema, ToSchema};
 pub enum Expression {
     /// A constant.
     Number(f64),
-    /// Text to be parsed.
+    /// Text in infix notation, not parsed yet.
     Text(String),
 }
 

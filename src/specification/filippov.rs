@@ -1,5 +1,6 @@
-//! The Filippov system: rates that jump from region to region; between two, of the sign of a surface, or among many, of
-//! the least of their indicators. The equations are those of [`models::filippov`](models::filippov).
+//! The Filippov system: rates that jump between regions. Two regions are separated by the sign of a surface function;
+//! of many regions, the one with the least indicator applies. The equations are those of
+//! [`models::filippov`](models::filippov).
 
 use super::dvi::refused;
 use super::error::SpecificationError;
@@ -20,7 +21,7 @@ use solution::Warning;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// Rates that jump between regions. Either `surface`, and `plus` and `minus` of every state; or `regions`.
+/// Rates that jump between regions. Give either `surface`, with `plus` and `minus` for every state, or `regions`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilippovProblem {
@@ -41,13 +42,13 @@ pub struct FilippovProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// The states `x` by name, at least one. Their order is that of the output.
+    /// The states `x` by name, at least one. The output has the same order.
     #[schema(value_type = std::collections::BTreeMap<String, FilippovState>)]
     pub states: Ordered<FilippovState>,
-    /// `h(t,x)`: the rates are `plus` where it is positive and `minus` where it is negative. The output `z` is the share of
-    /// `minus`.
+    /// The surface function `h(t,x)`: the rates are `plus` where it is positive and `minus` where it is negative. The
+    /// output `z` is the weight of `minus` in the convex combination.
     pub surface: Option<Expression>,
-    /// Two or more regions. The outputs `z1`, `z2`, ... are their shares.
+    /// Two or more regions. The outputs `z1`, `z2`, ... are their weights in the convex combination.
     pub regions: Option<Vec<FilippovRegion>>,
 }
 
@@ -55,21 +56,21 @@ pub struct FilippovProblem {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilippovState {
-    /// Its value at the start, an expression in the parameters.
+    /// Initial value, an expression in the parameters.
     pub initial: Expression,
-    /// Its rate where `surface` is positive.
+    /// Rate where `surface` is positive.
     pub plus: Option<Expression>,
-    /// Its rate where `surface` is negative.
+    /// Rate where `surface` is negative.
     pub minus: Option<Expression>,
 }
 
-/// A region and its rates.
+/// A region, with its indicator and rates.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FilippovRegion {
-    /// `g(t,x)`: the region is where it is the least of all indicators.
+    /// The indicator `g(t,x)`: the region is the set where it is the least of all indicators.
     pub indicator: Expression,
-    /// The rate of every state in it, by name.
+    /// The rate of every state in the region, by name.
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub rates: Ordered<Expression>,
 }
@@ -112,8 +113,8 @@ impl Written for FilippovProblem {
             (Some(surface), None) => self.sides(surface, place, &mut lowering),
             (None, Some(regions)) => self.many(regions, place, &mut lowering),
             _ => {
-                let detail = "a Filippov system has either a `surface`, and on either side of it the rates `plus` and \
-                              `minus` of every state, or `regions`";
+                let detail = "a Filippov system has either a `surface`, with the rates `plus` and \
+                              `minus` of every state on its two sides, or `regions`";
                 let error = SpecificationError::new(place.to_string(), "surface_or_regions", detail);
                 lowering.errors.push(error.expected("one of `surface`, `regions`"));
                 return (lowering, None);
@@ -134,7 +135,7 @@ impl Written for FilippovProblem {
             (Some(i), None) => place.key("regions").index(i).key("indicator").to_string(),
         };
         let mut warnings = self.warnings(&regions, &state_names, &lowering);
-        // A derivative that cannot be had is refused below, with its place.
+        // A derivative that does not exist is reported below, with its place.
         let mut departures = lowering.start.and_then(|t| Departures::new(&mut lowering.graph, &regions, t).ok());
         let ways = departures.as_mut().map_or(0, |departures| departures.from(&initial).len());
         if ways > 1 {
@@ -163,7 +164,7 @@ impl Written for FilippovProblem {
 }
 
 impl FilippovProblem {
-    /// The two regions of a surface, that of `plus` first.
+    /// The two regions of a surface, first that of `plus`.
     fn sides(&self, surface: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Region> {
         let zero = lowering.graph.constant(0.0);
         let below = lowering.node(surface, &place.key("surface")).unwrap_or(zero);
@@ -191,7 +192,7 @@ impl FilippovProblem {
         for (name, state) in self.states.iter() {
             for (key, rate) in [("plus", &state.plus), ("minus", &state.minus)] {
                 if rate.is_some() {
-                    let detail = "a rate on one side of a surface, where there are `regions` and no `surface`";
+                    let detail = "this is a rate on one side of a `surface`, but the problem has `regions`";
                     let (states, error) = (place.key("states"), "surface_or_regions");
                     lowering.errors.report(&states.key(name).key(key), error, detail);
                 }
@@ -199,10 +200,11 @@ impl FilippovProblem {
         }
         let place = place.key("regions");
         if regions.len() < 2 {
-            let error = SpecificationError::new(place.to_string(), "too_few_regions", "one region is no choice");
+            let error =
+                SpecificationError::new(place.to_string(), "too_few_regions", "there are fewer than two regions");
             lowering
                 .errors
-                .push(error.expected("two or more regions; one law everywhere is a `dvi` without variables"));
+                .push(error.expected("two or more regions; write a system without jumps as a `dvi` without variables"));
         }
         regions.iter().enumerate().map(|(i, region)| self.region(region, &place.index(i), lowering)).collect()
     }
@@ -232,7 +234,7 @@ impl FilippovProblem {
         Region { indicator, rates: rates.into_iter().map(|rate| rate.unwrap_or(zero)).collect() }
     }
 
-    /// The names of the shares of the regions; a state may have such a name already.
+    /// Names of the regions' weights, with underscores appended until no state has the same name.
     fn shares(&self) -> Vec<String> {
         let mut names: Vec<String> = match &self.regions {
             Some(regions) => (1..=regions.len()).map(|i| format!("z{i}")).collect(),
@@ -257,8 +259,9 @@ fn repulsive(ways: usize) -> Warning {
     Warning {
         code: "repulsive_sliding",
         message: format!(
-            "at the start {ways} regions meet and the rate of each leads into itself: the border repels, solutions leave it \
-             at any time into any of them, and the one computed is one of many; start off the border to choose"
+            "at the start {ways} regions meet and the rate of each points into it: the border repels, so that \
+             solutions may leave it at any time into any region, and only one of them is computed; choose initial \
+             values off the border to select one"
         ),
     }
 }

@@ -1,4 +1,4 @@
-//! Parameters that are fitted to data.
+//! Fits of parameters to data.
 
 use super::choices::choices;
 use super::document::Time;
@@ -19,27 +19,27 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The most values that are fitted, and the most parameters.
+/// Most data values, and most fitted parameters.
 const MOST_VALUES: usize = 100_000;
 const MOST_PARAMETERS: usize = 50;
-/// The most starts.
+/// Most starting points.
 const MOST_STARTS: u64 = 1000;
 
-/// Parameters and initial values fitted to data. The answer is `fit`, with estimates, 95 % intervals and what the data do not
-/// determine; the trajectory is the fitted one.
+/// Parameters and initial values to fit to data. The answer has `fit`, with estimates, 95 % intervals and the parameter
+/// combinations that the data do not determine; the trajectory is the fitted one.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FitRequest {
-    /// What is fitted: parameters of the problem, and initial values as `x.initial`.
+    /// The fitted quantities: parameters of the problem, and initial values as `x.initial`.
     #[schema(value_type = std::collections::HashMap<String, FitParameter>)]
     pub parameters: Ordered<FitParameter>,
-    /// What was measured.
+    /// The measured data.
     pub data: FitData,
-    /// What is made least. Default `squares`.
+    /// The objective to minimise. Default `squares`.
     #[serde(default)]
     pub loss: LossName,
-    /// From how many places the search begins: the first is `initial`, the others fill the bounds, which all parameters need
-    /// then. Default 1.
+    /// Number of starting points of the search: the first is `initial`, the others are spread over the bounds, which
+    /// all parameters must then have. Default 1.
     #[serde(default = "one")]
     #[schema(minimum = 1, maximum = 1000, default = 1)]
     pub starts: u64,
@@ -49,57 +49,59 @@ fn one() -> u64 {
     1
 }
 
-/// Where a parameter is looked for.
+/// The starting value and the bounds of a parameter.
 #[derive(Clone, Copy, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FitParameter {
-    /// Where the search begins. Default its value in the problem.
+    /// Starting value of the search. Default: its value in the problem.
     pub initial: Option<f64>,
-    /// The least value it may have.
+    /// Lower bound.
     pub lower: Option<f64>,
-    /// The largest.
+    /// Upper bound.
     pub upper: Option<f64>,
 }
 
 choices! {
-    /// What is made least.
+    /// The objective to minimise.
     LossName {
         "squares" Squares: "The sum of squared residuals."
-        "huber" Huber: "The same up to 1.345 `sd`, and beyond linear, so that single values that are far off count little."
+        "huber" Huber: "Huber's loss: quadratic up to 1.345 `sd` and linear beyond, so that outliers have little \
+                        weight."
     }
 }
 
-/// Values of states, and of definitions in them, over time: `{"t": [..], "x": [..], "sd": 0.01}`.
+/// Data over time: values of states, and of definitions that depend on states alone, `{"t": [..], "x": [..], "sd":
+/// 0.01}`.
 #[derive(Clone, Debug)]
 pub struct FitData {
-    /// The times, increasing, within the horizon.
+    /// Sampling times, increasing, within the horizon.
     pub t: Vec<f64>,
-    /// The standard deviations of the values; where they are not given, all values count alike.
+    /// Standard deviations of the values; if absent, all values have equal weight.
     pub sd: Option<Spread>,
-    /// The values by name; null where none was measured.
+    /// Values by name; null where there is no measurement.
     pub columns: Ordered<Vec<Option<f64>>>,
 }
 
 /// Standard deviations.
 #[derive(Clone, Debug)]
 pub enum Spread {
-    /// Of every value.
+    /// One number for all values.
     Uniform(f64),
-    /// By state.
+    /// By column.
     PerState(Ordered<SpreadOfState>),
 }
 
-/// The standard deviation of the values of a state, or of each of them.
+/// Standard deviations of one column.
 #[derive(Clone, Debug)]
 pub enum SpreadOfState {
-    /// Of every value.
+    /// One number for all values of the column.
     Uniform(f64),
-    /// Of each.
+    /// One number per value.
     Each(Vec<f64>),
 }
 
 impl FitRequest {
-    /// Checks it for a model; `others` are the keys beside it that do not go with it.
+    /// Checks the request for a model; `others` lists incompatible keys, and whether each is present.
     pub(super) fn check(
         &self,
         (model, observables): (&dyn Model, &Observables),
@@ -110,7 +112,7 @@ impl FitRequest {
         let place = Pointer::Root.key("fit");
         let mut found = Errors::default();
         for (other, _) in others.iter().filter(|(_, given)| *given) {
-            found.report(&place, "conflict", format!("`{other}` does not go with a fit"));
+            found.report(&place, "conflict", format!("`{other}` cannot be combined with `fit`"));
         }
         let dvi = differentiable(model, "fits are made", &place, &mut found);
         let fit = dvi.map(|dvi| Fit {
@@ -174,7 +176,7 @@ impl FitRequest {
                 found.push(error.expected("an `initial` within the bounds"));
             }
             if self.starts > 1 && !(lower.is_finite() && upper.is_finite()) {
-                let detail = "several starts fill the bounds, and this parameter has not both";
+                let detail = "several starts are spread over the bounds, and this parameter lacks one";
                 let error = SpecificationError::new(place.to_string(), "missing_key", detail);
                 found.push(error.expected("`lower` and `upper`"));
             }
@@ -224,7 +226,7 @@ impl FitData {
     ) -> Vec<DataColumn> {
         let place = place.key("data");
         let states = dvi.state_names.len();
-        // Other definitions depend on variables, whose derivatives are not followed.
+        // Definitions that depend on variables are not allowed, since sensitivities of variables are not computed.
         let defined =
             observables.names.iter().zip(&observables.reach).enumerate().filter(|(_, (_, reach))| **reach <= states);
         let defined: Vec<(&str, Quantity)> =
@@ -289,7 +291,7 @@ impl FitData {
         }
     }
 
-    /// The standard deviations of a column.
+    /// The standard deviations of a column, one per time.
     fn spread(&self, name: &str, place: &Pointer<'_>, found: &mut Errors) -> Vec<f64> {
         let of_sd = place.key("sd");
         let count = self.t.len();

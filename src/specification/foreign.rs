@@ -1,7 +1,7 @@
-//! Keys and choices that other programs know by other names, and keys that stand in another place.
+//! Keys and choices under the names of other programs, and keys in the wrong place.
 
-/// Keys and choices here, and what people write for them, in small letters without `_` and `-`; the first that is valid in its
-/// place is meant.
+/// Our keys and choices, each with the names that users of other programs write for it, in lower case without `_` and
+/// `-`. Several may match; the first one that is valid in its place is suggested.
 const SYNONYMS: [(&str, &[&str]); 86] = [
     // The document.
     ("time", &["tspan", "timespan", "horizon", "simulation", "interval"]),
@@ -256,7 +256,7 @@ const SYNONYMS: [(&str, &[&str]); 86] = [
     ),
 ];
 
-/// The synonyms of further parts, as above.
+/// Synonyms for further keys, in the format of `SYNONYMS`.
 const PARTS: [(&str, &[&str]); 31] = [
     ("at", &["point", "anchor", "origin", "position", "location", "pivot"]),
     ("point", &["anchor", "origin", "position", "at", "pivot"]),
@@ -291,7 +291,7 @@ const PARTS: [(&str, &[&str]); 31] = [
     ("switch", &["s", "thyristor", "scr", "mosfet", "igbt", "transistor", "bjt", "gto", "triac", "relay"]),
 ];
 
-/// The keys of the parts of a document, and those of most types of problem.
+/// The keys of each part of a document, and those common to most problem types.
 const PLACES: [(&str, &[&str]); 8] = [
     (
         "the document",
@@ -324,7 +324,7 @@ const PLACES: [(&str, &[&str]); 8] = [
     ("a `material` of the problem, or in its `contacts`", &["friction", "restitution"]),
 ];
 
-/// The key or choice that another program's name stands for, among the valid ones.
+/// The valid key or choice that a name of another program stands for.
 pub(super) fn synonym(name: &str, valid: &[&'static str]) -> Option<&'static str> {
     let folded: String = name.chars().filter(|c| !matches!(c, '_' | '-' | ' ')).flat_map(char::to_lowercase).collect();
     let spelt = valid.iter().copied().find(|key| key.replace('_', "") == folded);
@@ -333,12 +333,12 @@ pub(super) fn synonym(name: &str, valid: &[&'static str]) -> Option<&'static str
     spelt.or_else(|| meant.find_map(|ours| valid.iter().copied().find(|key| *key == ours)))
 }
 
-/// Whether a key is one of most types of problem, which stand one level deeper.
+/// Whether a key belongs to most problem types, and so one level deeper than the user has written it.
 pub(super) fn is_of_a_type(name: &str) -> bool {
     PLACES[5].1.contains(&name)
 }
 
-/// Where a key belongs that does not stand where it is valid, and how it is called there.
+/// For a misplaced key, the part of the document that it belongs to, and its name there.
 pub(super) fn place_of(name: &str) -> Option<(&'static str, &'static str)> {
     let direct =
         PLACES.iter().find_map(|(place, keys)| keys.iter().find(|key| **key == name).map(|key| (*place, *key)));

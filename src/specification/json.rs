@@ -1,4 +1,4 @@
-//! A JSON document as it was written: members in order, and none lost where a name stands twice.
+//! A JSON document as written: members in order, repeated names included.
 
 use super::pointer::Step;
 use serde::de::{Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
@@ -18,7 +18,7 @@ pub(super) enum Json {
 }
 
 impl Json {
-    /// The value a step leads to.
+    /// The child at a path step.
     pub(super) fn child(&self, step: &Step) -> Option<&Json> {
         match (self, step) {
             (Json::Object(members), Step::Key(key)) => {
@@ -29,7 +29,7 @@ impl Json {
         }
     }
 
-    /// The value at the end of a path.
+    /// The descendant at a path.
     pub(super) fn at_mut(&mut self, path: &[Step]) -> Option<&mut Json> {
         path.iter().try_fold(self, |value, step| match (value, step) {
             (Json::Object(members), Step::Key(key)) => {
@@ -40,7 +40,7 @@ impl Json {
         })
     }
 
-    /// Removes members whose name has stood before in the same object, and hands `found` the path of each.
+    /// Removes members that repeat a name of the same object, and calls `found` with the path of each.
     pub(super) fn remove_duplicates(&mut self, path: &mut Vec<Step>, found: &mut impl FnMut(&[Step])) {
         match self {
             Json::Object(members) => {
@@ -78,7 +78,7 @@ impl Json {
     }
 }
 
-/// Whether two members have the same name. Few names are compared with each other, which takes no memory.
+/// Whether two members have the same name. A few names are compared pairwise, without allocating.
 fn repeat_a_name(members: &[(String, Json)]) -> bool {
     if members.len() <= FEW {
         return (1..members.len()).any(|k| members[..k].iter().any(|(name, _)| *name == members[k].0));

@@ -1,14 +1,14 @@
-//! Kinks of a state inside a rate: allowed, but the switch they make is invisible to whoever looks for changes of the
-//! active face of `K`. Written as a set, the same law has switches that are located.
+//! Warnings about kinks of a rate in a state. They are allowed, but the location of switches follows the active face of
+//! `K` and cannot see them. Written as a set, the same law has located switches.
 
 use expression::{Graph, Kink, Node};
 use models::{Equations, KinkAdvice};
 use solution::Warning;
 
-/// Names of what a kink depends on that are listed.
+/// Most names listed for one kink.
 const SHOWN: usize = 6;
 
-/// One warning for each kind of kink in the rate of a state.
+/// Returns one warning for each kind of kink in the rate of a state.
 pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph) -> Vec<Warning> {
     let mut kinks: Vec<(&str, Vec<usize>)> = graph
         .kinks(rate)
@@ -31,7 +31,7 @@ pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph
             Warning {
                 code: "kink_in_rate",
                 message: format!(
-                    "the rate of `{state}` has a kink, `{function}` of {}, that switch detection cannot see, so the \
+                    "the rate of `{state}` has a kink, `{function}` of {}, which switch location cannot see, so the \
                      order drops where it is crossed; write it as a set instead: {}",
                     of.join(", "),
                     remedy(function)
@@ -41,7 +41,7 @@ pub(super) fn warnings(state: &str, rate: Node, states: &[String], graph: &Graph
         .collect()
 }
 
-/// What a message says of the kinks of a problem across which steps chatter; `as_set` writes them as a set.
+/// The texts to report if steps chatter across a kink; `as_set` writes the problem with its kinks as a set.
 pub(super) fn advice(
     equations: &Equations,
     states: &[String],
@@ -63,14 +63,14 @@ pub(super) fn advice(
     KinkAdvice { names: symbolic.kinks().iter().map(named).collect(), as_set: as_set() }
 }
 
-/// The same function as a variational inequality: `z` on an interval maximises `z` times what switches it.
+/// The same function as a variational inequality, for a message.
 fn remedy(function: &str) -> &'static str {
     match function {
         "abs" => "abs(a) = z*a with z in the box [-1, 1] and the inequality -a",
         "sign" => "sign(a) = z with z in the box [-1, 1] and the inequality -a",
         "min" => "min(a, b) = a - z with z nonnegative and the inequality z - (a - b)",
         "table" => {
-            "sums of max(a - x_k, 0), or a table with \"interpolation\": \"pchip\", which has none between its ends"
+            "sums of max(a - x_k, 0), or a table with \"interpolation\": \"pchip\", which has no kinks between its ends"
         }
         "max" => "max(a, b) = a + z with z nonnegative and the inequality z - (b - a)",
         _ => "heaviside(a) = z with z in the box [0, 1] and the inequality -a",

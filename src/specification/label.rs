@@ -4,7 +4,7 @@ use super::error::{Errors, SpecificationError};
 use super::pointer::Pointer;
 use super::wording::abridged;
 
-/// The longest label, in characters.
+/// Maximum length of a label, in characters.
 pub(super) const LONGEST: usize = 200;
 
 /// Reports a label that is too long.

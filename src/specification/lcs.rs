@@ -21,7 +21,7 @@ use serde::Deserialize;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// `M x' = A x + B z + a(t)`, `G = C x + D z + g(t)`, `z in K`. What is left out is zero.
+/// `M x' = A x + B z + a(t)`, `G = C x + D z + g(t)`, `z in K`. Terms left out are zero.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[expect(non_snake_case, reason = "the matrices go by the names that they have in the formula")]
@@ -43,32 +43,32 @@ pub struct LcsProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// The states at the start, expressions in the parameters; their number is `n`.
+    /// The initial states, as expressions in the parameters; their number is `n`.
     pub initial: Vec<Expression>,
-    /// `n x n`.
+    /// Matrix, `n x n`.
     pub A: Option<Matrix>,
-    /// `n x m`.
+    /// Matrix, `n x m`.
     pub B: Option<Matrix>,
-    /// `m x n`.
+    /// Matrix, `m x n`.
     pub C: Option<Matrix>,
-    /// `m x m`.
+    /// Matrix, `m x m`.
     pub D: Option<Matrix>,
-    /// `n` expressions in `t`.
+    /// Forcing of the states: `n` expressions in `t`.
     pub a: Option<Vec<Expression>>,
-    /// `m` expressions in `t`.
+    /// Forcing of the inequalities: `m` expressions in `t`.
     pub g: Option<Vec<Expression>>,
-    /// The set `K` as a product of blocks. Required where there are variables; each stands in exactly one block.
+    /// The set `K` as a product of blocks. Required if there are variables; each variable belongs to exactly one block.
     pub set: Option<Vec<Block>>,
-    /// The mass matrix `M`, `n x n`, constant; it may be singular. Default the identity.
+    /// The constant mass matrix `M`, `n x n`; it may be singular. Default: the identity.
     pub mass: Option<Matrix>,
-    /// `n` names. Default `x1`, `x2`, ...
+    /// Names of the `n` states. Default `x1`, `x2`, ...
     pub state_names: Option<Vec<String>>,
-    /// `m` names. Default `z1`, `z2`, ...
+    /// Names of the `m` variables. Default `z1`, `z2`, ...
     pub variable_names: Option<Vec<String>>,
 }
 
 impl LcsProblem {
-    /// `m`: as many as there are names, or else as the first matrix that tells.
+    /// The number of variables `m`: the number of names, or else the size of the first matrix that determines it.
     pub(super) fn variables(&self) -> usize {
         self.variable_names
             .as_ref()
@@ -163,7 +163,7 @@ impl Written for LcsProblem {
 }
 
 impl LcsProblem {
-    /// `[A B; C D]` by its nonzeros.
+    /// The block matrix `[A B; C D]`, as its nonzero entries.
     fn matrix(&self, n: usize, m: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Entries {
         let blocks = [
             ("A", &self.A, (0, 0), (n, n)),
@@ -197,7 +197,7 @@ fn names(
     (1..=count).map(|i| format!("{letter}{i}")).collect()
 }
 
-/// A forcing, in `t` alone; zero where it is left out.
+/// A forcing vector in `t` alone; zero if absent.
 fn forcing(given: Option<&[Expression]>, count: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
     let zero = lowering.graph.constant(0.0);
     let given = given.unwrap_or_default();
@@ -211,7 +211,8 @@ fn forcing(given: Option<&[Expression]>, count: usize, place: &Pointer<'_>, lowe
             let place = place.index(i);
             let node = lowering.node(expression, &place).unwrap_or(zero);
             if lowering.graph.inputs(node).into_iter().any(|input| input > 0) {
-                let detail = "a forcing may depend on `t` alone; what depends on the states belongs into the matrices";
+                let detail =
+                    "a forcing depends on `t` alone; write terms in the states or variables as entries of the matrices";
                 lowering.errors.report(&place, "forcing_depends_on_unknown", detail);
             }
             node

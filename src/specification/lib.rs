@@ -1,10 +1,10 @@
-//! What a user writes: one JSON object, checked as a whole.
+//! The specification language: one JSON object, checked as a whole.
 //!
-//! A document is read ([`Specification::from_json`]; [`Draft`] for who asks first how long it takes) in three steps, and the errors of all three are reported together:
-//! JSON to a tree that keeps the order of members; the tree to the types of this module, which are also the source of
-//! the JSON Schema ([`json_schema`]); the types to a [`Model`], where names, shapes, domains and
-//! the affine form of the rates are checked. Choices are tagged from outside, `{"box": {..}}`, so that every value has
-//! an exact place.
+//! A document is read ([`Specification::from_json`]; [`Draft`] for callers that need an estimate of the time first) in
+//! three steps, and the errors of all three are reported together: JSON to a tree that keeps the order of members; the
+//! tree to the types of this module, which are also the source of the JSON Schema ([`json_schema`]); the types to a
+//! [`Model`], where names, shapes, domains and the affine form of the rates are checked. Choices are externally tagged,
+//! `{"box": {..}}`, so that every value has an exact JSON pointer.
 
 mod as_set;
 mod binding;
@@ -102,9 +102,10 @@ pub use obstacle::{Boundary, BoundaryCondition, Directions, Domain, MassName, Ob
 pub use ordered::Ordered;
 pub use output::Output;
 pub use rigid_bodies::{
-    AxesOfForce, AxialJoint, BodyContacts, BodyForce, BodyJoint, BodyMotion, BodySpring, BoxShape, CapsuleShape,
-    CompoundPart, CylinderShape, FixedJoint, HalfSpaceShape, HullShape, Inertia, JointLimits, JointSpring, Material,
-    MaterialPair, MeshShape, Motor, PointJoint, RigidBodiesProblem, RigidBody, RigidShape, ServoMotor, SphereShape,
+    AxesOfForce, AxialJoint, BodyContacts, BodyForce, BodyJoint, BodyMotion, BodySpring, BoxShape, Bushing,
+    CapsuleShape, CompoundPart, CylinderShape, FixedJoint, HalfSpaceShape, HullShape, Inertia, JointLimits,
+    JointSpring, Material, MaterialPair, MeshShape, Motor, PointJoint, RigidBodiesProblem, RigidBody, RigidShape,
+    ServoMotor, SphereShape,
 };
 pub use schema::json_schema;
 pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};
@@ -115,8 +116,8 @@ pub use static_vi::{StaticVariable, ViProblem};
 pub use study::{Exact, Rung, StudyPlan, StudyRequest};
 pub use summary::Summary;
 pub use sweep::{
-    AtTime, Design, DesignName, KeepName, Range, Reducer, Rule, Selector, SweepPlan, SweepRequest, TableOfMembers,
-    Target, edited,
+    AtTime, Design, DesignName, KeepName, Kept, Range, Reducer, Rule, Selector, SweepChunk, SweepPlan, SweepRequest,
+    TableOfMembers, Target, edited,
 };
 pub use tables::{InterpolationName, TableOfPoints};
 pub use times::Times;

@@ -1,10 +1,11 @@
-//! The common ground of the problem types while they are lowered: names, expressions, and the errors found so far.
+//! The context shared by all problem types while they are lowered: names, expressions, and the errors found so far.
 //!
-//! Inputs are numbered `t = 0`, states `1..=n`, variables `n+1..=n+m`. An expression that cannot be read is reported and
-//! gives nothing; its caller puts in something harmless and goes on, so that the rest is checked as well.
+//! Inputs are numbered `t = 0`, states `1..=n`, variables `n+1..=n+m`. An expression that cannot be read is reported
+//! and yields `None`; the caller substitutes a harmless value and continues, so that the rest of the document is
+//! checked as well.
 //!
-//! Parameters are constants, or inputs that may be bound to other values later. Of these, the ones that are expressions in
-//! others are terms, and follow them.
+//! Parameters are either constants, or inputs that can be bound to other values later. In the second case, parameters
+//! defined as expressions in others are graph nodes and are recomputed from them.
 
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
@@ -18,20 +19,20 @@ use models::{Parameters, ParametricTerms};
 use problem::{Control, Mass};
 use std::collections::HashMap;
 
-/// States and variables that one specification may have in all.
+/// Most states and variables of a specification.
 pub(super) const MOST_UNKNOWNS: usize = 2_000_000;
 
-/// Where a problem starts, and who may ask to stop reading it.
+/// The start of the problem, and the control that may stop the check.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start<'c> {
-    /// The start time; absent if the start is not to be evaluated.
+    /// The start time; `None` if initial values are not to be evaluated.
     pub time: Option<f64>,
     pub control: &'c Control,
-    /// Parameters that say how many elements vectors have: others values cannot be bound.
+    /// Parameters used as sizes of vectors; they cannot be bound to other values.
     pub sizes: &'c [String],
 }
 
-/// What a problem gives names to beside its unknowns.
+/// The named quantities of a problem other than its unknowns.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Named<'a> {
     pub parameters: &'a Ordered<Expression>,
@@ -40,12 +41,12 @@ pub(super) struct Named<'a> {
     pub integrals: &'a Ordered<Expression>,
 }
 
-/// A problem in the course of being lowered.
+/// The state of lowering one problem.
 #[derive(Debug)]
 pub(super) struct Lowering<'c> {
     pub graph: Graph,
     pub errors: Errors,
-    /// The start time and whether the initial values are the user's; absent if the start is not to be evaluated.
+    /// The start time, if the initial values are valid and are to be evaluated.
     pub start: Option<f64>,
     pub control: &'c Control,
     /// The parameters that are inputs, with their values.
@@ -53,32 +54,32 @@ pub(super) struct Lowering<'c> {
     constants: Scope,
     names: Scope,
     misnamed: bool,
-    /// Definitions that jump with a state or a variable: columns, and no part of an equation.
+    /// Definitions that jump with a state or a variable: allowed as columns, not in equations.
     jumping: Vec<String>,
-    /// Parameters or definitions that depend on themselves, or on such.
+    /// Parameters or definitions with circular references, direct or indirect.
     circular: Vec<String>,
 }
 
-/// A constant, with its term where it depends on parameters that are inputs.
+/// A constant, with its graph node if it depends on parameters that are inputs.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Constant {
     pub value: f64,
     pub node: Option<Node>,
 }
 
-/// The code of what jumps with something that is solved for.
+/// Error code of a jump in an unknown.
 const JUMP: &str = "jump_of_unknown";
 
-/// Nodes or rows lowered between two polls of [`Control`]: below a millisecond's work for a short expression.
+/// Nodes or rows lowered between two polls of [`Control`]: less than a millisecond of work for short expressions.
 const BETWEEN_POLLS: usize = 256;
 
 impl<'c> Lowering<'c> {
-    /// A lowering in which `t` and the parameters have their names, these as constants.
+    /// Begins a lowering with the names of `t`, the tables and the parameters, the parameters as constants.
     pub(super) fn new(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>) -> Self {
         Self::begin(start, named, problem, false)
     }
 
-    /// A lowering in which `t` and the parameters have their names, these as inputs.
+    /// Begins a lowering with the names of `t`, the tables and the parameters, the parameters as inputs.
     pub(super) fn with_inputs(start: Start<'c>, named: Named<'_>, problem: &Pointer<'_>) -> Self {
         Self::begin(start, named, problem, true)
     }
@@ -119,7 +120,7 @@ impl<'c> Lowering<'c> {
                 value => lowering.graph.constant(value.map_or(1.0, |constant| constant.value)),
             };
             if lowering.bind(name, node, &place) {
-                // Bound in the larger scope, the name is valid and new in the smaller one.
+                // The name is valid and new in `names`, so binding it in the smaller scope `constants` cannot fail.
                 let _ = lowering.constants.bind(name, node);
             }
             if value.is_none() {
@@ -129,7 +130,7 @@ impl<'c> Lowering<'c> {
         lowering
     }
 
-    /// Parameters or definitions with those first that others depend on; those that depend on themselves are remembered.
+    /// Sorts parameters or definitions by dependence; records those with circular references.
     fn in_order<'a>(&mut self, entries: &'a Ordered<Expression>, constant: bool) -> Vec<(&'a str, &'a Expression)> {
         let scope = if constant { &self.constants } else { &self.names };
         let (entries, ordered) = parameters::in_order(entries, scope, &self.graph);
@@ -137,7 +138,7 @@ impl<'c> Lowering<'c> {
         entries
     }
 
-    /// Gives the tables their names. One that cannot be is left out, and what calls it is not read further.
+    /// Binds the names of the tables. A faulty table is left out, and expressions that call it are not checked further.
     fn bind_tables(&mut self, tables: &Ordered<TableOfPoints>, place: &Pointer<'_>) {
         for (name, points) in tables.iter() {
             let place = place.key(name);
@@ -146,14 +147,15 @@ impl<'c> Lowering<'c> {
                 continue;
             };
             match self.names.bind_table(name, table.clone()) {
-                // Bound in the larger scope, the name is valid and new in the smaller one.
+                // The name is valid and new in `names`, so binding it in the smaller scope `constants` cannot fail.
                 Ok(()) => drop(self.constants.bind_table(name, table)),
                 Err(error) => self.report_name(error, place.to_string()),
             }
         }
     }
 
-    /// Whether reading goes on before item number `item` of a long list; if not, that is reported.
+    /// Polls the control every `BETWEEN_POLLS` items of a long list; after a request to stop, reports the interruption
+    /// and returns false.
     pub(super) fn goes_on(&mut self, item: usize) -> bool {
         let goes_on = !item.is_multiple_of(BETWEEN_POLLS) || self.control.poll().is_none();
         if !goes_on {
@@ -162,7 +164,8 @@ impl<'c> Lowering<'c> {
         goes_on
     }
 
-    /// Gives the states and then the variables their names, in order; no function that jumps takes them.
+    /// Binds the names of the states and then the variables, in order. From here on, functions that jump do not accept
+    /// them.
     pub(super) fn bind_unknowns<'a>(
         &mut self,
         names: impl Iterator<Item = &'a str>,
@@ -172,7 +175,7 @@ impl<'c> Lowering<'c> {
         self.bind_coordinates(names, pointer);
     }
 
-    /// Gives the coordinates in space their names, in order.
+    /// Binds the names of the coordinates in space, in order.
     pub(super) fn bind_coordinates<'a>(
         &mut self,
         names: impl Iterator<Item = &'a str>,
@@ -184,7 +187,7 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// Gives the outputs of a problem, which stand in for states and variables, the names that they have.
+    /// Binds the names of a problem's outputs in place of states and variables.
     pub(super) fn bind_outputs(&mut self, names: &[&str]) {
         for (i, name) in names.iter().enumerate() {
             let node = self.graph.input(i + 1);
@@ -192,24 +195,24 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// Gives terms that stand for what is solved for the names that they have; no function that jumps takes them.
+    /// Binds names to nodes that depend on unknowns. From here on, functions that jump do not accept them.
     pub(super) fn bind_quantities(&mut self, quantities: &[(String, Node)]) {
         self.names.solve_for(1);
         for (name, node) in quantities {
-            // A name that is bound already is that of the same quantity.
+            // A name that is bound already denotes the same quantity.
             let _ = self.names.bind_output(name, *node);
         }
     }
 
-    /// Whether an expression takes nothing that has no name yet. What is wrong with it in another way is for who reads it.
+    /// Whether all names and functions of an expression are known. Other errors are reported when it is lowered.
     pub(super) fn is_readable(&mut self, expression: &Expression) -> bool {
         let Expression::Text(text) = expression else { return true };
         let unknown = |code: &str| matches!(code, "unknown_name" | "unknown_function");
         self.graph.parse(text, &self.names).map_or_else(|error| !unknown(error.code), |_| true)
     }
 
-    /// Lets expressions use definitions, as far as these are made of what has a name here. What is wrong with one is found
-    /// where it is told as a column.
+    /// Binds the definitions whose names are all known, for use in expressions. Errors in definitions are reported by
+    /// `define`.
     pub(super) fn use_definitions(&mut self, definitions: &Ordered<Expression>) {
         for (name, expression) in self.in_order(definitions, false) {
             let node = match expression {
@@ -224,7 +227,7 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// Gives definitions their names, and gives their nodes in the order of the document.
+    /// Binds all definitions and returns their nodes in the order of the document.
     pub(super) fn define(&mut self, definitions: &Ordered<Expression>, problem: &Pointer<'_>) -> Vec<Node> {
         let place = problem.key("definitions");
         let mut nodes = HashMap::with_capacity(definitions.len());
@@ -237,12 +240,12 @@ impl<'c> Lowering<'c> {
         definitions.names().filter_map(|name| nodes.get(name).copied()).collect()
     }
 
-    /// An expression in all that has a name; zero where it cannot be read.
+    /// Lowers an expression in all bound names; returns zero if it is faulty.
     pub(super) fn node_or_zero(&mut self, expression: &Expression, place: &Pointer<'_>) -> Node {
         self.node(expression, place).unwrap_or_else(|| self.graph.constant(0.0))
     }
 
-    /// Keeps a name for something that no expression can refer to.
+    /// Reserves a name that expressions must not refer to.
     pub(super) fn keep_name(&mut self, name: &str, place: &Pointer<'_>) {
         let nothing = self.graph.constant(0.0);
         self.bind(name, nothing, place);
@@ -265,7 +268,7 @@ impl<'c> Lowering<'c> {
             NameError::Bound { .. } => "duplicate_name",
         };
         self.misnamed |= !matches!(error, NameError::Bound { .. });
-        let expected = "a name of its own: letters, digits and _, not beginning with a digit, and no reserved word";
+        let expected = "a unique name: letters, digits and _, not beginning with a digit, and not a reserved word";
         let detail = match &error {
             NameError::Bound { name } if name == "t" => "`t` is the time".to_owned(),
             _ => error.to_string(),
@@ -273,7 +276,7 @@ impl<'c> Lowering<'c> {
         self.errors.push(SpecificationError::new(pointer, code, detail).expected(expected));
     }
 
-    /// An expression in `t`, the parameters, the states and the variables.
+    /// Lowers an expression in `t`, the parameters, the states and the variables.
     pub(super) fn node(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<Node> {
         match expression {
             Expression::Number(value) => Some(self.graph.constant(*value)),
@@ -281,7 +284,23 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// An expression in the parameters alone, which has a finite value and keeps it: others cannot be bound.
+    /// An expression in all that has a name and in one name more, unless that one is taken.
+    pub(super) fn node_with(
+        &mut self,
+        (name, node): (&str, Node),
+        expression: &Expression,
+        place: &Pointer<'_>,
+    ) -> Option<Node> {
+        let names = self.names.clone();
+        // A name that the user gave to something else keeps its meaning.
+        let _ = self.names.bind(name, node);
+        let lowered = self.node(expression, place);
+        self.names = names;
+        lowered
+    }
+
+    /// Lowers a finite expression in the parameters alone, and fixes its value: parameters that it depends on cannot be
+    /// bound anew.
     pub(super) fn constant(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<f64> {
         let Constant { value, node } = self.parametric(expression, place)?;
         if let Some(node) = node {
@@ -290,7 +309,7 @@ impl<'c> Lowering<'c> {
         Some(value)
     }
 
-    /// An expression in the parameters alone, which has a finite value.
+    /// Lowers a finite expression in the parameters alone.
     pub(super) fn parametric(&mut self, expression: &Expression, place: &Pointer<'_>) -> Option<Constant> {
         let (value, node) = match expression {
             Expression::Number(value) => (Some(*value), None),
@@ -311,14 +330,14 @@ impl<'c> Lowering<'c> {
         finite.map(|value| Constant { value, node })
     }
 
-    /// A state at the start, with its term.
+    /// Lowers an initial value, with its graph node.
     pub(super) fn initial(&mut self, given: &Expression, place: &Pointer<'_>) -> (f64, Node) {
         let constant = self.parametric(given, place).unwrap_or(Constant { value: 0.0, node: None });
         let node = constant.node.unwrap_or_else(|| self.graph.constant(constant.value));
         (constant.value, node)
     }
 
-    /// The sum of two constants.
+    /// Adds two constants.
     pub(super) fn sum(&mut self, a: Constant, b: Constant) -> Constant {
         let value = a.value + b.value;
         if a.node.or(b.node).is_none() {
@@ -328,7 +347,7 @@ impl<'c> Lowering<'c> {
         Constant { value, node: Some(self.graph.add(a, b)) }
     }
 
-    /// Keeps all parameters at the values given: others cannot be bound.
+    /// Fixes the values of all parameters, so that none can be bound anew.
     pub(super) fn keep_values(&mut self) {
         for (index, &(_, value)) in self.inputs.iter().enumerate() {
             let node = self.graph.parameter(index, value);
@@ -336,12 +355,12 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// The number of parameters that are inputs.
+    /// Number of parameters that are inputs.
     pub(super) fn inputs(&self) -> usize {
         self.inputs.len()
     }
 
-    /// The parameters of rows that were compiled from this graph, with this mass matrix; `None` where there are none.
+    /// The bindable parameters of the rows compiled from this graph, with this mass matrix; `None` if there are none.
     pub(super) fn parameters(&self, terms: ParametricTerms, mass: &Mass) -> Option<Parameters> {
         if self.inputs.is_empty() || !self.errors.is_empty() {
             return None;
@@ -351,7 +370,7 @@ impl<'c> Lowering<'c> {
     }
 
     fn parse(&mut self, text: &str, place: &Pointer<'_>, constant: bool) -> Option<Node> {
-        // Among names that are not names, an expression would only be misread.
+        // After a faulty name or a full list of errors, parsing would only add misleading errors.
         if self.misnamed || !self.errors.has_room() {
             return None;
         }
@@ -365,12 +384,12 @@ impl<'c> Lowering<'c> {
         let is_name = |name: &&String| word == Some(name.as_str());
         if let Some(name) = self.jumping.iter().find(is_name) {
             error.message = format!(
-                "`{}` jumps with a state or a variable: it is reported, and no equation takes it",
+                "`{}` jumps with a state or a variable: it can be an output column, but not part of an equation",
                 abridged(name)
             );
             error.code = JUMP;
             error.expected =
-                Some("a variable in a set, whose switches are located, in the place of what jumps".to_owned());
+                Some("a variable in a set, whose switches are located, in place of the function that jumps".to_owned());
         }
         if word.is_some_and(|word| self.circular.iter().any(|name| name == word)) {
             error.message = parameters::circular(&self.circular);

@@ -6,8 +6,8 @@ use super::pointer::Pointer;
 use expression::Node;
 use problem::Mass;
 
-/// Lowers the mass matrix of a problem with `n` states, with the terms of entries that depend on parameters; an identity
-/// that is written out in numbers is still an identity.
+/// Lowers the mass matrix of a problem with `n` states, with the nodes of entries that depend on parameters. An
+/// identity written out in numbers becomes `Mass::Identity`.
 pub(super) fn lower(
     mass: Option<&Matrix>,
     n: usize,

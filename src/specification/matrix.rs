@@ -18,28 +18,28 @@ use utoipa::openapi::{Ref, RefOr};
 #[derive(Clone, Debug, Serialize)]
 #[serde(untagged)]
 pub enum Matrix {
-    /// Its rows.
+    /// The list of its rows.
     Dense(Vec<Vec<Expression>>),
-    /// Its nonzeros.
+    /// The list of its nonzero entries.
     Sparse(SparseMatrix),
 }
 
-/// A matrix by its nonzeros.
+/// A matrix given by its nonzero entries.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SparseMatrix {
-    /// Rows and columns.
+    /// Number of rows and columns.
     pub shape: (usize, usize),
-    /// `[row, column, value]`, counted from 0; a repeated place adds.
+    /// Entries `[row, column, value]`, counted from 0; repeated entries are added.
     pub entries: Vec<(usize, usize, Expression)>,
 }
 
-/// The nonzero entries of a matrix, sorted, each place once.
+/// The nonzero entries of a matrix, sorted, without repetition.
 #[derive(Debug, Default)]
 pub(super) struct Entries {
     /// `(row, column, value)`.
     pub values: Vec<(usize, usize, f64)>,
-    /// The terms of those that depend on parameters.
+    /// The graph nodes of the entries that depend on parameters.
     pub terms: Vec<(usize, usize, Node)>,
 }
 
@@ -52,7 +52,7 @@ impl Matrix {
         }
     }
 
-    /// The number of columns, as written in the shape or in the first row.
+    /// The number of columns, from the shape or the first row.
     pub(super) fn columns(&self) -> usize {
         match self {
             Matrix::Dense(rows) => rows.first().map_or(0, Vec::len),
@@ -60,7 +60,7 @@ impl Matrix {
         }
     }
 
-    /// The nonzero entries as `(row, column, value)`, sorted, each place once.
+    /// The nonzero entries as `(row, column, value)`, sorted, without repetition; parameters in them keep their values.
     pub(super) fn entries(
         &self,
         shape: (usize, usize),
@@ -72,7 +72,7 @@ impl Matrix {
         values
     }
 
-    /// The same, with the terms of those that depend on parameters.
+    /// The nonzero entries, with the graph nodes of those that depend on parameters.
     pub(super) fn parametric(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Entries {
         let mut entries: Vec<(usize, usize, Constant)> = Vec::new();
         self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
@@ -93,7 +93,7 @@ impl Matrix {
         Entries { values: values.collect(), terms }
     }
 
-    /// All entries row by row, as expressions that may vary.
+    /// All entries row by row, as expressions that may vary in time.
     pub(super) fn nodes(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let (rows, columns) = shape;
         let mut nodes = vec![lowering.graph.constant(0.0); rows * columns];
@@ -108,7 +108,7 @@ impl Matrix {
         nodes
     }
 
-    /// Checks the shape, and hands out what is written at each place.
+    /// Checks the shape, and calls `visit` for each entry.
     fn for_each(
         &self,
         (rows, columns): (usize, usize),
@@ -117,7 +117,7 @@ impl Matrix {
         mut visit: impl FnMut(usize, usize, &Expression, &Pointer<'_>, &mut Lowering),
     ) {
         match self {
-            // A row is written flat where a program does not tell it from a column.
+            // Accept a column in place of a row: some programs write vectors without an orientation.
             Matrix::Dense(lines)
                 if rows == 1 && columns > 1 && lines.len() == columns && lines.iter().all(|line| line.len() == 1) =>
             {
@@ -151,7 +151,7 @@ impl Matrix {
                 for (k, &(i, j, ref value)) in sparse.entries.iter().enumerate() {
                     let place = place.index(k);
                     if i >= found_rows || j >= found_columns {
-                        let detail = format!("({i}, {j}) lies outside a matrix of {found_rows} x {found_columns}");
+                        let detail = format!("({i}, {j}) is outside a matrix of {found_rows} x {found_columns}");
                         lowering.errors.push(
                             SpecificationError::new(place.to_string(), "index_out_of_range", detail)
                                 .expected("rows and columns counted from 0"),
@@ -200,10 +200,10 @@ impl<'de> Deserialize<'de> for Matrix {
 
 struct MatrixVisitor;
 
-/// Rows and columns of a matrix that is shown as an example.
+/// Largest number of rows and columns shown in an example.
 const SHOWN: usize = 4;
 
-/// A matrix of one entry, written as it alone.
+/// A scalar as a matrix of one entry.
 fn alone<'de, E: Error>(entry: impl Deserializer<'de, Error = E>) -> Result<Matrix, E> {
     Expression::deserialize(entry).map(|entry| Matrix::Dense(vec![vec![entry]]))
 }

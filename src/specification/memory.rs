@@ -1,25 +1,25 @@
-//! The memory that a solve takes, as far as it is known before it runs: what every run has, its trajectory at the times asked
-//! for, and its matrices; of bodies the contacts at the start. What turns out on the way (the fill of sparse factors, contacts that bodies
-//! come to, the steps where no times are asked for) is bounded as it does.
+//! Memory footprint of a solve, as far as it is known before the run: the fixed costs of a run, its trajectory at the
+//! requested times, and its matrices; for rigid bodies, also the contacts at the start. The fill of sparse factors,
+//! later contacts, and steps reported without requested times are only known during the run, and are limited then.
 
 use super::checked::Specification;
 use super::search::Search;
 
-/// The bytes of a run of one unknown, measured: lists of every kind, the diagnostics and the verdict.
+/// Bytes of a run with one unknown, measured: all kinds of lists, the diagnostics and the verdict.
 const OF_A_RUN: usize = 6 << 10;
 
-/// The steps of a short run, where the trajectory has no other times: those of a long one turn out on the way.
+/// Number of steps assumed for a trajectory without output times; that of a long run is only known during the run.
 const FEW_STEPS: usize = 100;
 
-/// Columns of a table beside what is swept and collected.
+/// Columns of a table other than swept and collected values.
 const OWN_COLUMNS: usize = 8;
-/// The bytes of a value of a table, in memory and as text.
-const OF_A_VALUE: usize = 24;
+/// The bytes of a value of a table, and of what its summary is made of.
+const OF_A_VALUE: usize = 8;
 /// Those of a sweep of few members: the compiled problem twice, the plan, the summary; measured.
 const OF_A_SWEEP: usize = 32 << 10;
 
 impl Specification {
-    /// The bytes that a solve is known to take.
+    /// Lower estimate of the memory of a solve, in bytes.
     pub fn memory_bytes(&self) -> usize {
         let numbers = self.trajectory_numbers().saturating_add(self.model().numbers(self));
         numbers
@@ -29,19 +29,19 @@ impl Specification {
             .saturating_add(self.table_bytes())
     }
 
-    /// The table of a sweep, and its JSON, into which it is written.
+    /// The table of a sweep, or of the part of it that is to be solved.
     fn table_bytes(&self) -> usize {
         let Some(sweep) = self.sweep() else { return 0 };
-        let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len();
-        sweep.members().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
+        let columns = OWN_COLUMNS + sweep.targets.len() + sweep.reducers.names.len() + sweep.numbers_kept();
+        sweep.chunk().members.len().saturating_mul(columns).saturating_mul(OF_A_VALUE).saturating_add(OF_A_SWEEP)
     }
 
-    /// A run, and the equations of its derivatives, which are evaluated apart.
+    /// Number of runs kept at once: sensitivities have a second set of equations.
     fn parts(&self) -> usize {
         if self.directions() > 0 { 2 } else { 1 }
     }
 
-    /// The directions in which a run is differentiated.
+    /// Number of directions in which a run is differentiated.
     pub(super) fn directions(&self) -> usize {
         let of_search = self.search().map_or(0, |search| match search {
             Search::Fit(fit) => fit.parameters.len(),
@@ -50,7 +50,11 @@ impl Specification {
         self.sensitivities().map_or(of_search, |sensitivities| sensitivities.by.len())
     }
 
+    /// The members of a sweep keep no steps that nobody asked for.
     fn trajectory_numbers(&self) -> usize {
+        if self.sweep().is_some() {
+            return 0;
+        }
         let times = self.output_times().map_or(FEW_STEPS, <[f64]>::len);
         times.saturating_mul(1 + self.output_fields().len())
     }

@@ -1,4 +1,4 @@
-//! How a problem is solved: stages, tolerances, step sizes, switches, the solver of the stage problems.
+//! The method of solution: stages, tolerances, step sizes, treatment of switches, the solver of the stage problems.
 
 use super::choices::choices;
 use super::error::{Errors, SpecificationError};
@@ -10,51 +10,52 @@ use radau::MOST_STAGES;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// How the problem is solved. Every key may be left out.
+/// The method of solution. Every key is optional.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Method {
     /// The family of methods. Default `auto`.
     #[serde(default)]
     pub name: MethodName,
-    /// Stages of Radau IIA, of order `2s - 1`: any `s` from 1 to 9 with a fixed `step`, an odd one without, or `auto`,
-    /// the default.
+    /// Number of stages of Radau IIA, of order `2s - 1`: any `s` from 1 to 9 with a fixed `step`; without it, an odd
+    /// `s` or `auto`. Default `auto`.
     #[serde(default)]
     pub stages: Stages,
     /// Relative tolerance of the local error, from 1e-14 to 0.1. Default 1e-6.
     #[serde(default = "default_rtol")]
     #[schema(minimum = 1e-14, maximum = 0.1, default = 1e-6)]
     pub rtol: f64,
-    /// Absolute tolerance of the local error, one number or one for each state. Default `rtol/1000`, which also holds
-    /// for the states that are not named. It should lie below the smallest value that matters.
+    /// Absolute tolerance of the local error, one number or one per state. Default `rtol/1000`, also for states that
+    /// are not named. It should be below the smallest value of interest.
     pub atol: Option<AbsoluteTolerance>,
-    /// A fixed step. Without it the step follows the error; with memory, it is halved until runs agree.
+    /// Fixed step size. Default: the step size follows from the error estimate; with memory, it is halved until two
+    /// runs agree.
     #[schema(exclusive_minimum = 0.0)]
     pub step: Option<f64>,
-    /// The first step to try.
+    /// Size of the first step to try.
     #[schema(exclusive_minimum = 0.0)]
     pub first_step: Option<f64>,
-    /// The longest step.
+    /// Maximum step size.
     #[schema(exclusive_minimum = 0.0)]
     pub max_step: Option<f64>,
-    /// The shortest step; a solve that needs a shorter one fails.
+    /// Minimum step size; a solve that needs a smaller step fails.
     #[schema(exclusive_minimum = 0.0)]
     pub min_step: Option<f64>,
-    /// What to do where the active set changes. Default `locate`.
+    /// The treatment of changes of the active set. Default `locate`.
     #[serde(default)]
     pub switches: Switches,
     /// The solver of the variational inequalities at the stages. Default `auto`.
     #[serde(default)]
     pub vi_solver: ViSolverName,
-    /// Natural-map residual below which a variational inequality is solved.
+    /// Tolerance of the natural-map residual at which a variational inequality counts as solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
-    /// How impacts of mechanical systems are met. Default `time_stepping` where a `step` is given and `stages` are not, else
-    /// `locate`.
+    /// Treatment of impacts of mechanical systems. Default: `time_stepping` if `step` is given and `stages` is not,
+    /// else `locate`.
     pub impacts: Option<Impacts>,
-    /// How simultaneous impacts of mechanical systems come about. Default `simultaneous`.
+    /// Law for simultaneous impacts of mechanical systems. Default `simultaneous`.
     pub impact_law: Option<ImpactLawName>,
-    /// Solve a problem of index three or more, which is refused otherwise: its solutions exist for special data only.
+    /// Solve a problem of index three or more, which is refused by default: solutions exist for special data only.
     #[serde(default)]
     pub accept_index_three: bool,
 }
@@ -87,7 +88,7 @@ fn default_rtol() -> f64 {
 choices! {
     /// The families of methods.
     MethodName {
-        "auto" Auto: "The one that fits the problem."
+        "auto" Auto: "The method that suits the problem type."
         "radau" Radau: "Radau IIA with a variational inequality at every stage, of order 2s - 1 for s stages."
         "tr_bdf2" TrBdf2: "The trapezoidal rule with backward differences, of order 2; for obstacle problems on grids."
         "contact" Contact: "The steppers of mechanical systems with impacts and friction."
@@ -96,50 +97,51 @@ choices! {
 }
 
 choices! {
-    /// How impacts are met.
+    /// The treatment of impacts.
     Impacts {
-        "time_stepping" TimeStepping: "Steps of one size go over them: any number of impacts, first order."
-        "locate" Locate: "Smooth motion by Radau IIA from impact to impact, each at its time; time stepping where they accumulate."
+        "time_stepping" TimeStepping: "Fixed steps over the impacts (Moreau): any number of impacts, first order."
+        "locate" Locate: "Smooth motion by Radau IIA between impacts, each located in time; time stepping where they \
+                          accumulate."
     }
 }
 
 choices! {
-    /// How impacts at several contacts at once come about.
+    /// The law for simultaneous impacts at several contacts.
     ImpactLawName {
-        "simultaneous" Simultaneous: "All at once: every body takes its share."
-        "sequential" Sequential: "One after the other, as a shock runs through a row of balls."
+        "simultaneous" Simultaneous: "One impact problem for all contacts together."
+        "sequential" Sequential: "One contact after another, as a shock travels through a row of balls."
     }
 }
 
 choices! {
-    /// What to do where the active set changes.
+    /// The treatment of changes of the active set.
     Switches {
-        "locate" Locate: "End a step on every change: full order throughout."
-        "step_over" StepOver: "Step over them: cheaper a step, of low order where there is one."
+        "locate" Locate: "End a step at every change: full order throughout."
+        "step_over" StepOver: "Step over the changes: cheaper per step, of low order in a step with a change."
     }
 }
 
 choices! {
     /// The solvers of the variational inequalities at the stages.
     ViSolverName {
-        "auto" Auto: "By structure and size; where one fails, the next."
-        "lemke" Lemke: "Lemke's pivoting, with lexicographic ties."
+        "auto" Auto: "Solvers chosen by structure and size; if one fails, the next is tried."
+        "lemke" Lemke: "Lemke's pivoting, with lexicographic resolution of ties."
         "semismooth_newton" SemismoothNewton: "Newton's method on the natural map."
         "active_set" ActiveSet: "The primal-dual active set method, sparse; for intervals and a positive diagonal."
-        "conic" Conic: "An interior-point method; where the inequality is symmetric."
-        "block_gauss_seidel" BlockGaussSeidel: "Sweeps over the blocks of the set."
+        "conic" Conic: "An interior-point method; for symmetric inequalities."
+        "block_gauss_seidel" BlockGaussSeidel: "Block Gauss-Seidel sweeps over the blocks of the set."
     }
 }
 
 impl ViSolverName {
-    /// Whether it solves over balls, cones, simplices and polyhedra too.
+    /// Whether it also solves over balls, cones, simplices and polyhedra.
     pub(super) fn takes_blocks(self) -> bool {
         !matches!(self, Self::Lemke | Self::ActiveSet)
     }
 }
 
 impl Method {
-    /// Checks everything but the absolute tolerances, over a horizon of the given length where that is known.
+    /// Checks everything except the absolute tolerances, over a horizon of the given length if that is known.
     pub(super) fn check(&self, place: &Pointer<'_>, horizon: Option<f64>, errors: &mut Errors) {
         check_stages(self.stages, self.step.is_some(), &place.key("stages"), errors);
         check_rtol(self.rtol, &place.key("rtol"), errors);
@@ -161,7 +163,7 @@ impl Method {
         }
         if self.step.is_some_and(|step| step > 0.0) {
             for (key, _) in adaptive.iter().filter(|(_, step)| step.is_some()) {
-                let detail = format!("`{key}` has no meaning beside a fixed `step`");
+                let detail = format!("`{key}` has no effect beside a fixed `step`");
                 errors.report(&place.key(key), "conflict", detail);
             }
         }
@@ -181,14 +183,13 @@ impl Method {
 }
 
 impl Method {
-    /// How impacts of mechanical systems are met.
+    /// The treatment of impacts of mechanical systems, with its default.
     pub(super) fn impacts(&self) -> Impacts {
         let stepped = self.step.is_some() && self.stages == Stages::Auto;
         self.impacts.unwrap_or(if stepped { Impacts::TimeStepping } else { Impacts::Locate })
     }
 
-    /// The keys that say what error a step may have, as far as they were given. A tolerance that is the default may not
-    /// have been.
+    /// The given keys that control the error of a step. A tolerance equal to its default counts as not given.
     pub(super) fn error_controls(&self) -> impl Iterator<Item = &'static str> {
         let given = [
             ("rtol", self.rtol != default_rtol()),
@@ -201,17 +202,17 @@ impl Method {
     }
 }
 
-/// Checks a number of stages, beside a fixed step or not.
+/// Checks a number of stages, with or without a fixed step.
 pub(super) fn check_stages(stages: Stages, fixed: bool, place: &Pointer<'_>, errors: &mut Errors) {
     let Stages::Fixed(stages) = stages else { return };
     if !(1..=MOST_STAGES as u64).contains(&stages) {
-        let detail = format!("{stages} stages are not on offer");
+        let detail = format!("Radau IIA with {stages} stages is not available");
         let error = SpecificationError::new(place.to_string(), "out_of_range", detail);
         errors.push(error.expected(format!("1 to {MOST_STAGES}, or \"auto\"")));
     } else if stages % 2 == 0 && !fixed {
         let detail = format!(
             "{stages} stages need a fixed `step`: for an even number of stages Radau IIA has no real \
-             eigenvalue, so there is no embedded error estimate to choose the step by"
+             eigenvalue, and so no embedded error estimate for a choice of the step"
         );
         let error = SpecificationError::new(place.to_string(), "even_stages_need_step", detail);
         errors.push(error.expected("1, 3, 5, 7, 9 or \"auto\", or a fixed `step`"));
@@ -225,7 +226,7 @@ pub(super) fn check_rtol(rtol: f64, place: &Pointer<'_>, errors: &mut Errors) {
     }
 }
 
-/// Checks a fixed step, over a horizon of the given length where that is known.
+/// Checks a fixed step, over a horizon of the given length if that is known.
 pub(super) fn check_step(step: f64, horizon: Option<f64>, place: &Pointer<'_>, errors: &mut Errors) {
     if step <= 0.0 {
         out_of_range(place, step, "above 0", errors);

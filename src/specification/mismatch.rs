@@ -1,4 +1,4 @@
-//! Where a document and the types it is read into part: serde's error, kept as data instead of text.
+//! A mismatch between a document and the types it is deserialised into: serde's error, kept as data instead of text.
 
 use super::wording::abridged;
 use serde::de::{self, Expected, Unexpected};
@@ -51,7 +51,7 @@ impl de::Error for Mismatch {
     }
 }
 
-/// What was found, in the words of JSON rather than of Rust.
+/// The value found, in the terms of JSON instead of Rust.
 struct Found<'a>(Unexpected<'a>);
 
 impl Display for Found<'_> {
@@ -70,7 +70,7 @@ impl Display for Found<'_> {
     }
 }
 
-/// Serde names what it expected by Rust's types; JSON has other words for them.
+/// Translates the Rust types of serde's expectations to the terms of JSON.
 fn plain(expected: &str) -> String {
     match expected {
         "f64" => "a number".into(),

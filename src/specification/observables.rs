@@ -1,7 +1,7 @@
-//! What a user defines beside the outputs of a problem: `definitions`, `integrals` and `stop`.
+//! User-defined quantities beside the outputs of a problem: `definitions`, `integrals` and `stop`.
 //!
-//! All are expressions in `t`, the parameters, the outputs of the problem and the definitions. Outputs with names that no user
-//! could give, such as `v(C1)` or `ball.x`, are written as they are named.
+//! All of them are expressions in `t`, the parameters, the outputs of the problem and the definitions. Outputs such as
+//! `v(C1)` or `ball.x`, whose names are not valid identifiers, are written by these names.
 
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
@@ -16,29 +16,29 @@ use serde::{Deserialize, Serialize};
 use solution::{Direction, Monitored, Observables};
 use utoipa::ToSchema;
 
-/// The most definitions, integrals and monitors.
+/// Most definitions, integrals and monitors together.
 const MOST: usize = 10_000;
 
-/// A monitor (event function): where it changes its sign the run ends, or an event is recorded and the run goes on.
+/// A monitor (event function): where it changes sign, the run ends, or an event is recorded and the run continues.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
-    /// An expression in `t`, parameters, outputs and definitions that changes its sign at the event.
+    /// An expression in `t`, parameters, outputs and definitions that changes sign at the event.
     pub when: Expression,
-    /// Which changes of its sign count. Default `either`.
+    /// The sign changes that count, by direction. Default `either`.
     #[serde(default)]
     #[schema(value_type = Direction, default = "either")]
     pub direction: Direction,
-    /// The name of its event in the answer. Default the expression.
+    /// Name of the event in the answer. Default: the expression.
     #[schema(max_length = 200)]
     pub label: Option<String>,
-    /// Record it as an event `crossed`, and go on.
+    /// Record the event as `crossed`, and continue the run.
     #[serde(default)]
     #[schema(default = false)]
     pub record: bool,
 }
 
-/// What is observed, as it is written.
+/// The user's definitions, integrals and events, as written.
 pub(super) struct Request<'a> {
     pub named: Named<'a>,
     pub stop: &'a [Stop],
@@ -46,7 +46,7 @@ pub(super) struct Request<'a> {
 }
 
 impl Request<'_> {
-    /// Compiles it over outputs of these names; whether parameters are inputs is as in the model.
+    /// Compiles the expressions over the given outputs; `are_inputs` says whether the model's parameters are inputs.
     pub fn lower(
         &self,
         outputs: &[&str],
@@ -71,7 +71,7 @@ impl Request<'_> {
         };
         lowering.bind_outputs(outputs);
         let mut nodes: Vec<Node> = lowering.define(definitions, place);
-        // The first input is the time.
+        // Input 0 is the time.
         let reach = nodes.iter().map(|&node| lowering.graph.inputs(node).into_iter().max().unwrap_or(0)).collect();
         let of_integrals = place.key("integrals");
         for (name, integrand) in integrals.iter() {
@@ -95,7 +95,7 @@ impl Request<'_> {
         Observables { names, integrals: integrals.len(), reach, monitors, program }
     }
 
-    /// Refuses what cannot go with a run that may end before its end.
+    /// Refuses events that end the run where all of it is needed.
     pub fn check(&self, model: &dyn Model, (global_error, study): (bool, bool), errors: &mut Errors) {
         let Some(i) = self.stop.iter().position(|stop| !stop.record) else { return };
         let why = match model.no_stop() {
@@ -105,7 +105,7 @@ impl Request<'_> {
             None => return,
         };
         let error = SpecificationError::new(Pointer::Root.key("stop").index(i).to_string(), "conflict", why);
-        errors.push(error.expected("`\"record\": true`, which only tells it, or no `stop`"));
+        errors.push(error.expected("`\"record\": true`, which only records the event, or no `stop`"));
     }
 }
 

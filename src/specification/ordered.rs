@@ -1,11 +1,11 @@
-//! An object whose order carries meaning: parameters build on earlier ones, states number the trajectory's columns.
+//! A JSON object whose order matters: the states number the columns of the trajectory.
 
 use serde::de::{Deserialize, Deserializer, MapAccess, Visitor};
 use serde::{Serialize, Serializer};
 use std::fmt;
 use std::marker::PhantomData;
 
-/// The members of an object, in the order of the document.
+/// The members of an object, in document order.
 #[derive(Clone, Debug)]
 pub struct Ordered<T>(Vec<(String, T)>);
 
@@ -21,7 +21,7 @@ impl<T> Ordered<T> {
         self.0.len()
     }
 
-    /// Whether there is none.
+    /// Whether there are no members.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
@@ -31,7 +31,7 @@ impl<T> Ordered<T> {
         self.0.iter().map(|(name, value)| (name.as_str(), value))
     }
 
-    /// The name of a member by its position, or nothing past the end.
+    /// The name of the member at a position, or an empty string beyond the last.
     pub fn name(&self, position: usize) -> &str {
         self.0.get(position).map_or("", |(name, _)| name)
     }

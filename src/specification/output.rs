@@ -1,4 +1,4 @@
-//! What is kept of a trajectory: times and fields.
+//! The part of a trajectory to keep: times and fields.
 
 use super::document::Time;
 use super::error::{Errors, SpecificationError};
@@ -13,30 +13,30 @@ use std::collections::HashMap;
 use std::ops::Range;
 use utoipa::ToSchema;
 
-/// What is kept of the trajectory. Nothing that is not asked for is computed or stored.
+/// The part of the trajectory to keep. Anything else is neither computed nor stored.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Output {
-    /// The times to report at. Default `"steps"`.
+    /// The output times. Default `"steps"`.
     #[serde(default)]
     pub times: Times,
-    /// The states, variables, further outputs, definitions and integrals to keep, by name. Default all but the definitions; of
-    /// problems in space, those that tell of the whole. `"*"` stands for the default.
+    /// The states, variables, further outputs, definitions and integrals to keep, by name. Default: all except the
+    /// definitions; for problems in space, only outputs of the body or domain as a whole. `"*"` stands for the default.
     pub fields: Option<Vec<String>>,
-    /// Estimate the error of the states at the end, by a second, more accurate run: about twice the work.
+    /// Estimate the error of the final states by a second, more accurate run, at about twice the cost.
     #[serde(default)]
     #[schema(default = false)]
     pub global_error: bool,
 }
 
-/// Stands for what is kept where nothing is asked for.
+/// The name that stands for the default fields.
 const ALL: &str = "*";
 
-/// The most output times.
+/// Most output times.
 pub(super) const MOST_TIMES: usize = 2_000_000;
 
 impl Output {
-    /// The output times, where they are not those of the steps. Over no known horizon only their order is checked.
+    /// Lists the output times, or `None` for those of the steps. Without a known horizon, only their order is checked.
     pub(super) fn times(&self, time: Option<Time>, place: &Pointer<'_>, errors: &mut Errors) -> Option<Vec<f64>> {
         let place = place.key("times");
         match &self.times {
@@ -65,7 +65,7 @@ impl Output {
                     too_many(&place, intervals, errors);
                     return None;
                 }
-                // A last interval within rounding of zero is none.
+                // Drop a last interval that is zero up to rounding.
                 let whole = (intervals * (1.0 - 4.0 * f64::EPSILON)).floor() as usize;
                 Some((0..=whole).map(|k| start + k as f64 * dt).chain([end]).collect())
             }
@@ -76,7 +76,7 @@ impl Output {
         }
     }
 
-    /// The places of the fields to keep.
+    /// Indices of the columns to keep.
     pub(super) fn fields(&self, columns: &Columns<'_>, place: &Pointer<'_>, errors: &mut Errors) -> Vec<usize> {
         let Some(fields) = &self.fields else { return columns.kept() };
         let place = place.key("fields");
@@ -93,7 +93,7 @@ impl Output {
             }
             match positions.get(field.as_str()) {
                 Some(&found) if taken[found] => {
-                    errors.report(&place, "duplicate_name", format!("`{field}` is kept already"));
+                    errors.report(&place, "duplicate_name", format!("`{field}` is named already"));
                 }
                 Some(&found) => {
                     taken[found] = true;
@@ -101,7 +101,7 @@ impl Output {
                 }
                 None => errors.push_with(|| {
                     let detail =
-                        format!("`{}` is no output: neither a state, a variable nor a definition", abridged(field));
+                        format!("`{}` is not an output: neither a state, a variable nor a definition", abridged(field));
                     SpecificationError::new(place.to_string(), "unknown_name", detail)
                         .expected(listed(names()))
                         .did_you_mean(nearest(field, names()))
@@ -112,15 +112,15 @@ impl Output {
     }
 }
 
-/// All that may be kept of a trajectory.
+/// All columns available in a trajectory.
 pub(super) struct Columns<'a> {
-    /// The names of the outputs of the problem.
+    /// Names of the outputs of the problem.
     pub outputs: &'a [&'a str],
-    /// Those of them that are kept where nothing is asked for.
+    /// Range of the outputs that are kept by default.
     pub default: Range<usize>,
-    /// What the user defines; integrals are kept where nothing is asked for.
+    /// User-defined columns; integrals are kept by default.
     pub observables: &'a Observables,
-    /// The names of derivatives, which are kept where nothing is asked for.
+    /// Names of the sensitivities, which are kept by default.
     pub derivatives: &'a [String],
 }
 
@@ -128,6 +128,11 @@ impl Columns<'_> {
     fn names(&self) -> impl Iterator<Item = &str> + Clone {
         let further = self.observables.names.iter().chain(self.derivatives);
         self.outputs.iter().copied().chain(further.map(String::as_str))
+    }
+
+    /// The names of these fields.
+    pub fn named(&self, fields: &[usize]) -> Vec<String> {
+        fields.iter().filter_map(|field| self.names().nth(*field)).map(str::to_owned).collect()
     }
 
     /// What is kept where nothing is asked for.
@@ -164,7 +169,7 @@ fn check_list(times: &[f64], time: Option<Time>, place: &Pointer<'_>, errors: &m
     }
     let Some(Time { start, end }) = time else { return };
     for (i, t) in times.iter().enumerate().filter(|(_, t)| !(start..=end).contains(*t)) {
-        let detail = format!("{t} lies outside the time horizon");
+        let detail = format!("{t} is outside the time horizon");
         errors.push(
             SpecificationError::new(place.index(i).to_string(), "outside_horizon", detail)
                 .expected(format!("from {start} to {end}")),

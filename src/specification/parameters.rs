@@ -1,13 +1,13 @@
-//! Parameters may be expressions in each other, and so may definitions. The members of a JSON object have no order that every
-//! writer keeps, so theirs is found here: each after those that it depends on.
+//! Order of parameters and definitions by dependence. They may be expressions in each other, and writers of JSON do not
+//! preserve the order of members, so each entry is sorted after those that it depends on.
 
 use super::expression::Expression;
 use super::ordered::Ordered;
 use super::wording::abridged;
 use expression::{Graph, Scope};
 
-/// The entries with those first that others depend on, and how many of them these are: behind them come those that depend on
-/// themselves. They may also name what has a name in `known`, whose parameters have their values in a graph.
+/// Sorts the entries by dependence; also returns how many could be sorted, after which those with circular references
+/// follow. Entries may refer to names in `known`, whose parameters have their values in the graph `values`.
 pub(super) fn in_order<'a>(
     entries: &'a Ordered<Expression>,
     known: &Scope,
@@ -16,9 +16,9 @@ pub(super) fn in_order<'a>(
     let entries: Vec<(&str, &Expression)> = entries.iter().collect();
     let (mut graph, mut scope) = (Graph::new(), known.with_tables_alone());
     for (i, (name, expression)) in entries.iter().enumerate() {
-        // Of an expression the value is not known yet.
+        // The value of an expression is not known yet.
         let node = graph.parameter(i, if let Expression::Number(value) = expression { *value } else { f64::NAN });
-        // A name that cannot be bound is reported when its value is.
+        // A name that cannot be bound is reported when its value is lowered.
         let _ = scope.bind(name, node);
     }
     for (i, name) in known.names().enumerate() {
@@ -35,7 +35,8 @@ pub(super) fn in_order<'a>(
         let Expression::Text(text) = expression else { continue };
         let needed = match graph.parse(text, &scope) {
             Ok(node) => graph.parameters(node),
-            // The range of a sum may depend on a value that is not known yet: whatever is named is needed.
+            // The range of a sum may depend on a value that is not known yet: assume dependence on every entry that is
+            // named.
             Err(_) => {
                 let is_named = |name: &str| {
                     text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).any(|word| word == name)
@@ -64,7 +65,7 @@ pub(super) fn in_order<'a>(
     (order.into_iter().map(|i| entries[i]).collect(), ordered)
 }
 
-/// What is wrong with entries of these names, which depend on themselves or on such.
+/// The message about entries with circular references, direct or indirect.
 pub(super) fn circular(names: &[String]) -> String {
     const SHOWN: usize = 8;
     let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("`{}`", abridged(name))).collect();

@@ -1,4 +1,4 @@
-//! From a checked specification to what the integration is told.
+//! From a checked specification to the settings of a run.
 
 use super::checked::Specification;
 use super::method::{ImpactLawName, Switches, ViSolverName};
@@ -8,17 +8,17 @@ use radau::{self, Settings, StageChoice};
 use solution::Plan;
 use vi::SolverKind;
 
-/// The steps that a run may make unless `limits.steps` says less.
+/// Most steps of a run, unless `limits.steps` is smaller.
 pub(super) const MOST_STEPS: u64 = 10_000_000;
-/// The numbers that a trajectory may hold: 256 MiB of them.
+/// Most numbers in a trajectory: 256 MiB.
 pub(super) const MOST_VALUES: usize = 1 << 25;
-/// The natural-map residual to reach where none is given, relative to the terms of `G`.
+/// Default tolerance of the natural-map residual, relative to the terms of `G`.
 pub(super) const VI_TOLERANCE: f64 = 1e-10;
-/// Steps of time stepping over the horizon where no step is given.
+/// Default number of time-stepping steps over the horizon.
 const DEFAULT_STEPS: f64 = 10_000.0;
 
 impl Specification {
-    /// What to run and what to keep of it.
+    /// The plan of the run: what to integrate and what to keep.
     pub fn plan(&self) -> Plan {
         let model = self.model();
         Plan {
@@ -39,7 +39,7 @@ impl Specification {
         }
     }
 
-    /// The choices for Radau IIA.
+    /// Settings of Radau IIA.
     pub fn settings(&self) -> Settings {
         let method = self.method();
         let is_inside = |t: f64| t > self.time().start && t < self.time().end;
@@ -55,7 +55,7 @@ impl Specification {
             first_step: method.first_step,
             max_step: method.max_step.unwrap_or(f64::INFINITY),
             min_step: method.min_step.unwrap_or(0.0),
-            interpolated: (self.sweep().is_none()
+            interpolated: (self.sweep().is_none_or(|sweep| sweep.kept.is_some())
                 && self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t))))
                 || self.observables().is_followed()
                 || self.search().is_some()
@@ -69,7 +69,7 @@ impl Specification {
         }
     }
 
-    /// The choices for obstacle problems.
+    /// Settings for obstacle problems.
     pub fn obstacle_settings(&self) -> obstacle::Settings {
         let method = self.method();
         obstacle::Settings {
@@ -83,7 +83,7 @@ impl Specification {
         }
     }
 
-    /// The choices for the steppers of contact, with the relative residual of the law where none is given.
+    /// Settings of the contact steppers; `tolerance` is the default relative residual of the contact law.
     pub(super) fn contact_settings(&self, tolerance: f64) -> contact::Settings {
         let (method, time) = (self.method(), self.time());
         contact::Settings {
@@ -98,7 +98,7 @@ impl Specification {
     }
 }
 
-/// The solver of that name.
+/// The solver of the given name.
 pub(super) fn solver(name: ViSolverName) -> SolverKind {
     match name {
         ViSolverName::Auto => SolverKind::Auto,

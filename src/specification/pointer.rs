@@ -1,15 +1,15 @@
-//! Places in a document, written as JSON pointers (RFC 6901).
+//! Places in a document, as JSON pointers (RFC 6901).
 
 use std::fmt::{self, Display, Formatter, Write};
 
-/// A place as a path from the root that borrows each step, so that naming one costs nothing until it is shown.
+/// A path from the root that borrows its steps, so that it costs nothing until it is formatted.
 #[derive(Clone, Copy, Debug)]
 pub enum Pointer<'a> {
-    /// The document.
+    /// The document itself.
     Root,
-    /// The member of that name.
+    /// The member with the given name.
     Key(&'a Pointer<'a>, &'a str),
-    /// The element at that position.
+    /// The element at the given index.
     Index(&'a Pointer<'a>, usize),
 }
 
@@ -42,13 +42,13 @@ impl Display for Pointer<'_> {
 /// One owned step of a path.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Into the member of that name.
+    /// Descend to the member with the given name.
     Key(String),
-    /// Into the element at that position.
+    /// Descend to the element at the given index.
     Index(usize),
 }
 
-/// The pointer of a path of steps.
+/// The JSON pointer of a path of steps.
 pub(super) fn pointer(steps: &[Step]) -> String {
     let mut pointer = String::new();
     for step in steps {

@@ -1,16 +1,16 @@
-//! Constants that must lie in a range.
+//! Constants restricted to a range.
 
 use super::error::SpecificationError;
 use super::expression::Expression;
 use super::lowering::Lowering;
 use super::pointer::Pointer;
 
-/// A number above zero; anything else is reported and gives one.
+/// Reads a positive number; reports any other and returns 1.
 pub(super) fn positive(value: &Expression, what: &str, place: &Pointer<'_>, lowering: &mut Lowering) -> f64 {
     in_range(value, what, (|x| x > 0.0, "above 0"), place, lowering).unwrap_or(1.0)
 }
 
-/// A number in a range; anything else is reported.
+/// Reads a number in a range; reports any other.
 pub(super) fn in_range(
     value: &Expression,
     what: &str,

@@ -1,7 +1,7 @@
-//! From bytes to a [`Document`], with every structural error named at once.
+//! From bytes to a [`Document`], with all structural errors reported at once.
 //!
-//! Serde stops at its first error. So the place of each is mended and the document read again, until it can be read;
-//! what was mended is remembered, so that later checks do not complain about it a second time.
+//! Serde stops at its first error. Each erroneous value is therefore repaired and the document deserialised again,
+//! until that succeeds. The repairs are recorded, so that later checks do not report their consequences.
 
 use super::digest::{Digest, digest};
 use super::document::Document;
@@ -16,13 +16,13 @@ use serde::Deserialize;
 use serde_path_to_error::{Path, Segment};
 use std::sync::Arc;
 
-/// Bytes that may be read again in all while mending: it bounds the time that a large and bad document can take.
+/// Most bytes deserialised in all during repairs, which bounds the time for a large faulty document.
 const WORK: usize = 64 << 20;
 
-/// What some editors put before text in UTF-8.
+/// The byte order mark that some editors write before UTF-8 text.
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
-/// A document that could be read, perhaps after mending.
+/// A deserialised document, possibly repaired.
 #[derive(Debug)]
 pub(super) struct Reading {
     pub document: Document,
@@ -30,31 +30,31 @@ pub(super) struct Reading {
     pub errors: Errors,
     pub vectors: Vectors,
     pub prepared: Prepared,
-    /// The SHA-256 of the text, where it was read of one.
+    /// The SHA-256 of the text, if there is one.
     pub digest: Option<Digest>,
 }
 
 /// Reads a document.
 ///
 /// # Errors
-/// The structural errors, where no mending led to a readable document.
+/// The structural errors, if no repair makes the document readable.
 pub(super) fn read(text: &[u8]) -> Result<Reading, Vec<SpecificationError>> {
     let reading = read_tree(tree(text)?, &[], text.len())?;
     Ok(Reading { digest: Some(digest(text)), ..reading })
 }
 
-/// The tree of a document.
+/// Parses a document to a tree.
 ///
 /// # Errors
-/// It is no JSON.
+/// The text is not JSON.
 pub(super) fn tree(text: &[u8]) -> Result<Json, Vec<SpecificationError>> {
     parse(text.strip_prefix(BYTE_ORDER_MARK).unwrap_or(text)).map_err(|error| vec![error])
 }
 
-/// Reads a tree of a text of so many bytes, with these values of names of numbers.
+/// Deserialises a tree whose text has `bytes` bytes, with the given values for its named numbers.
 ///
 /// # Errors
-/// As of [`read`].
+/// As for [`read`].
 pub(super) fn read_tree(
     mut json: Json,
     values: &[(String, f64)],
@@ -62,13 +62,13 @@ pub(super) fn read_tree(
 ) -> Result<Reading, Vec<SpecificationError>> {
     let mut errors = Errors::default();
     json.remove_duplicates(&mut Vec::new(), &mut |path| {
-        let detail = "this key stands twice in its object";
+        let detail = "this key occurs twice in its object";
         errors.push(SpecificationError::new(pointer(path), "duplicate_key", detail).expected("each key once"));
     });
     rename_until(&mut json, &mut errors);
     let is_swept = matches!(json.child(&Step::Key("sweep".to_owned())), Some(Json::Object(_)));
     let source = is_swept.then(|| Arc::new(json.clone()));
-    // Sizes of vectors have their values before these are written out, starts of elements behind that.
+    // Set the sizes of vectors before these are expanded, initial values of their elements afterwards.
     let rest: Vec<&str> = if values.is_empty() { Vec::new() } else { sweep::set(&mut json, values) };
     let mut vectors = vectors::write_out(&mut json, &mut errors);
     let rest: Vec<(String, f64)> = values.iter().filter(|(name, _)| rest.contains(&name.as_str())).cloned().collect();
@@ -79,7 +79,7 @@ pub(super) fn read_tree(
     let prepared = Prepared { targets, source };
     let mut repairs = Repairs::default();
     for _ in 0..(WORK / bytes.max(1)).clamp(4, 256) {
-        // The place of an error costs time to keep, so it is looked for only when there is one.
+        // Tracking the path of an error costs time, so it is done only after an error.
         if let Ok(document) = Document::deserialize(&json) {
             return Ok(Reading { document, repairs, errors, vectors, prepared, digest: None });
         }
@@ -92,7 +92,7 @@ pub(super) fn read_tree(
     Err(vectors.at_origins(errors.into_list()))
 }
 
-/// The end of the horizon by its other name: `end` is a reserved word of MATLAB, Octave and Julia.
+/// Renames `until`, the alternative to `end`, which is a reserved word of MATLAB, Octave and Julia.
 fn rename_until(json: &mut Json, errors: &mut Errors) {
     let time = [Step::Key("time".to_owned())];
     let Some(Json::Object(members)) = json.at_mut(&time) else { return };
@@ -101,14 +101,14 @@ fn rename_until(json: &mut Json, errors: &mut Errors) {
         (None, Some(until)) => members[until].0 = "end".to_owned(),
         (Some(_), Some(until)) => {
             members.remove(until);
-            let detail = "`until` is another name of `end`, which stands here too";
+            let detail = "`until` is another name of `end`, and both are given";
             errors.push(SpecificationError::new("/time/until", "conflict", detail).expected("one of the two"));
         }
         (_, None) => {}
     }
 }
 
-/// Reads JSON text; an error names its line and column, and the place as far as it was reached.
+/// Parses JSON text; an error names line and column, and the path reached.
 fn parse(text: &[u8]) -> Result<Json, SpecificationError> {
     serde_json::from_slice(text).map_err(|error| {
         let mut deserializer = serde_json::Deserializer::from_slice(text);
@@ -120,13 +120,13 @@ fn parse(text: &[u8]) -> Result<Json, SpecificationError> {
     })
 }
 
-/// A path as steps. Into an externally tagged choice the path goes by variant, the document by key.
+/// Converts serde's path to steps. Serde enters an externally tagged choice by variant, the document by key.
 fn steps(path: &Path, json: &Json) -> Vec<Step> {
     let mut at = Some(json);
     let mut steps = Vec::new();
     for segment in path.iter() {
         let step = match segment {
-            // One value in the place of a list of it alone.
+            // A single value in place of a list of one element has no index in the document.
             Segment::Seq { index: 0 } if at.is_some_and(|value| !matches!(value, Json::List(_) | Json::Null)) => {
                 continue;
             }

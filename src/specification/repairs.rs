@@ -1,5 +1,5 @@
-//! Mends one structural error at a time: an unknown key is removed or spelt right, a value of the wrong kind is
-//! replaced by one that fits, a missing one is put in.
+//! Repairs one structural error at a time: an unknown key is removed or its spelling corrected, a value of the wrong
+//! type is replaced by a valid one, a missing value is inserted.
 
 use super::error::{Errors, SpecificationError};
 use super::foreign;
@@ -10,28 +10,28 @@ use super::shapes;
 use super::wording::{abridged, listed};
 use expression::nearest;
 
-/// A place that no longer holds what the user wrote.
+/// A place whose content is no longer the user's.
 #[derive(Debug)]
 struct Repair {
     path: Vec<Step>,
     pointer: String,
-    /// How many stand-ins were tried; the last of them is in place.
+    /// Number of replacement values tried; the last one is in place.
     tried: usize,
-    /// Whether the stand-in is a plain zero or null, which changes nothing but a value.
+    /// Whether the replacement is zero or null, which changes a single value only.
     plain: bool,
 }
 
-/// The places that were mended.
+/// The repaired places.
 #[derive(Debug, Default)]
 pub(super) struct Repairs(Vec<Repair>);
 
 impl Repairs {
-    /// Whether an error at `pointer` could come from a repair instead of from the user.
+    /// Whether an error at `pointer` may be the consequence of a repair.
     pub(super) fn explain(&self, pointer: &str) -> bool {
         self.0.iter().any(|repair| within(pointer, &repair.pointer) || within(&repair.pointer, pointer))
     }
 
-    /// Whether anything at or below `pointer` was mended.
+    /// Whether anything at or below `pointer` has been repaired.
     pub(super) fn touch(&self, pointer: &str) -> bool {
         self.0.iter().any(|repair| within(&repair.pointer, pointer))
     }
@@ -41,7 +41,7 @@ impl Repairs {
         self.0.iter().any(|repair| !repair.plain && within(&repair.pointer, pointer))
     }
 
-    /// Reports a mismatch found at `path` and mends it. False if nothing fits there.
+    /// Reports a mismatch at `path` and repairs it. Returns false if no replacement fits.
     pub(super) fn mend(&mut self, json: &mut Json, path: Vec<Step>, mismatch: Mismatch, errors: &mut Errors) -> bool {
         match mismatch {
             Mismatch::UnknownKey { key, valid } => self.unknown_key(json, path, &key, valid, errors),
@@ -55,7 +55,7 @@ impl Repairs {
             Mismatch::WrongType { found, expected } if expected == "newtype variant" => {
                 let write = json.at_mut(&path).map(|name| shapes::alone(name));
                 let (found, expected) =
-                    (found.replace("unit variant", "its name alone"), "an object with it as the only key");
+                    (found.replace("unit variant", "only its name"), "an object with it as the only key");
                 self.wrong_type(json, path, &found, (expected.to_owned(), write), &stand_ins(), errors)
             }
             Mismatch::WrongType { found, expected } => {
@@ -87,7 +87,7 @@ impl Repairs {
         let place = [path.as_slice(), &[Step::Key(key.into())]].concat();
         if !self.covers(&place) {
             let elsewhere = suggestion.map_or_else(|| foreign::place_of(key), |_| None);
-            let remark = elsewhere.map(|(place, name)| format!("; `{name}` stands in {place}")).unwrap_or_default();
+            let remark = elsewhere.map(|(place, name)| format!("; `{name}` belongs in {place}")).unwrap_or_default();
             let detail = format!("`{}` is not a key here{remark}", abridged(key));
             errors.push(
                 SpecificationError::new(pointer(&place), "unknown_key", detail)
@@ -96,7 +96,7 @@ impl Repairs {
             );
         }
         match free {
-            // Read on as if it had been spelt right: its contents are the user's, and so are their errors.
+            // Continue with the corrected spelling: the contents are the user's, and so are errors in them.
             Some(name) => members[position].0 = name.into(),
             None => {
                 members.remove(position);
@@ -179,7 +179,7 @@ impl Repairs {
         }
         let Some(value) = json.at_mut(&path) else { return false };
         let repair = self.record(path, true);
-        // A number would stand for a list of it alone, of a length that nobody gave.
+        // A number would stand for a list of one element, whose length the user has not given.
         let stand_ins: Vec<&Json> = match is_list {
             true => stand_ins.iter().filter(|stand_in| !matches!(stand_in, Json::Number(_) | Json::Text(_))).collect(),
             false => stand_ins.iter().collect(),
@@ -191,7 +191,7 @@ impl Repairs {
         true
     }
 
-    /// Whether `path` lies in what a repair has put there.
+    /// Whether `path` lies within a replacement.
     fn covers(&self, path: &[Step]) -> bool {
         self.0.iter().any(|repair| path.starts_with(&repair.path))
     }
@@ -214,7 +214,7 @@ fn is_tagged(json: &mut Json) -> bool {
     matches!(json, Json::Object(_))
 }
 
-/// One value of each kind that a document can ask for, the least harmful first.
+/// Replacement values, one of each type that a document may require, simplest first.
 fn stand_ins() -> Vec<Json> {
     let zero = || Json::Number(0.into());
     vec![
@@ -228,7 +228,7 @@ fn stand_ins() -> Vec<Json> {
     ]
 }
 
-/// Stands in for a choice among `valid`. With null for its contents it fits a plain word as well.
+/// A replacement for a choice among `valid`. With null as contents it also fits a plain keyword.
 fn choice(valid: &[&str]) -> Vec<Json> {
     valid.first().map(|name| Json::Object(vec![((*name).into(), Json::Null)])).into_iter().collect()
 }

@@ -1,11 +1,11 @@
-//! The JSON Schema (draft 2020-12) of a specification, from the types that are deserialised.
+//! The JSON Schema (draft 2020-12) of a specification, from the deserialised types.
 
 use super::deserializer::COMMENT;
 use super::document::Document;
 use serde_json::{Map, Value, json};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The JSON Schema of a specification. It says what a document may look like; what it may mean is checked further.
+/// The JSON Schema of a specification. It describes the structure of a document; its meaning is checked separately.
 pub fn json_schema() -> Value {
     let mut components = Vec::new();
     Document::schemas(&mut components);
@@ -21,19 +21,19 @@ pub fn json_schema() -> Value {
     schema
 }
 
-/// `end` by its other name.
+/// Adds `until`, the alternative name of `end`.
 fn allow_until(schema: &mut Value) {
     let Some(time) = schema.pointer_mut("/$defs/Time").and_then(Value::as_object_mut) else { return };
     if let Some(properties) = time.get_mut("properties").and_then(Value::as_object_mut) {
-        let description = "Another name of `end`, for programs that reserve that word.";
+        let description = "An alternative name of `end`, for programs in which `end` is a reserved word.";
         properties.insert("until".into(), json!({"type": "number", "format": "double", "description": description}));
     }
     time.remove("required");
     time.insert("oneOf".into(), json!([{"required": ["end"]}, {"required": ["until"]}]));
 }
 
-/// References point into a document of the service; here the definitions stand beside the schema itself. And every object
-/// that lists its keys has no others but a comment, a choice that is tagged by one included.
+/// Rewrites references, which point into the service's `OpenAPI` document, to the definitions of the schema itself.
+/// Closes every object with a list of keys, externally tagged choices included, to keys other than a comment.
 fn finish(schema: &mut Value) {
     match schema {
         Value::Object(members) => {

@@ -1,4 +1,4 @@
-//! What is looked for in place of a run over a given time: a periodic orbit or a state of rest.
+//! Searches in place of a run over a given time: a periodic orbit or a steady state.
 
 use super::document::Time;
 use super::error::{Errors, SpecificationError};
@@ -20,8 +20,9 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// A periodic orbit: the start is looked for from which the problem comes back to itself, near to the initial values. The answer
-/// is a run along it, and `orbit`. Of `time`, which may be left out, `start` alone counts: there the orbit begins.
+/// Search for a periodic orbit: initial values near the given ones from which the solution returns to itself. The
+/// answer is a run along the orbit, and `orbit`. `time` is optional, and only its `start`, where the orbit begins, is
+/// used.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PeriodicRequest {
@@ -29,50 +30,50 @@ pub struct PeriodicRequest {
     pub period: Period,
 }
 
-/// A period that is given, by what drives the problem, or that is looked for too.
+/// A period that is given by the forcing of the problem, or unknown.
 #[derive(Clone, Debug)]
 pub enum Period {
-    /// A number, or an expression in parameters.
+    /// A given period: a number, or an expression in parameters.
     Given(Expression),
-    /// That of a problem which nothing drives.
+    /// The unknown period of an autonomous problem.
     Free(FreePeriod),
 }
 
-/// A period that is not known beforehand.
+/// An unknown period.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct FreePeriod {
-    /// About how long it is.
+    /// Initial guess of the period.
     pub free: Expression,
-    /// The state that keeps its initial value, as an orbit may begin anywhere on it.
+    /// The state that keeps its initial value, which fixes the phase of the orbit.
     pub phase: String,
 }
 
-/// A state of rest: states and variables that stay as they are, near to the initial values. The answer is `steady_state`. Of
-/// `time`, which may be left out, `start` alone counts.
+/// Search for a steady state: constant states and variables, near the initial values. The answer is `steady_state`.
+/// `time` is optional, and only its `start` is used.
 #[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SteadyStateRequest {}
 
-/// What is looked for.
+/// The object of a search.
 #[derive(Clone, Debug)]
 pub enum Search {
-    /// An orbit.
+    /// A periodic orbit.
     Periodic(Periodic),
-    /// A state of rest.
+    /// A steady state.
     SteadyState,
     /// Parameters that fit data.
     Fit(Arc<Fit>),
 }
 
-/// What was asked for, before it is checked.
+/// The search in the document, before it is checked.
 pub(super) struct Request<'a> {
     pub periodic: Option<&'a PeriodicRequest>,
     pub steady_state: Option<SteadyStateRequest>,
 }
 
 impl Request<'_> {
-    /// The key, where there is one.
+    /// The key of the search, if there is one.
     pub fn key(&self) -> Option<&'static str> {
         match (self.periodic, self.steady_state) {
             (Some(_), _) => Some("periodic"),
@@ -81,7 +82,7 @@ impl Request<'_> {
         }
     }
 
-    /// The time of a run, or of a search; none where it is missing.
+    /// The time of a run or a search; `None` if it is missing.
     pub fn time(
         &self,
         given: Option<Time>,
@@ -106,7 +107,7 @@ impl Request<'_> {
         };
         let mut lowering = Lowering::new(start, named, problem);
         let period = lowering.constant(expression, place);
-        // What is wrong with the problem itself is told where it is lowered.
+        // Errors in the problem itself are reported where it is lowered.
         let mut found = lowering.errors;
         found.retain(|pointer| pointer.starts_with("/periodic"));
         errors.append(found);
@@ -118,7 +119,8 @@ impl Request<'_> {
         None
     }
 
-    /// Checks it for a model, with a horizon of a period; `others` are the keys beside it that do not go with it.
+    /// Checks the search for a model, over a horizon of one period; `others` lists incompatible keys, and whether each
+    /// is present.
     pub fn check(
         &self,
         model: &dyn Model,
@@ -130,12 +132,12 @@ impl Request<'_> {
         let place = Pointer::Root.key(key);
         let mut found = Errors::default();
         if self.periodic.is_some() && self.steady_state.is_some() {
-            found.report(&place, "conflict", "one thing is looked for at a time: `periodic` or `steady_state`");
+            found.report(&place, "conflict", "`periodic` and `steady_state` cannot be combined");
         }
         for (other, _) in others.iter().filter(|(_, given)| *given) {
-            found.report(&place, "conflict", format!("`{other}` belongs to a run over a given time"));
+            found.report(&place, "conflict", format!("`{other}` applies only to a run over a given time"));
         }
-        let what = if key == "periodic" { "an orbit is looked for" } else { "a state of rest is looked for" };
+        let what = if key == "periodic" { "periodic orbits are found" } else { "steady states are found" };
         let dvi = differentiable(model, what, &place, &mut found);
         let search = dvi.and_then(|dvi| {
             let Some(PeriodicRequest { period }) = self.periodic else { return Some(Search::SteadyState) };
@@ -175,9 +177,9 @@ impl PartialSchema for Period {
             .item(Expression::schema())
             .item(free)
             .description(Some(
-                "The period of what drives the problem, a number or an expression in parameters such as \"1/f\"; or, where \
-                 nothing drives it, `{\"free\": 6.3, \"phase\": \"v\"}`: about how long it is, and the state that keeps its \
-                 initial value.",
+                "The period of the forcing, a number or an expression in parameters such as \"1/f\"; or, for an \
+                 autonomous problem, `{\"free\": 6.3, \"phase\": \"v\"}`: an initial guess, and the state that keeps \
+                 its initial value.",
             ))
             .into()
     }

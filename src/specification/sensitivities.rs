@@ -1,4 +1,4 @@
-//! What is to be differentiated, and by what.
+//! Requested sensitivities: of which states, with respect to which parameters and initial values.
 
 use super::error::{Errors, SpecificationError};
 use super::model::Model;
@@ -10,28 +10,28 @@ use serde::{Deserialize, Serialize};
 use solution::{By, Sensitivities};
 use utoipa::ToSchema;
 
-/// The most unknowns of a problem that is differentiated: the equations of the derivatives of all stages are one full matrix.
+/// Most unknowns of a differentiated problem: the sensitivity equations of all stages form one dense matrix.
 const MOST_UNKNOWNS: usize = 100;
-/// The most columns.
+/// Most sensitivity columns.
 const MOST_COLUMNS: usize = 10_000;
 
-/// What an initial value is named by, behind the name of its state.
+/// Suffix to the name of a state that denotes its initial value.
 pub(super) const INITIAL: &str = ".initial";
 
-/// Derivatives of states by parameters and initial values, as columns `dx/dm` beside the states.
+/// Derivatives of states with respect to parameters and initial values, as columns `dx/dm` beside the states.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensitivitiesRequest {
-    /// By what: parameters, and initial values as `x.initial`.
+    /// Parameters, and initial values as `x.initial`, to differentiate with respect to.
     pub to: Vec<String>,
-    /// Of what: states. Default all.
+    /// States to differentiate. Default: all.
     pub of: Option<Vec<String>>,
 }
 
 impl SensitivitiesRequest {
-    /// Checks it for a model.
+    /// Checks the request for a model.
     pub(super) fn check(&self, model: &dyn Model, place: &Pointer<'_>, errors: &mut Errors) -> Option<Sensitivities> {
-        let dvi = differentiable(model, "derivatives are followed", place, errors)?;
+        let dvi = differentiable(model, "derivatives are computed", place, errors)?;
         let parameters = model.parameters().map_or(&[][..], |parameters| parameters.names());
         let initial: Vec<String> = dvi.state_names.iter().map(|name| format!("{name}{INITIAL}")).collect();
         let mut found = Errors::default();
@@ -43,8 +43,11 @@ impl SensitivitiesRequest {
             None => (0..dvi.state_names.len()).collect(),
         };
         if self.to.is_empty() {
-            let error =
-                SpecificationError::new(place.key("to").to_string(), "empty", "there is nothing to differentiate by");
+            let error = SpecificationError::new(
+                place.key("to").to_string(),
+                "empty",
+                "`to` is empty: there is nothing to differentiate with respect to",
+            );
             found.push(error.expected("parameters, or initial values such as `x.initial`"));
         }
         if by.len().saturating_mul(of.len()) > MOST_COLUMNS {
@@ -69,7 +72,7 @@ impl SensitivitiesRequest {
     }
 }
 
-/// The equations of a model that can be differentiated; refused, where they cannot be, is `what` is done with Radau IIA alone.
+/// The equations of a differentiable model. Any other is refused; `what` is the purpose, for the message.
 pub(super) fn differentiable<'m>(
     model: &'m dyn Model,
     what: &str,
@@ -77,7 +80,7 @@ pub(super) fn differentiable<'m>(
     errors: &mut Errors,
 ) -> Option<&'m DviModel> {
     let Some(dvi) = model.dvi() else {
-        let detail = format!("{what} by Radau IIA alone, on the faces of a set");
+        let detail = format!("{what} only for problems that Radau IIA solves with variables in a set");
         let error = SpecificationError::new(place.to_string(), "conflict", detail);
         errors.push(error.expected("a problem of type `dvi`, `lcs`, `filippov`, `circuit` or `elastic`"));
         return None;
@@ -89,7 +92,7 @@ pub(super) fn differentiable<'m>(
         return None;
     }
     if dvi.has_kinks() {
-        let detail = "a rate has a kink or a jump of a state, across which there is no derivative";
+        let detail = "a rate has a kink or a jump in a state, across which the solution is not differentiable";
         let error = SpecificationError::new(place.to_string(), "conflict", detail);
         errors.push(error.expected("the kink written as a set, as the warning `kink_in_rate` shows"));
         return None;
@@ -97,7 +100,7 @@ pub(super) fn differentiable<'m>(
     Some(dvi)
 }
 
-/// The places of names among those that there are.
+/// Indices of names in a list of known ones.
 fn places<'a>(
     asked: &[String],
     known: impl Iterator<Item = &'a String> + Clone,
@@ -114,7 +117,7 @@ fn places<'a>(
             }
             Some(at) => found.push(at),
             None => {
-                let detail = format!("there is no derivative of or by `{}`", abridged(name));
+                let detail = format!("`{}` is not known here", abridged(name));
                 let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
                 errors.push(error.expected(listed(names())).did_you_mean(nearest(name, names())));
             }

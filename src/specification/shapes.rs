@@ -1,10 +1,10 @@
-//! What to write where a value has the wrong shape: made of what stands there, or an example of what belongs there.
+//! Suggestions for values of the wrong shape: the user's value rewritten, or an example of a valid one.
 
 use super::json::Json;
 use super::pointer::Step;
 use super::wording::{abridged, quoted};
 
-/// Examples by the key that a value has.
+/// Examples of valid values, by key.
 const EXAMPLES: [(&str, &str); 40] = [
     ("problem", r#"{"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}"#),
     ("time", r#"{"end": 10}"#),
@@ -48,7 +48,7 @@ const EXAMPLES: [(&str, &str); 40] = [
     ("regions", r#"[{"indicator": "x", "rates": {"x": "-1"}}]"#),
 ];
 
-/// What is written for `found` at the end of a path, where something else is expected.
+/// Suggests what to write for `found` at the end of a path, where `expected` is required.
 pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<String> {
     let key = path.iter().rev().find_map(|step| if let Step::Key(key) = step { Some(key.as_str()) } else { None });
     let parent =
@@ -66,7 +66,7 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
         (Json::Text(text), _) if expected.contains("number") && !expected.contains("expression") => {
             return Some(match text.trim().parse::<f64>() {
                 Ok(value) if value.is_finite() => format!("`{}` without quotes", text.trim()),
-                _ => "a number; no expression stands here".to_owned(),
+                _ => "a number; expressions are not allowed here".to_owned(),
             });
         }
         (Json::Number(_) | Json::Bool(_), _) if expected == "a string" => return Some(format!("`{}`", quoted(&shown))),
@@ -136,7 +136,7 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
     }
 }
 
-/// How a choice is written that has its contents, where its name stands alone.
+/// How to write a choice with contents, where only its name is given.
 pub(super) fn alone(name: &Json) -> String {
     let of_names = ["free", "nonnegative", "nonpositive", "second_order_cone", "simplex"];
     match name {
@@ -145,7 +145,7 @@ pub(super) fn alone(name: &Json) -> String {
     }
 }
 
-/// How a choice is written that was not written as an object with one key.
+/// How to write a choice that is not an object with one key.
 pub(super) fn choice(found: &Json, valid: &[&'static str]) -> Option<String> {
     let is_valid = |name: &&&'static str, text: &str| **name == text;
     let named = match found {

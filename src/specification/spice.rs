@@ -1,16 +1,16 @@
-//! A SPICE deck as a specification: its title is the label, its lines the netlist of a circuit, the end of `.tran` the end of the
-//! horizon.
+//! A SPICE deck as a specification: its title becomes the label, its lines the netlist of a circuit, the end time of
+//! `.tran` the end of the horizon.
 
 use super::circuit::netlist;
 use super::label::LONGEST;
 use serde_json::{Map, Value, json};
 use std::borrow::Cow;
 
-/// The document that a text is: a deck with `.tran` becomes a specification, all else stays as it is.
+/// Returns the specification for a deck with `.tran`, and any other text unchanged.
 pub fn document(text: &[u8]) -> Cow<'_, [u8]> {
     let Some(deck) = deck(text) else { return Cow::Borrowed(text) };
     let mut document = Map::new();
-    // What is wrong with it is reported when it is read as a specification.
+    // Errors in the netlist are reported when the document is read as a specification.
     if let Ok(netlist) = netlist::read(deck) {
         if let Some(title) = netlist.title.filter(|title| !title.is_empty()) {
             document.insert("label".to_owned(), json!(title.chars().take(LONGEST).collect::<String>()));
@@ -25,7 +25,7 @@ pub fn document(text: &[u8]) -> Cow<'_, [u8]> {
     Cow::Owned(Value::Object(document).to_string().into_bytes())
 }
 
-/// The text of a deck, if it is one: no JSON, and with a line `.tran`.
+/// Recognises a deck: not JSON, and with a line `.tran`.
 fn deck(text: &[u8]) -> Option<&str> {
     let text = str::from_utf8(text).ok()?;
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);

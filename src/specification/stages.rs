@@ -10,10 +10,10 @@ use utoipa::{PartialSchema, ToSchema};
 /// The number of stages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Stages {
-    /// Chosen as the solve goes.
+    /// Chosen and adapted during the solve.
     #[default]
     Auto,
-    /// That many, 1 to 9.
+    /// A fixed number, 1 to 9.
     Fixed(u64),
 }
 
@@ -22,7 +22,7 @@ impl PartialSchema for Stages {
         OneOfBuilder::new()
             .item(ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(1)).maximum(Some(9)))
             .item(ObjectBuilder::new().schema_type(Type::String).enum_values(Some(["auto"])))
-            .description(Some("A whole number from 1 to 9, or `auto`: chosen as the solve goes."))
+            .description(Some("A whole number from 1 to 9, or `auto`: chosen and adapted during the solve."))
             .into()
     }
 }

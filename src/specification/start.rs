@@ -1,13 +1,13 @@
-//! Evaluates a problem at its start, where initial values outside the domain of the equations show.
+//! Evaluation of a problem at its start, which reveals initial values outside the domain of the equations.
 
 use super::error::{Errors, SpecificationError};
 use super::wording::abridged;
 use models::DviModel;
 use problem::{Side, Workspace};
 
-/// Reports rates that are not finite at `t` and the initial values, and moving bounds that are not bounds there.
-/// `pointer` says where a row of the problem is written. The variables are not known yet: they are taken as the point
-/// of `K` nearest to zero, and an inequality that depends on them is not judged.
+/// Reports rates and bounds that are not finite at `t` and the initial values, and contradictory bounds. `pointer`
+/// returns where a row of the problem is written. The variables are not known yet and set to the point of `K` nearest
+/// to zero; inequalities that depend on them are not checked.
 pub(super) fn check(model: &DviModel, t: f64, pointer: impl Fn(usize) -> String, errors: &mut Errors) {
     let mut problem = model.problem();
     let (n, m) = (model.structure().states, model.structure().variables);

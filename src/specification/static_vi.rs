@@ -1,10 +1,10 @@
-//! A static variational inequality, in expressions:
+//! A static variational inequality, as expressions:
 //!
 //! ```text
 //! z in K,    <G(z), z~ - z> >= 0  for all z~ in K
 //! ```
 //!
-//! an equilibrium of traffic or of a market, a contact at rest, the optimality of a program.
+//! Examples are equilibria of traffic or markets, contact at rest, and the optimality conditions of a convex program.
 
 use super::dvi::refused;
 use super::error::SpecificationError;
@@ -23,7 +23,7 @@ use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// A static variational inequality: it has no time, and its answer is `solution`, with what is certain of it.
+/// A static variational inequality, without time. The answer is `solution`, with what is known about its uniqueness.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ViProblem {
@@ -43,7 +43,8 @@ pub struct ViProblem {
     /// The variables `z` by name.
     #[schema(value_type = std::collections::BTreeMap<String, StaticVariable>)]
     pub variables: Ordered<StaticVariable>,
-    /// The set `K` as a product of blocks; each variable stands in exactly one. Bounds are expressions in parameters.
+    /// The set `K` as a product of blocks; each variable belongs to exactly one block. Bounds are expressions in
+    /// parameters.
     pub set: Option<Vec<Block>>,
 }
 
@@ -51,15 +52,16 @@ pub struct ViProblem {
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StaticVariable {
-    /// Where the search begins, an expression in the parameters. Default 0, or the bound nearest to it.
+    /// Starting value of the solver, an expression in the parameters. Default 0, projected onto the bounds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub initial: Option<Expression>,
-    /// The component of `G(z)` paired with it. For `z_i >= 0` it is what must be nonnegative, and zero while `z_i > 0`; for a
-    /// free variable it is what must be zero; between bounds it is nonnegative at the lower, nonpositive at the upper.
+    /// The component of `G(z)` paired with the variable. For `z_i >= 0` it is nonnegative, and zero while `z_i > 0`;
+    /// for a free variable it is zero; between bounds it is nonnegative at the lower bound, nonpositive at the upper
+    /// bound, and zero in between.
     pub inequality: Expression,
 }
 
-/// No integrals: there is no time.
+/// The empty list of integrals: a static problem has no time.
 static NOTHING: std::sync::LazyLock<Ordered<Expression>> = std::sync::LazyLock::new(Ordered::default);
 
 impl Written for ViProblem {
@@ -108,8 +110,11 @@ impl Written for ViProblem {
         let mut told: Vec<&String> = moving_pointers.iter().collect();
         told.dedup();
         for pointer in told {
-            let error =
-                SpecificationError::new(pointer.clone(), "depends_on_time", "a bound of a static problem is constant");
+            let error = SpecificationError::new(
+                pointer.clone(),
+                "depends_on_time",
+                "a bound of a static problem must be constant",
+            );
             lowering.errors.push(error.expected("an expression in the parameters"));
         }
         let rows = Rows { mass: Mass::Identity, rates: Vec::new(), inequality, set, moving };

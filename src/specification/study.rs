@@ -1,4 +1,4 @@
-//! A study of error against run time: the same problem at a ladder of tolerances or steps, and of stages.
+//! A study of error against run time: the same problem at a ladder of tolerances or step sizes, and numbers of stages.
 
 use super::checked::Specification;
 use super::document::Time;
@@ -16,22 +16,22 @@ use problem::Control;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// The same problem, solved again at each of several tolerances or steps: the answer then holds error against run time.
-/// Give `rtol` or `step`, not both.
+/// The same problem solved at each of several tolerances or step sizes: the answer contains error against run time.
+/// Give either `rtol` or `step`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StudyRequest {
-    /// Relative tolerances to run with; absolute ones go along in proportion.
+    /// Relative tolerances of the runs; absolute tolerances are scaled in proportion.
     pub rtol: Option<Vec<f64>>,
-    /// Fixed steps to run with.
+    /// Fixed step sizes of the runs.
     pub step: Option<Vec<f64>>,
-    /// Numbers of stages to run with. Default that of `method`.
+    /// Numbers of stages of the runs. Default: that of `method`.
     pub stages: Option<Vec<Stages>>,
-    /// Expressions in `t` and the parameters for what is known exactly, by the name of a state or variable. Default is a
-    /// more accurate run.
+    /// Exact solutions, as expressions in `t` and the parameters, by the name of a state or variable. Default: a more
+    /// accurate run as reference.
     #[schema(value_type = Option<std::collections::BTreeMap<String, Expression>>)]
     pub exact: Option<Ordered<Expression>>,
-    /// Solves of each run; the run time is their median. Default 3.
+    /// Number of solves per run, whose median is the run time. Default 3.
     #[serde(default = "default_repeats")]
     #[schema(minimum = 1, maximum = 25, default = 3)]
     pub repeats: u64,
@@ -41,12 +41,12 @@ fn default_repeats() -> u64 {
     3
 }
 
-/// The most runs of a study, not counting repeats.
+/// Most runs of a study, not counting repeats.
 const MOST_RUNS: usize = 64;
-/// The most solves of one run.
+/// Most solves per run.
 const MOST_REPEATS: u64 = 25;
 
-/// What makes one run more accurate than another.
+/// The setting that controls the accuracy of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rung {
     /// A relative tolerance.
@@ -58,27 +58,27 @@ pub enum Rung {
 /// A study that has passed every check.
 #[derive(Clone, Debug)]
 pub struct StudyPlan {
-    /// The rungs, in the order of the document.
+    /// The tolerances or steps, in the order of the document.
     pub rungs: Vec<Rung>,
     /// The numbers of stages.
     pub stages: Vec<Stages>,
-    /// Solves of each run.
+    /// Number of solves per run.
     pub repeats: usize,
-    /// What is known exactly.
+    /// The exact solution, if given.
     pub exact: Option<Exact>,
 }
 
-/// Values that are known at any time.
+/// A solution known at any time.
 #[derive(Clone, Debug)]
 pub struct Exact {
-    /// Which outputs they are those of.
+    /// Indices of the outputs with known values.
     pub fields: Vec<usize>,
-    /// One value for each, of the time alone.
+    /// One value for each of them, as a function of time alone.
     pub values: Tape,
 }
 
 impl StudyRequest {
-    /// Checks a study of a model; `named` are those of the problem, at `problem`.
+    /// Checks a study of a model; `named` are the named quantities of the problem, whose pointer is `problem`.
     pub(super) fn check(
         &self,
         (model, method, time): (&dyn Model, &Method, Time),
@@ -115,7 +115,7 @@ impl StudyRequest {
             (Some(_), Some(_)) => errors.push(conflict("both `rtol` and `step` are given", "one of them")),
             (None, None) => errors.push(conflict("neither `rtol` nor `step` is given", "one of them")),
             (Some(_), None) if !model.varied().tolerance => {
-                errors.push(conflict("bodies in space are solved in steps of one size", "`step`"));
+                errors.push(conflict("rigid bodies are time-stepped with a fixed step, without a tolerance", "`step`"));
             }
             (Some(tolerances), None) => {
                 let place = place.key("rtol");
@@ -168,7 +168,7 @@ fn check_exact(
     place: &Pointer<'_>,
     errors: &mut Errors,
 ) -> Exact {
-    // Errors in the parameters are told where the problem is lowered.
+    // Errors in the parameters are reported where the problem is lowered.
     let control = Control::new();
     let mut lowering = Lowering::new(Start { time: None, control: &control, sizes: &[] }, named, problem);
     lowering.errors = Errors::default();
@@ -194,7 +194,7 @@ fn check_exact(
 }
 
 impl Specification {
-    /// The same problem on another rung, told at `times` in the outputs `fields`.
+    /// The same problem at another tolerance or step, with output of the columns `fields` at `times`.
     pub fn variant(&self, rung: Rung, stages: Stages, times: Vec<f64>, fields: Vec<usize>) -> Self {
         let mut variant = self.clone();
         let method = &mut variant.method;

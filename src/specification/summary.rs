@@ -1,4 +1,4 @@
-//! What a checked specification comes to, told without a solve.
+//! The summary of a checked specification, without a solve.
 
 use super::checked::Specification;
 use super::model::Sizes;
@@ -6,39 +6,39 @@ use analysis::Analysis;
 use serde::Serialize;
 use solution::{Warning, uniqueness_caveat};
 
-/// Sizes, what the theory says, and what a solve would build.
+/// Sizes, structural analysis, and the parts that a solve would build.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
-    /// The user's own words for it.
+    /// The user's label.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub label: Option<String>,
     /// The number of states.
     pub states: usize,
     /// The number of variables of the variational inequality.
     pub variables: usize,
-    /// The bounds that vary with time or states.
+    /// The number of bounds that vary with time or states.
     pub moving_bounds: usize,
-    /// The places of the Jacobian that may be nonzero.
+    /// The number of structural nonzeros of the Jacobian.
     pub jacobian_nonzeros: usize,
-    /// Whether the Jacobian is the same everywhere.
+    /// Whether the Jacobian is constant.
     pub constant_jacobian: bool,
-    /// Memory that a solve is known to take before it runs, in bytes.
+    /// Estimated memory of a solve in bytes, as far as it is known in advance.
     pub memory_bytes: usize,
-    /// Index and uniqueness at the start, and why.
+    /// Index and uniqueness at the start, with the reasons.
     #[serde(flatten)]
     pub analysis: Analysis,
-    /// The method that a solve would take.
+    /// The method that a solve would use.
     pub method: &'static str,
-    /// The parts that it would build.
+    /// The components that a solve would build.
     pub built: Vec<&'static str>,
-    /// The parts that the problem does not need, each with the reason.
+    /// The components that the problem does not need, each with the reason.
     pub left_out: Vec<String>,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<Warning>,
 }
 
 impl Specification {
-    /// What this specification comes to.
+    /// Summarises the specification.
     pub fn summary(&self) -> Summary {
         let model = self.model();
         let Sizes { states, variables, moving_bounds, jacobian_nonzeros, constant_jacobian } = model.sizes();

@@ -6,37 +6,39 @@ use expression::{Interpolation, Table, TableError};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// A function given by points, which expressions call by its name with one argument, as `load(t)`. Before the first point and
-/// behind the last the value stays as it is there. Of time a step ends at each point at which the function changes its course.
+/// A function of one argument given by points, which expressions call by its name, as in `load(t)`. It is constant
+/// before the first and after the last point. If the argument is time, integration steps end at each point where the
+/// function has a kink or jump.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableOfPoints {
-    /// The arguments, two or more, increasing.
+    /// The arguments: two or more, increasing.
     #[schema(min_items = 2)]
     pub x: Vec<f64>,
-    /// The values, as many.
+    /// The values, one per argument.
     #[schema(min_items = 2)]
     pub y: Vec<f64>,
-    /// How the function goes on from point to point.
+    /// Interpolation between points.
     #[serde(default)]
     pub interpolation: InterpolationName,
 }
 
-/// How a table goes on from point to point.
+/// Interpolation of a table between its points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum InterpolationName {
-    /// Along straight lines.
+    /// Piecewise linear.
     #[default]
     Linear,
-    /// By cubics with one slope at each point, which rise and fall only where the points do.
+    /// Monotone piecewise cubic, with a continuous slope (PCHIP).
     Pchip,
-    /// At the value of the point before: it jumps, so that states and variables are no arguments.
+    /// Piecewise constant, with the value of the previous point. It jumps, so states and variables are not allowed as
+    /// arguments.
     Previous,
 }
 
 impl TableOfPoints {
-    /// The table, if it is one.
+    /// Builds the table, if its points are valid.
     pub(super) fn table(&self, place: &Pointer<'_>, errors: &mut Errors) -> Option<Table> {
         let interpolation = match self.interpolation {
             InterpolationName::Linear => Interpolation::Linear,

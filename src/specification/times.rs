@@ -7,17 +7,17 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The times at which a trajectory is reported.
+/// The output times of a trajectory.
 #[derive(Clone, Debug, Default)]
 pub enum Times {
-    /// After every step.
+    /// The end of every step.
     #[default]
     Steps,
-    /// That many, evenly spaced, the start and the end among them.
+    /// A number of equally spaced times, including start and end.
     Count(u64),
-    /// From the start at that distance, and the end.
+    /// Multiples of an interval from the start, and the end.
     Every(f64),
-    /// These.
+    /// A list of times.
     List(Vec<f64>),
 }
 
@@ -38,8 +38,8 @@ impl PartialSchema for Times {
             .item(rule("every", every))
             .item(ArrayBuilder::new().items(ObjectBuilder::new().schema_type(Type::Number)).min_items(Some(1)))
             .description(Some(
-                "`\"steps\"`: after every step; `{\"count\": n}`: n times evenly spaced, the start and the end among \
-                 them; `{\"every\": dt}`: from the start at that distance, and the end; or a list of increasing times. \
+                "`\"steps\"`: the end of every step; `{\"count\": n}`: n equally spaced times, including start and \
+                 end; `{\"every\": dt}`: the start, then every `dt`, and the end; or a list of increasing times. \
                  Times between steps cost no extra steps.",
             ))
             .into()
@@ -56,7 +56,7 @@ impl<'de> Deserialize<'de> for Times {
 
 struct TimesVisitor;
 
-/// The choices that are written as an object.
+/// The choices written as an object.
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 enum Rule {

@@ -1,4 +1,4 @@
-//! Absolute tolerances: one number, or one for each state by name.
+//! Absolute tolerances: one number, or one per state by name.
 
 use super::error::{Errors, SpecificationError};
 use super::method::{Method, out_of_range};
@@ -17,13 +17,13 @@ use utoipa::{PartialSchema, ToSchema};
 /// Absolute tolerances.
 #[derive(Clone, Debug)]
 pub enum AbsoluteTolerance {
-    /// The same for every state.
+    /// One value for every state.
     Uniform(f64),
-    /// By name of state.
+    /// Values by the name of the state.
     PerState(Ordered<f64>),
 }
 
-/// What the absolute tolerance is where none is given, as a fraction of `rtol`.
+/// Default absolute tolerance, as a fraction of `rtol`.
 const FRACTION_OF_RTOL: f64 = 1e-3;
 
 impl Method {

@@ -1,5 +1,5 @@
-//! `view`: how a system in a plane is drawn, points `p_i(t, x, z)` as expressions and segments between them. It changes nothing of the answer:
-//! the page draws it, and every expression of it is checked as those of the problem are.
+//! `view`, the picture of a planar system: points `p_i(t, x, z)` as expressions, and segments between them. It does not
+//! affect the answer: the page draws it, and its expressions are checked like those of the problem.
 
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
@@ -12,24 +12,24 @@ use serde::Deserialize;
 use std::collections::HashSet;
 use utoipa::ToSchema;
 
-/// The most points, and the most segments.
+/// Most points, and most segments.
 const MOST: usize = 1000;
 
-/// How a system in a plane is drawn on the page: points that move, and segments between them. It changes nothing of the answer.
+/// The picture of a planar system on the page: moving points, and segments between them. It does not affect the answer.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct View {
-    /// Points by name, each `[x, y]` or, drawn as a disk, `[x, y, radius]`: expressions in `t`, parameters, outputs and definitions. At most
-    /// 1000.
+    /// Points by name, each `[x, y]` or, drawn as a disk, `[x, y, radius]`: expressions in `t`, parameters, outputs and
+    /// definitions. At most 1000.
     #[schema(value_type = std::collections::BTreeMap<String, Vec<Expression>>)]
     pub points: Ordered<Vec<Expression>>,
-    /// Lines through points, two or more names each. Default none, at most 1000.
+    /// Polylines through points, each as a list of two or more names. At most 1000. Default: none.
     #[serde(default)]
     pub segments: Vec<Vec<String>>,
 }
 
 impl View {
-    /// Reports what is wrong with it, in the scope in which monitors are compiled.
+    /// Reports errors in the view, in the scope in which monitors are compiled.
     pub(super) fn check(&self, lowering: &mut Lowering<'_>) {
         let place = Pointer::Root.key("view");
         for (key, count) in [("points", self.points.len()), ("segments", self.segments.len())] {
@@ -68,7 +68,7 @@ impl View {
                 errors.push(error.expected("two or more names of points"));
             }
             for (j, name) in segment.iter().enumerate().filter(|(_, name)| !known.contains(name.as_str())) {
-                let detail = format!("unknown point `{name}`");
+                let detail = format!("`{name}` is not a point of this view");
                 let error = SpecificationError::new(place.index(j).to_string(), "unknown_name", detail);
                 let error = error.expected(listed(self.points.names()));
                 errors.push(error.did_you_mean(nearest(name, self.points.names())));

@@ -1,34 +1,35 @@
-//! What a type of problem says of itself as it is written, before it is checked.
+//! The interface of a problem type as it is written, before it is checked.
 
 use super::lowering::{Lowering, Named, Start};
 use super::model::Model;
 use super::pointer::Pointer;
 use std::sync::Arc;
 
-/// A problem in the course of being lowered, and its model, which is of use only if no error was found.
+/// A problem after lowering, with its model, which is meaningful only if there are no errors.
 pub(super) type Lowered<'c> = (Lowering<'c>, Option<Arc<dyn Model>>);
 
-/// A problem as it is written.
+/// A problem as the user writes it.
 pub(super) trait Written {
-    /// The key of its type.
+    /// The key of the problem type.
     fn key(&self) -> &'static str;
 
-    /// What its expressions may use, and what is told beside its outputs.
+    /// The named quantities: parameters and tables for expressions, definitions and integrals as further columns.
     fn named(&self) -> Named<'_>;
 
-    /// The states and variables that it declares, about.
+    /// Approximate number of declared states and variables.
     fn unknowns(&self) -> usize;
 
-    /// What checking it takes beyond what the length of the text tells, in nanoseconds: of the size that was measured.
+    /// Estimated time to check the problem, beyond what the length of the text accounts for, in nanoseconds of the
+    /// machine of the measurement.
     fn time_to_check(&self) -> usize {
         0
     }
 
-    /// Whether it has no time.
+    /// Whether the problem is static, without time.
     fn is_static(&self) -> bool {
         false
     }
 
-    /// Lowers the problem as far as it can be.
+    /// Lowers the problem as far as possible.
     fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c>;
 }

@@ -1,6 +1,6 @@
-//! Nonlinear stability (B-stability; Butcher 1975; Hairer and Wanner 1996, IV.12): where the exact flow brings no two
-//! solutions further apart, neither does a step of any length. Measured on two states with cubic damping, a rotation that
-//! neither damps nor drives, and dry friction,
+//! Nonlinear stability (B-stability; Butcher 1975; Hairer and Wanner 1996, IV.12): if the exact flow is contractive, so
+//! is a step of any length. Measured on two states with cubic damping, a rotation that conserves the norm, and dry
+//! friction,
 //!
 //! ```text
 //! x' = -k x^3 + w y - r,    y' = -k y^3 - w x - s,    r in Sgn x,  s in Sgn y,
@@ -15,14 +15,14 @@ use serde_json::json;
 use solution::Status;
 use specification::Specification;
 
-/// Cubic damping and rotation.
+/// Coefficients of the cubic damping and of the rotation.
 const DAMPING: f64 = 2.0;
 const ROTATION: f64 = 10.0;
-/// Steps short and long beside both.
+/// Step sizes, small and large relative to both time scales.
 const STEPS: [f64; 4] = [1e-3, 1e-2, 0.1, 1.0];
-/// Steps of a run.
+/// Number of steps of a run.
 const COUNT: f64 = 50.0;
-/// Pairs of starts.
+/// Pairs of initial values.
 const PAIRS: [[(f64, f64); 2]; 6] = [
     [(1.0, 0.0), (0.9, 0.1)],
     [(0.7, -0.5), (-1.0, 0.5)],
@@ -32,20 +32,20 @@ const PAIRS: [[(f64, f64); 2]; 6] = [
     [(0.3, -0.2), (0.0, 0.0)],
 ];
 
-/// How pairs of solutions fared with one number of stages and one step.
+/// The behaviour of pairs of solutions for one number of stages and one step size.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Contraction {
     /// The number of stages.
     pub stages: usize,
-    /// The step.
+    /// The step size.
     pub step: f64,
-    /// The most that a distance grew in a step, as a part of the first one; of a B-stable method none.
+    /// Largest growth of a distance in a step, relative to the initial distance; zero for a B-stable method.
     pub growth: f64,
-    /// Pairs of which a run did not reach its end, for Newton's method did not solve a stage.
+    /// Number of pairs with a run that did not reach its end, because Newton's method failed at a stage.
     pub failures: usize,
 }
 
-/// Measures all numbers of stages at all steps.
+/// Measures all numbers of stages at all step sizes.
 pub fn contractions() -> Vec<Contraction> {
     let at = |stages: usize| STEPS.iter().map(move |&step| contraction(stages, step));
     STAGES.into_iter().flat_map(at).collect()
@@ -90,7 +90,7 @@ mod tests {
     fn no_step_brings_two_solutions_apart() {
         for found in contractions() {
             assert!(found.growth < 1e-12, "{found:?}");
-            // From far off, Newton's method does not solve every stage of a step that nothing makes shorter.
+            // Far from the solution, Newton's method may fail at a stage of a large step, which is fixed.
             assert!(found.failures == 0 || found.step == 1.0, "{found:?}");
         }
     }

@@ -1,4 +1,5 @@
-//! The energy of contact runs: how far the balance of each example that has one is off, at tolerances and at steps.
+//! The energy of contact runs: the defect of the energy balance of every example that has one, with tolerances and with
+//! fixed steps.
 
 use problem::Control;
 use serde::{Deserialize, Serialize};
@@ -6,29 +7,29 @@ use solution::Status;
 use specification::{By, EXAMPLES, Rung, Specification};
 use std::time::{Duration, Instant};
 
-/// The tolerances of runs that choose their steps.
+/// The tolerances of adaptive runs.
 const TOLERANCES: [f64; 2] = [1e-5, 1e-8];
-/// Fixed steps in the horizon.
+/// Numbers of fixed steps over the horizon.
 const STEPS: [f64; 2] = [1e3, 1e4];
-/// The longest that one run may take.
+/// Time limit of one run.
 const LONGEST: Duration = Duration::from_secs(5);
 
-/// The balance of one run.
+/// The energy balance of one run.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Balance {
     /// The name of the example.
     pub name: String,
-    /// Its tolerance or step, in words.
+    /// The tolerance or step, in words.
     pub how: String,
-    /// How it ended.
+    /// The status of the run.
     pub status: Status,
-    /// The largest defect of the balance so far, as a part of the largest energy at its ends.
+    /// The largest defect of the balance, relative to the largest energy at the ends of the run.
     pub defect: f64,
-    /// The most that a step gained through impacts, as a part of the largest kinetic energy.
+    /// The largest energy gain of a step in impacts, relative to the largest kinetic energy.
     pub gain_in_impacts: f64,
 }
 
-/// Runs every example that has a balance of energy.
+/// Runs every example with an energy balance.
 pub fn balances() -> Vec<Balance> {
     EXAMPLES.iter().flat_map(|example| of_example(example.name, example.text)).collect()
 }
@@ -43,7 +44,7 @@ fn of_example(name: &str, text: &str) -> Vec<Balance> {
     rungs.map_while(|rung| balance(name, &specification, rung)).collect()
 }
 
-/// The balance of one run; none where the problem has none.
+/// The energy balance of one run; `None` if the problem has none.
 fn balance(name: &str, specification: &Specification, rung: Rung) -> Option<Balance> {
     let end = specification.time().end;
     let variant = specification.variant(rung, specification.method().stages, vec![end], Vec::new());

@@ -1,5 +1,6 @@
-//! Error against run time (work and precision; Hairer and Wanner 1996, *Solving Ordinary Differential Equations II*, section
-//! IV.10): one problem solved on every rung of a ladder, with errors against what is known or a more accurate run.
+//! Error against run time (work-precision diagrams; Hairer and Wanner 1996, *Solving Ordinary Differential Equations
+//! II*, section IV.10): one problem solved at each of a ladder of tolerances or steps, with errors relative to an exact
+//! solution or a more accurate run.
 
 pub mod contraction;
 pub mod energies;
@@ -10,7 +11,7 @@ mod solve;
 pub mod stability;
 mod sweep;
 
-pub use page::html;
+pub use page::{Peer, html};
 pub use solve::{solve, solve_on};
 pub use sweep::{features, merge, sweep};
 
@@ -20,19 +21,19 @@ use solution::{Series, Solution, Status, Study, StudyRun, Trajectory};
 use solve::solve_once;
 use specification::{By, Exact, Model, Rung, Specification, Stages, StudyPlan};
 
-/// Times to compare at where the user names none.
+/// Default number of times at which errors are measured.
 const TIMES: usize = 33;
 
-/// Solves longer than this are not repeated, in seconds: their times hardly vary.
+/// Runs longer than this many seconds are not repeated, since their times hardly vary.
 const LONG: f64 = 1.0;
 
-/// A reference is so many times as accurate as the finest run.
+/// The reference is more accurate than the finest run by this factor.
 const TIGHTER: f64 = 100.0;
-/// Below this relative tolerance there is only rounding.
+/// Least relative tolerance: below it there is only rounding.
 const LEAST_RTOL: f64 = 1e-13;
 /// The tolerance of a reference for runs with fixed steps.
 const REFERENCE_RTOL: f64 = 1e-12;
-/// The step of a reference where steps have one size, so many in the finest.
+/// The step of a fixed-step reference is smaller than the finest step by this factor.
 const FINER: f64 = 32.0;
 
 /// Runs a study of a problem.
@@ -82,7 +83,7 @@ pub fn study(specification: &Specification, plan: &StudyPlan, control: &Control)
     Study { reference, series, picture }
 }
 
-/// The output times of the specification, or some of equal distance, and the end.
+/// The output times of the specification, or else equally spaced times, always with the end.
 fn times(specification: &Specification) -> Vec<f64> {
     let time = specification.time();
     let mut times = match specification.output_times() {
@@ -95,7 +96,7 @@ fn times(specification: &Specification) -> Vec<f64> {
     times
 }
 
-/// A rung beyond the finest, and its name.
+/// The setting of the reference run, finer than all others, and its description.
 fn reference(model: &dyn Model, rungs: &[Rung]) -> (Rung, String) {
     let finest = rungs.iter().fold(f64::INFINITY, |finest, rung| match rung {
         Rung::Tolerance(x) | Rung::Step(x) => finest.min(*x),
@@ -123,7 +124,8 @@ fn columns(trajectory: &Trajectory) -> Vec<Vec<f64>> {
     trajectory.fields.iter().map(|field| field.values.clone()).collect()
 }
 
-/// Solves until the repeats are done, or it takes long; the first solution, and a run with its median time.
+/// Repeats a solve until the number of repeats is reached or it takes long. Returns the first solution, and a run with
+/// the median time.
 fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun) {
     let first = solve();
     let mut times = vec![first.diagnostics.wall_seconds];
@@ -145,11 +147,11 @@ fn measure(repeats: usize, solve: impl Fn() -> Solution) -> (Solution, StudyRun)
     (first, run)
 }
 
-/// A column this much smaller than the largest is what rounding leaves of zero.
+/// A column below this fraction of the largest counts as zero up to rounding.
 const ZERO: f64 = 1e-12;
 
-/// The largest errors at the end and at all times, as parts of the largest value of each column; of one that is zero, of
-/// the largest value of all.
+/// The largest errors at the end and at all times, relative to the largest value of each column, or for a zero column
+/// to the largest value of all columns.
 fn errors(trajectory: &Trajectory, values: &[Vec<f64>]) -> (Option<f64>, Option<f64>) {
     let size_of = |exact: &Vec<f64>| exact.iter().fold(0.0_f64, |size, x| size.max(x.abs()));
     let most = values.iter().map(size_of).fold(0.0, f64::max);
@@ -159,7 +161,7 @@ fn errors(trajectory: &Trajectory, values: &[Vec<f64>]) -> (Option<f64>, Option<
         let size = size_of(exact);
         let size = if size > ZERO * most { size } else { most };
         let mut differences = field.values.iter().zip(exact).map(|(x, exact)| (x - exact).abs() / size);
-        // A maximum that keeps what is no number, so that it is not told as an error of zero.
+        // A maximum that propagates NaN, so that it is not reported as an error of zero.
         let worst = differences.clone().fold(0.0, |worst, x| if x > worst || x.is_nan() { x } else { worst });
         largest = if worst > largest || worst.is_nan() { worst } else { largest };
         at_end = at_end.max(differences.next_back().unwrap_or(0.0));

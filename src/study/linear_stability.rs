@@ -1,12 +1,12 @@
-//! The stability function of each method as its stepper has it: `x' = lambda x` in real form,
+//! The stability function of each method as measured on its stepper: `x' = lambda x` in real form,
 //!
 //! ```text
 //! x' = a x - b y,  y' = b x + a y,    lambda = a + i b,
 //! ```
 //!
-//! solved for one step of length one from `(1, 0)`, ends at `R(lambda)`, whose modulus is compared along rays of the left
-//! half plane with `R(z) = e_s^T (I - z A)^-1 1` from the coefficients (Hairer and Wanner 1996, IV.3; the methods are
-//! stiffly accurate).
+//! integrated over one step of length one from `(1, 0)`, ends at `R(lambda)`. Its modulus is compared along rays in the
+//! left half plane with `R(z) = e_s^T (I - z A)^-1 1` from the coefficients (Hairer and Wanner 1996, IV.3; the methods
+//! are stiffly accurate).
 
 use nalgebra::{Complex, DMatrix, DVector};
 use problem::Control;
@@ -17,14 +17,14 @@ use solution::Solution;
 use specification::Specification;
 use std::f64::consts::PI;
 
-/// The numbers of stages that are measured.
+/// The measured numbers of stages.
 pub const STAGES: [usize; 5] = [1, 2, 3, 5, 7];
 /// The rays, in degrees from the positive real axis.
 const RAYS: [u32; 7] = [90, 105, 120, 135, 150, 165, 180];
-/// From `10^-2` to `10^8`, in halves of a decade.
+/// Half decades from `10^-2` to `10^8`.
 const HALF_DECADES: std::ops::RangeInclusive<i32> = -4..=16;
 
-/// A ray of the left half plane, with one number of stages.
+/// A ray in the left half plane, for one number of stages.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Ray {
     /// The number of stages.
@@ -33,13 +33,13 @@ pub struct Ray {
     pub degrees: u32,
     /// `|z|` and the measured `|R(z)|`.
     pub points: Vec<(f64, f64)>,
-    /// The largest of `|R(z)|`; of an A-stable method no more than one.
+    /// The largest `|R(z)|`; at most one for an A-stable method.
     pub largest: f64,
-    /// The largest distance of the measured `R(z)` from that of the coefficients.
+    /// The largest distance between the measured `R(z)` and that from the coefficients.
     pub difference: f64,
 }
 
-/// Measures all rays; those that a step failed on are left out.
+/// Measures all rays, except those with a failed step.
 pub fn rays() -> Vec<Ray> {
     let of_stages = |stages: usize| RAYS.iter().filter_map(move |&degrees| ray(stages, degrees));
     STAGES.into_iter().flat_map(of_stages).collect()
@@ -50,7 +50,7 @@ fn ray(stages: usize, degrees: u32) -> Option<Ray> {
     for half_decade in HALF_DECADES {
         let modulus = 10_f64.powf(0.5 * f64::from(half_decade));
         let z = Complex::from_polar(modulus, f64::from(degrees) * PI / 180.0);
-        // The cosine of a right angle is rounding, and would leave the axis.
+        // The cosine of a right angle is not exactly zero in floating point.
         let z = if degrees == 90 { Complex::new(0.0, modulus) } else { z };
         let (measured, exact) = (measured(stages, z)?, of_the_coefficients(stages, z)?);
         ray.points.push((modulus, measured.norm()));
@@ -87,11 +87,11 @@ mod tests {
         let rays = rays();
         assert_eq!(rays.len(), STAGES.len() * RAYS.len());
         for ray in &rays {
-            // What is rounded grows by the transform of the stages.
+            // Rounding errors are amplified by the transformation of the stages.
             let rounding = 1e2 * f64::EPSILON * Tableau::of(ray.stages).mixing;
             assert!(ray.difference < rounding, "{} stages at {}: {:e}", ray.stages, ray.degrees, ray.difference);
             assert!(ray.largest < 1.0 + rounding, "{} stages at {}: {}", ray.stages, ray.degrees, ray.largest);
-            // L-stable.
+            // L-stability.
             let far = ray.points.last().expect("points").1;
             assert!(far < 1e-6, "{} stages at {}: {far:e}", ray.stages, ray.degrees);
         }
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn three_stages_have_the_pade_approximation() {
-        // (1 + 2z/5 + z^2/20) / (1 - 3z/5 + 3z^2/20 - z^3/60).
+        // The Padé approximation (1 + 2z/5 + z^2/20) / (1 - 3z/5 + 3z^2/20 - z^3/60).
         for z in [Complex::new(-1.0, 2.0), Complex::new(0.0, 5.0), Complex::new(-30.0, 0.0)] {
             let (one, square) = (Complex::from(1.0), z * z);
             let above = one + z * 0.4 + square * 0.05;

@@ -1,4 +1,4 @@
-//! A specification solved, with its study where it asks for one.
+//! Solves a specification, including its study or sweep.
 
 use crate::{study, sweep};
 use problem::Control;
@@ -6,15 +6,16 @@ use solution::Solution;
 use specification::Specification;
 use std::num::NonZeroUsize;
 
-/// Solves a checked specification. Stops at the next step when `control` says so; never panics on a user's input.
+/// Solves a checked specification. Stops at the next step if `control` asks for it; never panics on a user's input.
 pub fn solve(specification: &Specification, control: &Control) -> Solution {
     solve_on(NonZeroUsize::MIN, specification, control)
 }
 
-/// The same, with so many threads for the members of a sweep. The answer does not depend on their number.
+/// Solves a checked specification with several threads for the members of a sweep. The answer does not depend on their
+/// number.
 pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &Control) -> Solution {
     let mut solution = match (specification.sweep(), specification.study()) {
-        (Some(plan), _) => sweep(specification, 0..plan.members(), threads, control),
+        (Some(plan), _) => sweep(specification, plan.chunk().members, threads, control),
         (None, None) => solve_once(specification, control),
         (None, Some(plan)) => {
             let solution = control.part(0.0..FIRST, || solve_once(specification, control));
@@ -22,17 +23,17 @@ pub fn solve_on(threads: NonZeroUsize, specification: &Specification, control: &
             Solution { study: Some(study), ..solution }
         }
     };
-    // The table of a sweep has its own, which its parts share.
+    // The table of a sweep has its own provenance, common to its parts.
     if solution.table.is_none() {
         solution.provenance = Some(specification.provenance());
     }
     solution
 }
 
-/// The part of the work of a study that the solve as it is asked for makes up, about.
+/// Approximate share of a study's progress taken by the main solve.
 const FIRST: f64 = 0.1;
 
-/// One solve, without a study.
+/// Solves once, without a study.
 pub(crate) fn solve_once(specification: &Specification, control: &Control) -> Solution {
     let (model, plan) = (specification.model(), specification.plan());
     let mut solution = model.run(specification, &plan, control);

@@ -48,7 +48,7 @@ pub fn certificate(
 ) -> Certificate {
     let m = z.len();
     if m > MOST_VARIABLES {
-        return Certificate::Nothing("there are too many variables to look at all singular values");
+        return Certificate::Nothing("there are too many variables to compute all singular values");
     }
     let symmetric = (jacobian + jacobian.transpose()) * 0.5;
     let zero = ZERO * jacobian.amax() * m as f64;
@@ -57,7 +57,7 @@ pub fn certificate(
         return Certificate::Unique(least);
     }
     if set.has_blocks() {
-        return Certificate::Nothing("it lies in a set that binds variables together, and G is not certified monotone");
+        return Certificate::Nothing("its set couples variables, and G is not certified monotone");
     }
     let (mut inside, mut undecided) = (Vec::new(), Vec::new());
     for i in 0..m {
@@ -68,7 +68,7 @@ pub fn certificate(
             (false, _) => inside.push(i),
             (true, true) if distance > ROUNDING => {
                 return Certificate::Nothing(
-                    "a variable is so near to an end, with G = 0 there, that it may be on it or off it",
+                    "a variable is so near to a bound, with G = 0, that it is undecided whether it is at the bound",
                 );
             }
             (true, true) => undecided.push(i),
@@ -77,7 +77,7 @@ pub fn certificate(
     }
     let part = |rows: &[usize], columns: &[usize]| jacobian.select_rows(rows).select_columns(columns);
     let Some(own) = Singular::of(&part(&inside, &inside)) else {
-        return Certificate::Nothing("its derivatives have no singular values");
+        return Certificate::Nothing("the singular values of its Jacobian could not be computed");
     };
     let is_regular = own.rank(ZERO * m as f64) == inside.len();
     let is_convex = is_affine && least >= -zero;
@@ -89,21 +89,21 @@ pub fn certificate(
                 inside.iter().zip(row.iter()).for_each(|(&i, v)| direction[i] = *v);
                 Certificate::Continuum(direction)
             }
-            _ => Certificate::Nothing("the derivative by the variables inside is singular"),
+            _ => Certificate::Nothing("the derivative with respect to the inactive variables is singular"),
         };
     }
     if undecided.len() > MOST_UNDECIDED {
-        return Certificate::Nothing("many variables are at an end with G = 0 there");
+        return Certificate::Nothing("many variables are at a bound with G = 0");
     }
     let mut schur = part(&undecided, &undecided);
     if !inside.is_empty() && !undecided.is_empty() {
         let Some(correction) = part(&inside, &inside).lu().solve(&part(&inside, &undecided)) else {
-            return Certificate::Nothing("the derivative by the variables inside is singular");
+            return Certificate::Nothing("the derivative with respect to the inactive variables is singular");
         };
         schur -= part(&undecided, &inside) * correction;
     }
     if !is_p_matrix(&schur) {
-        return Certificate::Nothing("variables at an end have G = 0 there, and may leave it in several ways");
+        return Certificate::Nothing("variables at a bound have G = 0, and may leave it in several ways");
     }
     match is_convex {
         true => Certificate::UniqueOfConvex,

@@ -2,7 +2,7 @@
 //! single requests to a service. `cargo bench --bench sweep [MEMBERS]`.
 //!
 //! Told are seconds for all members, and as a ratio to the bare steps on one thread. What takes long a member is run for a part of
-//! them and told for all.
+//! them and told for all. Then the memory of a million rows, above that of a sweep of one, on the command line and in a service.
 
 use dvi::problem::Control;
 use dvi::radau::Radau;
@@ -13,15 +13,17 @@ use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::num::NonZeroUsize;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 const DVI: &str = env!("CARGO_BIN_EXE_dvi");
 /// Members of the loops that start a process or send a request for each.
 const LOOPED: usize = 200;
 /// Turns of what is quick; the least time is told, as others use the machine.
 const TURNS: usize = 5;
+/// Between two looks at the memory of a process, whose peak the system keeps.
+const LOOK: Duration = Duration::from_millis(20);
 
 fn main() {
     let members = std::env::args().skip(1).find_map(|argument| argument.parse().ok()).unwrap_or(10_000);
@@ -89,7 +91,75 @@ fn main() {
     tell("a loop over dvi solve --set", looped * members as f64 / LOOPED as f64);
     let posted = posts(&belt, &folder);
     tell("a loop of POST /solve, one connection", posted * members as f64 / LOOPED as f64);
+    println!("{:<44} {:>11}", "a million rows above one", "MiB");
+    let rows = folder.join("rows.csv");
+    let swept = |members: usize| {
+        fs::write(&document, decays(members).to_string()).expect("a file");
+        peak_of(Command::new(DVI).arg("sweep").arg(&document).arg("-o").arg(&rows))
+    };
+    println!("{:<44} {:>11.1}", "dvi sweep, table written", (swept(1_000_000) - swept(1)) / 1024.0);
+    let served = |members: usize| of_service(&decays(members), &folder.join(format!("data-{members}")));
+    let (one, million) = (served(1), served(1_000_000));
+    println!("{:<44} {:>11.1}", "service, the table made and sent as CSV", (million.0 - one.0) / 1024.0);
+    println!("{:<44} {:>11.1}", "largest of its workers", (million.1 - one.1) / 1024.0);
     let _ = fs::remove_dir_all(&folder);
+}
+
+/// A decay over its rate and its start, with two numbers of each.
+fn decays(members: usize) -> Value {
+    json!({
+        "problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}},
+        "time": {"end": 1},
+        "sweep": {"over": {"k": {"uniform": [0, 2]}, "x.initial": {"normal": [1, 0.1]}}, "design": "random", "count": members,
+            "collect": {"x": {"final": "x"}, "mean": {"mean": "x"}}}})
+}
+
+/// The peak resident memory of a process so far, in KiB; nothing once it has ended.
+fn peak(process: u32) -> Option<f64> {
+    let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
+    status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?.split_whitespace().next()?.parse().ok()
+}
+
+/// The peak resident memory of a command, in KiB.
+fn peak_of(command: &mut Command) -> f64 {
+    let mut child = command.spawn().expect("the program");
+    let mut most = 0.0_f64;
+    while child.try_wait().expect("a child").is_none() {
+        most = most.max(peak(child.id()).unwrap_or(0.0));
+        thread::sleep(LOOK);
+    }
+    most
+}
+
+/// The peak resident memory of a service that solves a sweep and sends its table, and of the largest of its workers, in KiB.
+fn of_service(sweep: &Value, data: &std::path::Path) -> (f64, f64) {
+    let (mut server, address) = serve(data);
+    let ask = |request: String| -> String {
+        let mut connection = TcpStream::connect(&address).expect("a connection");
+        connection.write_all(request.as_bytes()).expect("a request");
+        let mut answer = String::new();
+        connection.read_to_string(&mut answer).expect("an answer");
+        answer
+    };
+    let body = sweep.to_string();
+    let accepted = ask(format!(
+        "POST /solve HTTP/1.0\r\nhost: localhost\r\nprefer: respond-async\r\ncontent-length: {}\r\n\r\n{body}",
+        body.len()
+    ));
+    let path = accepted.lines().find_map(|line| line.strip_prefix("location: ")).expect("a job").to_owned();
+    let mut workers = 0.0_f64;
+    while ask(format!("GET {path} HTTP/1.0\r\nhost: localhost\r\n\r\n")).find("\"finished\"").is_none() {
+        let children = fs::read_to_string(format!("/proc/{0}/task/{0}/children", server.id())).unwrap_or_default();
+        let largest = children.split_whitespace().filter_map(|id| peak(id.parse().ok()?)).fold(0.0, f64::max);
+        workers = workers.max(largest);
+        thread::sleep(LOOK);
+    }
+    let table = ask(format!("GET {path}/results HTTP/1.0\r\nhost: localhost\r\naccept: text/csv\r\n\r\n"));
+    assert!(table.lines().count() > sweep["sweep"]["count"].as_u64().expect("a count") as usize, "{}", &table[..200]);
+    let front = peak(server.id()).unwrap_or(0.0);
+    let _ = server.kill();
+    let _ = server.wait();
+    (front, workers)
 }
 
 /// A belt over its speed and its friction.
@@ -136,11 +206,11 @@ fn least(times: &[f64]) -> f64 {
     times.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// The time of requests, one after the other on one connection.
-fn posts(belt: &Value, folder: &std::path::Path) -> f64 {
+/// A service on a folder, and its address.
+fn serve(data: &std::path::Path) -> (Child, String) {
     let mut server = Command::new(DVI)
         .args(["serve", "--listen", "127.0.0.1:0", "--log-format", "json", "--data"])
-        .arg(folder.join("data"))
+        .arg(data)
         // Lines for requests would fill a pipe that nobody reads.
         .env("RUST_LOG", "info,dvi::request=off,dvi::job=off")
         .stderr(Stdio::piped())
@@ -155,6 +225,14 @@ fn posts(belt: &Value, folder: &std::path::Path) -> f64 {
             break address.to_owned();
         }
     };
+    // What it logs further on has a reader.
+    thread::spawn(move || std::io::copy(&mut log, &mut std::io::sink()));
+    (server, address)
+}
+
+/// The time of requests, one after the other on one connection.
+fn posts(belt: &Value, folder: &std::path::Path) -> f64 {
+    let (mut server, address) = serve(&folder.join("data"));
     let mut connection = TcpStream::connect(&address).expect("a connection");
     connection.set_nodelay(true).expect("no delay");
     let mut reader = BufReader::new(connection.try_clone().expect("a connection"));

@@ -9,6 +9,7 @@ mod editing;
 mod guide;
 mod live;
 mod looks;
+mod maps;
 mod numbers;
 mod pictures;
 mod places;

@@ -5,11 +5,13 @@ use crate::server::Server;
 
 const EXAMPLE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/bouncing_ball.json"));
 
-/// What the page has asked for, and where its links lead, other than below the path of its address.
+/// What the page has asked for, and where its links within the service lead, other than below the path of its address.
+/// Citations lead to other sites, as they should.
 const OUTSIDE: &str = "(() => {
     const below = new URL('/lab/dvi/', location.href).href;
     const asked = performance.getEntriesByType('resource').map((entry) => entry.name);
-    const led = [...document.querySelectorAll('a[href]')].map((link) => link.href);
+    const led = [...document.querySelectorAll('a[href]')].map((link) => link.href)
+        .filter((address) => new URL(address).origin === location.origin);
     return [...asked, ...led].filter((address) => !address.startsWith(below) && !address.startsWith('blob:'));
 })()";
 

@@ -159,7 +159,7 @@ fn a_token_that_only_reads_is_said_to_do_so_and_another_is_asked_for() {
     page.replace_text(DECAY);
     give(&reads);
     page.wait(
-        "document.getElementById('check').innerText.startsWith('Your token lets you look at jobs, but not check')",
+        "document.getElementById('check').innerText.startsWith('Your token allows reading jobs, but not checking')",
     );
     give(&solves);
     page.wait("document.getElementById('check').innerText.startsWith('Correct')");

@@ -3,4 +3,5 @@
 mod blocks;
 mod memory;
 mod orders;
+mod report;
 mod switches;

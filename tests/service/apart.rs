@@ -118,6 +118,7 @@ async fn what_a_worker_logs_has_the_ids_of_its_job() {
     let (document, long) = (labelled("panics"), &mut io::sink());
     let task = &mut Task {
         solve: true,
+        members: None,
         document: document.as_bytes(),
         limits,
         watch: &watch,

@@ -213,7 +213,7 @@ fn a_damaged_page_of_specifications_is_healed_before_a_new_job_is_written_beside
     let is_same = |place: usize| kept.get(place..place + PAGE) == rotten.get(place..place + PAGE);
     let same = (0..kept.len()).step_by(PAGE).filter(|place| is_same(*place)).count();
     assert!(aside(&folder).len() == 1 && 2 * same > kept.len() / PAGE, "{same} of {} pages", kept.len() / PAGE);
-    assert!(server.beginning.contains("have lost something"), "{}", server.beginning);
+    assert!(server.beginning.contains("have lost parts"), "{}", server.beginning);
     assert!(server.beginning.contains(": specification") && server.stop().0.success());
     let server = Server::start(&folder, &["--workers", "1"]);
     assert!(paths.iter().zip(&told).all(|(path, told)| server.get(path).body == *told));

@@ -22,7 +22,7 @@ const SETTLED: Duration = Duration::from_secs(300);
 /// A job as its client knows it.
 #[derive(Default)]
 struct Posted {
-    /// Its path, if the client received it.
+    /// The path of the job, if the client received it.
     path: Option<String>,
     /// Whether its deletion was confirmed, if it was requested.
     deleted: Option<bool>,

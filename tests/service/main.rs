@@ -39,6 +39,7 @@ mod solve_inline;
 mod spans;
 mod store;
 mod supervision;
+mod sweep_kills;
 mod sweeps;
 mod tokens;
 mod verdict;

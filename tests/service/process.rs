@@ -41,7 +41,7 @@ pub struct Server {
     pub address: String,
     /// The limits in force on its workers, according to its log.
     pub confined_to: String,
-    /// Its log up to the line that reports the address.
+    /// The log of the service up to the line that reports the address.
     pub beginning: String,
     pub log: BufReader<ChildStderr>,
 }

@@ -175,7 +175,7 @@ fn a_command_line_without_sense_has_its_own_exit_code() {
 #[test]
 fn a_flag_without_sense_is_told_with_what_to_write_instead() {
     for (arguments, tip) in [
-        (["--workers", "0"], "the least is 1"),
+        (["--workers", "0"], "the least value is 1"),
         (["--listen", "9000"], "as in '--listen 127.0.0.1:9000'"),
         (["--listen", ":9000"], "as in '--listen 127.0.0.1:9000'"),
         (["--port", "9000"], "'--listen 127.0.0.1:9000'"),
@@ -371,7 +371,7 @@ fn a_solve_that_takes_too_much_memory_says_so() {
     assert_eq!(told.lines().count(), 1, "{told}");
 }
 
-/// A decay over rates and starts.
+/// Exponential decay for several rates and initial values.
 const SWEEP: &str = r#"{"label": "decays", "problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}},
 "time": {"end": 1}, "sweep": {"over": {"k": {"linspace": [0, 2, 5]}, "x.initial": [1, 2, 3]}}}"#;
 
@@ -432,7 +432,7 @@ fn numbers_are_set_on_the_command_line_and_results_go_to_files() {
 }
 
 const SWEEP_LESS: &str = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}, "time": {"end": 1}}"#;
-/// A folder that is removed in the end.
+/// A temporary folder, removed when it is dropped.
 struct Folder(std::path::PathBuf);
 
 impl Folder {
@@ -467,7 +467,7 @@ fn several_files_are_solved_each_beside_itself() {
     let output = run(&["solve", "--format", "csv", &decay, &coarse], "");
     let told = String::from_utf8(output.stderr).unwrap();
     assert!(output.stdout.is_empty());
-    // That of the first which is not 0.
+    // The first exit code that is not 0 wins.
     assert_eq!(output.status.code(), Some(7), "{told}");
     assert!(told.contains("decay.json: completed, ") && told.contains("  dvi: not trusted: energy balance"), "{told}");
     assert_eq!(folder.read("decay.result.csv").into_bytes(), alone);
@@ -507,7 +507,7 @@ fn a_deck_is_solved_as_a_file() {
     assert!(output.status.code() == Some(2) && told.contains("line 2, column 8: `{x}`"), "{told}");
 }
 
-/// The digest is that of `sha256sum`.
+/// The digest agrees with that of `sha256sum`.
 #[test]
 fn an_answer_says_what_it_is_the_answer_to() {
     let output = run(

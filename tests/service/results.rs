@@ -82,9 +82,9 @@ async fn what_a_query_has_wrong_is_named() {
         ("every=0", "every is a whole number from one"),
         ("every=-1", "every is a whole number from one"),
         ("from=nan", "from is a finite number"),
-        ("form=csv", "form is not known here; there are fields, from, to, every"),
-        ("from=1&from=2", "from is given twice"),
-        ("%ff=%00", "is not known here"),
+        ("form=csv", "form is not a parameter here; the parameters are fields, from, to, every"),
+        ("from=1&from=2", "from is repeated"),
+        ("%ff=%00", "is not a parameter here"),
     ] {
         let problem = site.get(&format!("{path}?{query}")).await.problem(400, "bad-query");
         assert!(problem["detail"].as_str().unwrap().contains(told), "{query}: {problem}");

@@ -74,8 +74,8 @@ fn a_job_that_takes_too_much_memory_ends_alone_and_says_how_much() {
     server.reaches(&other, &["successful"]);
     let state = server.reaches(&greedy, &["failed", "successful"]);
     let told = message(&state);
-    assert!(told.starts_with("too-much-memory: it took more than the 1 MiB that it may"), "{told}");
-    assert!(told.contains(" MiB at once at the last") && told.contains("; the estimate was 0 MiB"), "{told}");
+    assert!(told.starts_with("too-much-memory: the process exceeded its 1 MiB of memory"), "{told}");
+    assert!(told.contains("with a last request of ") && told.contains("; the estimate was 0 MiB"), "{told}");
     server.get(&format!("{greedy}/results")).problem(422, "too-much-memory");
     assert_eq!(server.get("/healthz").status, 200);
     assert_eq!(server.send("POST", "/solve", "", &oscillator(100)).status, 200);
@@ -264,7 +264,7 @@ fn a_check_that_takes_too_much_memory_ends_alone() {
     );
     let answer = server.send("POST", "/check", "", &document);
     answer.problem(422, "too-much-memory");
-    assert!(answer.json()["detail"].as_str().unwrap().starts_with("it took more than the 1 MiB"), "{answer:?}");
+    assert!(answer.json()["detail"].as_str().unwrap().starts_with("the process exceeded its 1 MiB"), "{answer:?}");
     assert_eq!(server.send("POST", "/check", "", DECAY).status, 200);
     assert_eq!(server.send("POST", "/check", "", CUBE).status, 200);
 }

@@ -1,4 +1,4 @@
-//! Circuits that are wrong, and what is said of them, by the names of their components.
+//! Error messages for faulty circuits, by the names of their components.
 
 use crate::documents::*;
 use dvi::specification::Specification;
@@ -18,7 +18,7 @@ fn circuit() -> Value {
     })
 }
 
-/// The circuit with one more component.
+/// The circuit with an additional component.
 fn and(kind: &str, component: Value) -> Value {
     let mut document = circuit();
     let components = document.pointer_mut(PLACE).and_then(Value::as_array_mut).expect("components");
@@ -117,7 +117,7 @@ fn a_start_that_contradicts_itself_is_told_by_how_much() {
         "V1 a 0 2\nL1 a b 1 IC=1\nL2 b c 1 IC=4\nR1 c 0 1",
         &[("inconsistent_start", "`L1` starts from 1, but the other components leave only 4: off by -3e0")],
     );
-    // One start that is given settles that of the other.
+    // One given initial value determines the other.
     let text = netlist("C1 a 0 1u\nC2 a 0 1u IC=3\nR1 a 0 1k").to_string();
     assert_eq!(Specification::from_json(text.as_bytes()).unwrap().model().initial(), [3.0]);
 }
@@ -130,7 +130,7 @@ fn names_are_unique_and_can_stand_in_an_output() {
     assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "duplicate_name", "is a node as well")]);
     for name in ["", "R 2", "R(2)", "R\"2", &"R".repeat(61)] {
         let document = and("resistor", json!({"name": name, "nodes": ["in", "0"], "ohms": 1}));
-        assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "malformed_name", "no name")]);
+        assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "malformed_name", "not the name")]);
     }
     let document = and("resistor", json!({"name": "R2", "nodes": ["in", "in"], "ohms": 1}));
     assert_errors(&document, &[(&format!("{PLACE}/3/resistor"), "shorted_component", "`R2`")]);
@@ -160,7 +160,7 @@ fn an_error_in_a_netlist_has_its_line_and_column() {
     assert_netlist(".step R 1 2", &[("unknown_component", "line 1, column 1: the command `.step`")]);
     assert_netlist("* one\n  R1 a 0 1k2", &[("malformed_number", "line 2, column 10: `1k2` is not a number")]);
     assert_netlist("R1 a", &[("incomplete_component", "line 1, column 4: something is missing after `a`")]);
-    assert_netlist("C1 a 0 1u IC 5", &[("unexpected_word", "line 1, column 14: `5` stands where `=` belongs")]);
+    assert_netlist("C1 a 0 1u IC 5", &[("unexpected_word", "line 1, column 14: found `5` where `=` is expected")]);
     assert_netlist("D1 a 0 1N4148", &[("unknown_name", "line 1, column 8: there is no model `1N4148`")]);
     assert_netlist("V1 a 0 SFFM(0 1)", &[("unknown_source", "line 1, column 8: `SFFM`")]);
     assert_netlist("V1 a 0 EXP(0 1)", &[("malformed_source", "line 1, column 8: EXP has 2 values")]);
@@ -169,7 +169,7 @@ fn an_error_in_a_netlist_has_its_line_and_column() {
         &[
             ("malformed_source", "line 1, column 8: SIN has 1 values"),
             ("malformed_source", "line 3, column 11: the period"),
-            ("malformed_source", "line 4, column 16: the times of PWL go back"),
+            ("malformed_source", "line 4, column 16: the times of PWL decrease"),
             ("malformed_source", "line 5, column 8: PWL has 3 values"),
             ("malformed_source", "line 6, column 18: a time of PULSE is below zero"),
         ],
@@ -182,21 +182,21 @@ fn an_error_in_a_netlist_has_its_line_and_column() {
 fn an_error_in_a_deck_has_its_line_and_column() {
     let title = "A deck\n.tran 1u 1m\n";
     for (text, code, part) in [
-        ("R1 a 0 {x}", "malformed_number", "line 3, column 8: `{x}`: nothing is called `x`"),
+        ("R1 a 0 {x}", "malformed_number", "line 3, column 8: `{x}`: there is no parameter `x`"),
         ("R1 a 0 {1+", "malformed_number", "line 3, column 8"),
         ("R1 a 0 {(1}", "malformed_number", "`)` is missing"),
-        (".param a={b} b={a}\nR1 a 0 1", "malformed_number", "line 3, column 16: `{a}`: nothing is called `a`"),
+        (".param a={b} b={a}\nR1 a 0 1", "malformed_number", "line 3, column 16: `{a}`: there is no parameter `a`"),
         (".model X NPN(BF=100)", "unknown_component", "line 3, column 10: models of `NPN`"),
         ("S1 a 0 c 0 X\n.model X D", "unknown_name", "line 3, column 12: the model `X` is one of another kind"),
         ("S1 a 0 c 0 X\n.model X SW(VH=-1)", "out_of_range", "smooth switch"),
         ("X1 a b nothing", "unknown_name", "line 3, column 8: there is no subcircuit `nothing`"),
-        ("X1 a two\n.subckt two a b\nR1 a b 1\n.ends", "wrong_count", "has 2 nodes, and is given 1"),
+        ("X1 a two\n.subckt two a b\nR1 a b 1\n.ends", "wrong_count", "has 2 nodes, and 1 are given"),
         (".subckt two a b\nR1 a b 1", "incomplete_component", "line 3, column 9: the subcircuit `two` has no end"),
         ("X1 a loop\n.subckt loop a\nX1 a loop\n.ends", "too_deep", "16 levels"),
         ("K1 L1 L2 0.5", "unknown_name", "line 3, column 1: `K1` couples"),
-        ("L1 a 0 1\nL2 b 0 1\nK1 L1 L2 1.5", "out_of_range", "a coupling of 1.5"),
+        ("L1 a 0 1\nL2 b 0 1\nK1 L1 L2 1.5", "out_of_range", "the coupling coefficient is 1.5"),
         ("R1 a 0 1\n.ic V(a)=1", "inconsistent_start", ".ic of `a`"),
-        ("R1 a 0 1\n.ic V(a)", "unexpected_word", "`V` begins no start"),
+        ("R1 a 0 1\n.ic V(a)", "unexpected_word", "`V` is not an initial value"),
         (".lib diodes.lib", "unknown_component", "line 3, column 1: the command `.lib`"),
         (".tran 0", "malformed_source", "line 3, column 1: .tran has no end above zero"),
     ] {
@@ -243,7 +243,7 @@ fn what_a_law_names_and_the_circuit_does_not_have_is_told_with_what_it_has() {
     assert_eq!(errors[0].did_you_mean.as_deref(), Some("v(out)"));
 }
 
-/// Decks with words and lines lost, doubled, swapped and put in from elsewhere.
+/// Decks with words and lines deleted, duplicated, swapped and inserted from other decks.
 #[test]
 fn mangled_decks_are_answered_at_a_line_they_have() {
     let decks = [

@@ -1,9 +1,9 @@
-//! Documents to break, and what is said of broken ones.
+//! Valid documents that tests make faulty, and assertions on the resulting errors.
 
 use dvi::specification::{Specification, SpecificationError};
 use serde_json::{Value, json};
 
-/// A small problem that is right in every part: a mass on a spring with dry friction.
+/// A small valid problem: a mass on a spring with dry friction.
 pub fn block() -> Value {
     json!({
         "problem": {"dvi": {
@@ -19,7 +19,7 @@ pub fn block() -> Value {
     })
 }
 
-/// A small linear system that is right in every part.
+/// A small valid linear system.
 pub fn linear() -> Value {
     json!({
         "problem": {"lcs": {
@@ -30,7 +30,7 @@ pub fn linear() -> Value {
     })
 }
 
-/// `document` with what stands at `pointer` replaced, or put in.
+/// `document` with the value at `pointer` replaced or inserted.
 pub fn with(mut document: Value, pointer: &str, value: Value) -> Value {
     let (parent, key) = pointer.rsplit_once('/').unwrap();
     match document.pointer_mut(parent).unwrap() {
@@ -43,7 +43,7 @@ pub fn with(mut document: Value, pointer: &str, value: Value) -> Value {
     document
 }
 
-/// `document` without what stands at `pointer`.
+/// `document` without the value at `pointer`.
 pub fn without(mut document: Value, pointer: &str) -> Value {
     let (parent, key) = pointer.rsplit_once('/').unwrap();
     document.pointer_mut(parent).unwrap().as_object_mut().unwrap().remove(key).unwrap();

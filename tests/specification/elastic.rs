@@ -1,4 +1,4 @@
-//! Elastic bodies that are wrong, and what is said of them.
+//! Error messages for faulty elastic bodies.
 
 use crate::documents::*;
 use serde_json::{Value, json};
@@ -35,7 +35,7 @@ fn every_key_is_held_to_its_range() {
         ("viscosity", json!(-1), "out_of_range", "viscosity"),
         ("elements/x", json!(0), "out_of_range", "0 elements"),
         ("elements/y", json!(1), "out_of_range", "one layer"),
-        ("body/rectangle/y", json!([1, 1]), "empty_interval", "begins at 1"),
+        ("body/rectangle/y", json!([1, 1]), "empty_interval", "its beginning at 1"),
         ("body/rectangle/x/0", json!("1/0"), "not_finite", ""),
         ("contact/y_min/friction", json!(-0.1), "out_of_range", "friction"),
         ("contact/y_min/gap", json!("-0.1"), "penetrates_obstacle", "beyond"),
@@ -66,14 +66,14 @@ fn names_of_sides_are_checked_and_the_nearest_is_told() {
     assert_eq!((errors[0].code, errors[0].did_you_mean.as_deref()), ("unknown_name", Some("x_max")));
     for (place, value) in [("contact/z_min", json!({"gap": 1})), ("traction/top", json!([0, 0]))] {
         let place = format!("/problem/elastic/{place}");
-        assert_errors(&with(block(), &place, value), &[(place.as_str(), "unknown_name", "no side")]);
+        assert_errors(&with(block(), &place, value), &[(place.as_str(), "unknown_name", "not a side")]);
     }
     let twice = with(block(), "/problem/elastic/clamped", json!(["x_max", "x_max"]));
     assert_errors(&twice, &[("/problem/elastic/clamped/1", "duplicate_name", "clamped already")]);
     let held = with(block(), "/problem/elastic/clamped", json!(["x_max", "y_min"]));
-    assert_errors(&held, &[("/problem/elastic/contact/y_min", "no_contact_node", "no node")]);
+    assert_errors(&held, &[("/problem/elastic/contact/y_min", "no_contact_node", "no free node")]);
     let along = with(string(), "/problem/elastic/contact/x_max", json!({"gap": 1}));
-    assert_errors(&along, &[("/problem/elastic/contact/x_max", "unknown_name", "no side")]);
+    assert_errors(&along, &[("/problem/elastic/contact/x_max", "unknown_name", "not a side")]);
 }
 
 #[test]
@@ -98,7 +98,7 @@ fn an_obstacle_of_a_string_meets_every_other_node() {
     let odd = with(string(), "/problem/elastic/elements", json!(7));
     assert_errors(&odd, &[("/problem/elastic/elements", "odd_elements", "7 is odd")]);
     let between = with(string(), "/problem/elastic/contact/below/between", json!([0.3, 0.4]));
-    assert_errors(&between, &[("/problem/elastic/contact/below", "no_contact_node", "no node")]);
+    assert_errors(&between, &[("/problem/elastic/contact/below", "no_contact_node", "no free node")]);
 }
 
 #[test]

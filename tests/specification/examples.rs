@@ -1,4 +1,4 @@
-//! The examples that clients are handed.
+//! The examples published for clients.
 
 use dvi::specification::Specification;
 use std::fs;
@@ -14,10 +14,10 @@ fn every_example_passes_every_check_and_has_a_title() {
         assert!(specification.model().warnings().is_empty(), "{path:?}: {:?}", specification.model().warnings());
         count += 1;
     }
-    assert_eq!(count, 45);
+    assert_eq!(count, 52);
 }
 
-/// The bridge is given twice, in matrices and in expressions: the equations agree at a point with no zero in it.
+/// The bridge is given twice, by matrices and by expressions: the equations agree at a point without zero components.
 #[test]
 fn the_two_forms_of_the_diode_bridge_are_one_problem() {
     let read = |name: &str| {

@@ -1,4 +1,4 @@
-//! What is wrong with a fit, each at its place.
+//! Error messages for faulty fits, each at its place.
 
 use crate::documents::{assert_errors, block, with};
 use serde_json::{Value, json};

@@ -1,4 +1,4 @@
-//! The specifications of the guide: every one of them runs, and its answer is trusted.
+//! The specifications in the guide: each one runs, and its answer is trusted.
 
 use dvi::problem::Control;
 use dvi::solution::Status;

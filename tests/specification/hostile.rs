@@ -1,4 +1,4 @@
-//! Documents nobody meant to write: whatever the bytes, there is an answer, and an answer that refuses says why.
+//! Documents that nobody would write on purpose: any input is answered, and every refusal has a reason.
 
 use crate::documents::{block, linear};
 use dvi::specification::{EXAMPLES, Specification};
@@ -16,7 +16,7 @@ fn answered(text: &[u8]) {
     }
 }
 
-/// Every place in a value.
+/// The JSON pointer of every value in a document.
 fn pointers(value: &Value, at: String, found: &mut Vec<String>) {
     match value {
         Value::Object(members) => members.iter().for_each(|(key, value)| pointers(value, format!("{at}/{key}"), found)),
@@ -44,7 +44,7 @@ proptest! {
     }
 }
 
-/// As `cargo bench --bench fuzz` does it for longer; what has errors is changed further.
+/// A short run of `cargo bench --bench fuzz`; faulty mutants are mutated further.
 #[test]
 fn examples_changed_at_random_are_answered() {
     let mut corpus = [EXAMPLES.iter().map(|example| example.text.into()).collect::<Vec<Vec<u8>>>(), Vec::new()];
@@ -58,7 +58,7 @@ fn examples_changed_at_random_are_answered() {
     }
 }
 
-/// One value replaced by one of another kind: the errors stand at that value or below it, and nowhere else.
+/// A value replaced by one of another type: the errors are at or below that value, and nowhere else.
 #[test]
 fn a_value_of_another_kind_is_answered_at_its_place() {
     let strange = [json!(null), json!(true), json!(-1), json!("?"), json!([]), json!({}), json!({"a": 1, "b": 2})];
@@ -81,7 +81,8 @@ fn a_value_of_another_kind_is_answered_at_its_place() {
     }
 }
 
-/// Numbers whose products and squares overflow or vanish: the analysis of a correct specification ends all the same.
+/// Numbers whose products and squares overflow or underflow: the analysis of a valid specification completes
+/// nonetheless.
 #[test]
 fn numbers_at_the_limits_of_doubles_are_analysed() {
     for name in ["reverse_zeno", "diode_bridge", "fluid_queue", "three_regions", "pendulum"] {
@@ -115,7 +116,7 @@ fn a_large_document_with_many_errors_is_answered_in_time() {
     assert!(start.elapsed() < Duration::from_secs(20), "{:?}", start.elapsed());
 }
 
-/// Looking for the nearest of many names once for each of many wrong ones would take minutes.
+/// A search for the nearest of many names, made for each of many unknown ones, would take minutes.
 #[test]
 fn many_wrong_names_among_many_right_ones_are_answered_in_time() {
     const N: usize = 20_000;

@@ -1,11 +1,11 @@
-//! What cannot be solved as it is posed is refused with the reason, and the way round it.
+//! Problems that cannot be solved as posed are refused with the reason and a remedy.
 
 use crate::documents::assert_errors;
 use dvi::problem::Control;
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// A chain of integrators driven by `z`, with `G` the state that many integrations away.
+/// A chain of integrators driven by `z`; `G` is the state `distance` integrations away from it.
 fn chain(distance: usize) -> Value {
     let state = ["a", "b", "c"][distance];
     json!({
@@ -34,7 +34,7 @@ fn index_two_with_a_bound_needs_implicit_euler() {
     assert_errors(&document, &[("/method", "index_two_needs_euler", "the index is 2")]);
     document["method"] = json!({"stages": 1, "step": 0.001});
     let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
-    // b falls like 1 + t - t^2/2 to zero at 1 + sqrt 3: no bound is reached before t = 1.
+    // b decreases as 1 + t - t^2/2 and vanishes at 1 + sqrt 3: no bound is reached before t = 1.
     let solution = dvi::solve(&specification, &Control::new());
     let b = *solution.trajectory.field("b").unwrap().last().unwrap();
     assert!((b - 1.5).abs() < 1e-3, "b = {b}");
@@ -48,7 +48,7 @@ fn index_two_lands_on_its_bound_by_an_impulse() {
     let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
     let solution = dvi::solve(&specification, &Control::new());
     let end = |name: &str| *solution.trajectory.field(name).unwrap().last().unwrap();
-    // Inelastic: b rests at zero, its velocity a is gone, z carries the weight.
+    // Inelastic impact: b rests at zero, its velocity a vanishes, and z balances the weight.
     assert!(end("b").abs() < 1e-12 && end("a").abs() < 1e-9, "b = {}, a = {}", end("b"), end("a"));
     assert!((end("z") - 1.0).abs() < 1e-9, "z = {}", end("z"));
 }
@@ -63,7 +63,8 @@ fn index_three_is_refused_unless_accepted() {
 
 #[test]
 fn a_simplex_is_analysed_on_the_plane_it_lies_in() {
-    // Three regions with unit velocities at 120 degrees: along e_2 - e_1 and e_3 - e_1 CB is [[3, 3/2], [3/2, 3]].
+    // Three regions with unit velocities at 120 degrees: in the directions e_2 - e_1 and e_3 - e_1, CB is [[3, 3/2],
+    // [3/2, 3]].
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/api/examples/three_regions.json");
     let specification = Specification::from_json(&std::fs::read(path).unwrap()).unwrap();
     let analysis = specification.analysis();
@@ -73,7 +74,7 @@ fn a_simplex_is_analysed_on_the_plane_it_lies_in() {
 
 #[test]
 fn the_index_of_a_differential_algebraic_equation_is_told_in_both_ways_of_counting() {
-    // 0 = y - x^2 determines y as it stands, and y' differentiated once.
+    // 0 = y - x^2 determines y without differentiation, and y' after one.
     let states = json!({"x": {"initial": 1, "rate": "-y"}, "y": {"initial": 1, "rate": "y - x^2"}});
     let dvi = json!({"states": states, "mass": [[1, 0], [0, 0]]});
     let document = json!({"problem": {"dvi": dvi}, "time": {"end": 3}}).to_string();
@@ -86,7 +87,7 @@ fn the_index_of_a_differential_algebraic_equation_is_told_in_both_ways_of_counti
 
 #[test]
 fn what_is_bounded_has_no_impulses_whatever_its_index() {
-    // A force between bounds, on a position of which only the second or third derivative shows it.
+    // A force between bounds, which appears only in the second or third derivative of the position.
     for distance in [1, 2] {
         let mut document = chain(distance);
         for set in
@@ -96,7 +97,7 @@ fn what_is_bounded_has_no_impulses_whatever_its_index() {
             let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
             assert_eq!(specification.analysis().index, Some(1.0 + distance as f64));
         }
-        // With an upper bound alone the lower end is open, and impulses are possible again.
+        // With an upper bound alone, the force is unbounded below, and impulses are possible again.
         document["problem"]["dvi"]["set"] = json!([{"nonnegative": ["z"]}]);
         assert!(Specification::from_json(document.to_string().as_bytes()).is_err());
     }

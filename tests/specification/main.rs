@@ -1,5 +1,5 @@
-//! A specification as a whole: the examples pass, every bad document is told exactly what is wrong with it, and the
-//! published schema is that of the types.
+//! Specifications as a whole: the examples pass, every faulty document gets exact error messages, and the published
+//! schema is that of the types.
 
 mod circuits;
 mod documents;

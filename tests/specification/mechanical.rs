@@ -1,4 +1,4 @@
-//! Mechanical systems that are none, and starts that cannot be.
+//! Invalid mechanical systems, and inadmissible initial states.
 
 use crate::documents::*;
 use dvi::problem::{Control, Mechanical};
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 
 const AT: &str = "/problem/mechanical";
 
-/// A block on a floor, with a string to a wall, right in every part.
+/// A valid problem: a block on a floor, with a string to a wall.
 fn block_on_floor() -> Value {
     json!({"problem": {"mechanical": {
         "parameters": {"m": 2},
@@ -60,7 +60,7 @@ fn slips_are_linear_in_the_velocities() {
     for law in ["x_dot^2", "sin(x_dot)", "x_dot*y_dot", "x"] {
         refused(slip, json!([law]), &[("contacts/0/friction/slip/0", "slip_not_linear", "")]);
     }
-    refused(slip, json!(["x_dot", "y_dot", "x_dot"]), &[(slip, "wrong_shape", "3 velocities")]);
+    refused(slip, json!(["x_dot", "y_dot", "x_dot"]), &[(slip, "wrong_shape", "3 slip velocities")]);
     Specification::from_json(
         with(block_on_floor(), &format!("{AT}/{slip}"), json!(["x_dot*y - sin(t)"])).to_string().as_bytes(),
     )
@@ -77,11 +77,35 @@ fn coefficients_names_and_cones_are_in_their_ranges() {
     refused(friction, of("quadratic", 8), &[("contacts/0/friction/facets", "out_of_range", "quadratic")]);
     refused(friction, of("polyhedral", 3), &[("contacts/0/friction/facets", "out_of_range", "3 corners")]);
     refused("joints/0/name", json!("9"), &[("joints/0/name", "contact_name", "")]);
-    refused("contacts/0/name", json!("string"), &[("contacts/0/name", "contact_name", "taken")]);
+    refused("contacts/0/name", json!("string"), &[("contacts/0/name", "contact_name", "in use")]);
     let document = with(block_on_floor(), &format!("{AT}/forces"), json!({"xx": 1}));
     assert_suggestion(&document, &format!("{AT}/forces/xx"), "unknown_name", "x");
     let document = with(block_on_floor(), &format!("{AT}/coordinates/x_dot"), json!({"initial": 0}));
     assert!(errors_of(document.to_string()).iter().any(|error| error.code == "duplicate_name"));
+}
+
+#[test]
+fn coefficients_that_vary_and_ellipses_of_friction_say_what_cannot_be() {
+    let place = "contacts/0/friction/coefficient";
+    for law in ["0.2 + 0.1*exp(-slip_speed)", "0.1*(1 + x^2)", "0.3 + 0.1*sin(t)", "0.1 + 0.1*abs(x_dot)"] {
+        let document = with(block_on_floor(), &format!("{AT}/{place}"), json!(law));
+        Specification::from_json(document.to_string().as_bytes()).unwrap_or_else(|errors| panic!("{law}: {errors:#?}"));
+    }
+    refused(place, json!("0.3 - x"), &[(place, "out_of_range", "-2.7 at the start")]);
+    refused(place, json!("ln(-y)"), &[(place, "out_of_range", "NaN")]);
+    refused(place, json!("0.3*slip_sped"), &[(place, "unknown_name", "slip_sped")]);
+    // The name is a name in coefficients alone; a parameter of that name keeps its meaning.
+    refused("potential", json!("slip_speed"), &[("potential", "unknown_name", "slip_speed")]);
+    let document = with(block_on_floor(), &format!("{AT}/parameters/slip_speed"), json!(0.4));
+    let document = with(document, &format!("{AT}/{place}"), json!("slip_speed"));
+    Specification::from_json(document.to_string().as_bytes()).unwrap();
+    let ratio = "contacts/0/friction/ratio";
+    refused(ratio, json!(0.5), &[(ratio, "conflict", "one slip")]);
+    let slips = with(block_on_floor(), &format!("{AT}/contacts/0/friction/slip"), json!(["x_dot", "2*x_dot"]));
+    let bad = with(slips.clone(), &format!("{AT}/{ratio}"), json!(0));
+    assert_errors(&bad, &[(&format!("{AT}/{ratio}"), "out_of_range", "ratio of 0")]);
+    let right = with(slips, &format!("{AT}/{ratio}"), json!("m/4"));
+    Specification::from_json(right.to_string().as_bytes()).unwrap();
 }
 
 #[test]
@@ -90,11 +114,11 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
         "coordinates/y/initial",
         json!(-0.5),
         &[
-            ("joints/0/constraint", "interpenetration", "off by"),
+            ("joints/0/constraint", "interpenetration", "violated by"),
             ("contacts/0/gap", "interpenetration", "`floor` overlaps by 0.5"),
         ],
     );
-    refused("coordinates/x/velocity", json!(1), &[("joints/0/constraint", "interpenetration", "torn apart")]);
+    refused("coordinates/x/velocity", json!(1), &[("joints/0/constraint", "interpenetration", "violated in velocity")]);
     let document = with(block_on_floor(), &format!("{AT}/coordinates/y/initial"), json!(-0.5));
     let document = with(document, &format!("{AT}/coordinates/x/velocity"), json!(1));
     let document = with(document, &format!("{AT}/interpenetration"), json!("resolve"));
@@ -104,7 +128,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
     assert!((x * x_dot + y * y_dot).abs() < 1e-12);
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Completed);
-    // The weight may fall from where it was put; nothing else drives it.
+    // The weight may fall from its initial position; nothing else drives it.
     let kinetic = solution.trajectory.field("kinetic_energy").unwrap();
     assert!(kinetic.iter().all(|kinetic| *kinetic < 1.0), "an explosion");
 }
@@ -112,7 +136,7 @@ fn an_overlapping_start_is_refused_or_resolved_as_asked() {
 #[test]
 fn methods_are_for_the_problems_they_fit() {
     let document = with(block_on_floor(), "/method", json!({"name": "radau"}));
-    assert_errors(&document, &[("/method/name", "conflict", "no impacts")]);
+    assert_errors(&document, &[("/method/name", "conflict", "does not treat impacts")]);
     let document = with(block(), "/method", json!({"name": "contact"}));
     assert_errors(&document, &[("/method/name", "conflict", "no contacts")]);
     let document = with(block(), "/method", json!({"impacts": "locate"}));
@@ -121,7 +145,7 @@ fn methods_are_for_the_problems_they_fit() {
     assert_errors(&document, &[("/output/global_error", "conflict", "impacts")]);
 }
 
-/// The double pendulum in angles: `f` against the textbook, in which `M` depends on the angles.
+/// The double pendulum in angles, whose mass matrix depends on the angles: `f` against the textbook.
 #[test]
 fn coriolis_forces_are_those_of_the_textbook() {
     let document = json!({"problem": {"mechanical": {
@@ -138,7 +162,7 @@ fn coriolis_forces_are_those_of_the_textbook() {
     let s = (a - b).sin();
     let expected = [-s * b_dot * b_dot - 19.62 * a.sin(), s * a_dot * a_dot - 9.81 * b.sin()];
     assert!((f[0] - expected[0]).abs() < 1e-13 && (f[1] - expected[1]).abs() < 1e-13, "{f:?} {expected:?}");
-    // Their derivatives, against differences.
+    // Derivatives against difference quotients.
     let (mut by_q, mut by_v) = (DMatrix::zeros(2, 2), DMatrix::zeros(2, 2));
     problem.stiffness(0.0, &[a, b], &[a_dot, b_dot], &mut by_q, &mut by_v);
     let h = 1e-6;

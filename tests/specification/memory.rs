@@ -1,4 +1,4 @@
-//! Problems with memory that are wrong, and what is said of them.
+//! Error messages for faulty problems with memory.
 
 use crate::documents::*;
 use dvi::specification::Specification;
@@ -100,7 +100,7 @@ fn only_the_method_with_memory_solves_it_and_it_solves_nothing_else() {
     let error = with(fractional(), "/output", json!({"global_error": true}));
     assert_errors(&error, &[("/output/global_error", "conflict", "memory")]);
     let steps = with(fractional(), "/method", json!({"step": 2.1e-7}));
-    assert_errors(&steps, &[("/method/step", "too_many_steps", "remembered")]);
+    assert_errors(&steps, &[("/method/step", "too_many_steps", "history")]);
 }
 
 #[test]

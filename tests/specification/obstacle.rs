@@ -1,4 +1,4 @@
-//! Obstacle problems that are wrong, and what is said of them.
+//! Error messages for faulty obstacle problems.
 
 use crate::documents::*;
 use dvi::specification::Specification;
@@ -19,7 +19,7 @@ fn rectangle() -> Value {
     with(document, "/problem/obstacle/probes", json!({"middle": [0.5, 1]}))
 }
 
-/// One key of a problem replaced, and what is said of it: where, which code, and words of the message.
+/// Asserts the error after replacing one key of a problem: its place, its code, and words of the message.
 fn says(document: Value, key: &str, value: Value, place: &str, code: &str, words: &str) {
     let document = with(document, &format!("/problem/obstacle/{key}"), value);
     assert_errors(&document, &[(&format!("/problem/obstacle/{place}"), code, words)]);
@@ -53,7 +53,7 @@ fn a_domain_has_directions_of_some_length_in_their_order() {
 fn elements_are_at_least_two_in_each_direction_and_not_too_many() {
     says(interval(), "elements", json!(1), "elements", "out_of_range", "1 elements");
     says(interval(), "elements", json!({"x": 4, "y": 4}), "elements/y", "no_such_direction", "`y`");
-    says(rectangle(), "elements", json!({"x": 4}), "elements", "missing_key", "no `y`");
+    says(rectangle(), "elements", json!({"x": 4}), "elements", "missing_key", "`y` is missing");
     says(rectangle(), "elements", json!({"x": 4, "y": 0}), "elements/y", "out_of_range", "0 elements");
     says(interval(), "elements", json!(-4), "elements", "wrong_type", "-4");
     says(interval(), "elements", json!(2.5), "elements", "wrong_type", "2.5");
@@ -109,7 +109,7 @@ fn values_lie_between_the_obstacles() {
 
 #[test]
 fn probes_are_points_of_the_domain_with_names_of_their_own() {
-    says(interval(), "probes", json!({"p": [2]}), "probes/p/0", "outside_domain", "2 lies outside");
+    says(interval(), "probes", json!({"p": [2]}), "probes/p/0", "outside_domain", "2 is outside");
     says(interval(), "probes", json!({"p": [0.1, 0.2]}), "probes/p", "wrong_shape", "2 coordinates");
     says(interval(), "probes", json!({"total": [0.1]}), "probes/total", "duplicate_name", "`total`");
 }

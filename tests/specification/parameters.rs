@@ -1,5 +1,5 @@
-//! Parameters as inputs: a problem that is bound to other values against the same text read anew, and slopes against closed
-//! forms and differences.
+//! Bindable parameters: a problem bound to other values against the same text read anew, and sensitivities of the
+//! equations against closed forms and differences.
 
 use dvi::models::{DviModel, MechanicalModel, StaticModel};
 use dvi::problem::{Constraints, Control};
@@ -12,7 +12,7 @@ fn read(document: &Value) -> Specification {
     Specification::from_json(document.to_string().as_bytes()).unwrap_or_else(|errors| panic!("{errors:?}\n{document}"))
 }
 
-/// The document with other numbers for its parameters.
+/// The document with other values for its parameters.
 fn with_numbers(document: &Value, given: &[(&str, f64)]) -> Value {
     let mut document = document.clone();
     let problem = document["problem"].as_object_mut().and_then(|problem| problem.values_mut().next()).expect("a type");
@@ -22,13 +22,13 @@ fn with_numbers(document: &Value, given: &[(&str, f64)]) -> Value {
     document
 }
 
-/// The equations of a problem, with or without time.
+/// The equations of a problem, static or not.
 fn equations(specification: &Specification) -> &DviModel {
     let of_static = || (specification.model() as &dyn Any).downcast_ref().map(|model: &StaticModel| &model.equations);
     specification.model().dvi().or_else(of_static).expect("a variational inequality")
 }
 
-/// What a problem says at a point: rows, Jacobian, derivatives by time.
+/// The rows, the Jacobian and the time derivatives of a problem at a point.
 fn told(specification: &Specification, t: f64, y: &[f64]) -> [Vec<f64>; 3] {
     let model = equations(specification);
     let (structure, mut problem) = (model.structure(), model.problem());
@@ -39,7 +39,7 @@ fn told(specification: &Specification, t: f64, y: &[f64]) -> [Vec<f64>; 3] {
     told
 }
 
-/// Whether a bound problem is the one that is read anew: structure, start, and what it says at a point.
+/// Asserts that a bound problem equals the one read anew: structure, initial state, and equations at a point.
 #[track_caller]
 fn assert_same(bound: &Specification, anew: &Specification, what: &str) {
     if let [Some(model), Some(other)] = [bound, anew].map(mechanical) {
@@ -72,7 +72,7 @@ fn mechanical(specification: &Specification) -> Option<&MechanicalModel> {
     (specification.model() as &dyn Any).downcast_ref()
 }
 
-/// The same of mechanical systems.
+/// Asserts the same for mechanical systems.
 #[track_caller]
 fn assert_same_system(model: &MechanicalModel, other: &MechanicalModel, what: &str) {
     assert_eq!((model.structure(), &model.initial), (other.structure(), &other.initial), "{what}");
@@ -106,7 +106,7 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
         let document: Value = serde_json::from_str(example.text).expect("an example");
         let specification = read(&document);
         let Some(parameters) = specification.model().parameters() else { continue };
-        // Elements of vectors have no member of their own to be replaced.
+        // Elements of vectors have no member of their own to replace.
         let own = |(name, _): &(&String, &f64)| !name.contains('[');
         for (name, value) in parameters.names().iter().zip(parameters.values()).filter(own) {
             let given = [(name.as_str(), 1.25 * value + 0.01)];
@@ -119,7 +119,7 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
                     assert_eq!(found[0].code, "structure_changes", "{what}");
                 }
                 (Err(found), Err(expected)) => assert_eq!(found[0].code, expected[0].code, "{what}"),
-                // Where a start is moved to is no expression in parameters.
+                // A resolved initial state is not an expression in the parameters.
                 (Err(found), Ok(_)) => assert!(example.text.contains("resolve"), "{what}: {found:?}"),
                 (Ok(_), Err(errors)) => panic!("{what}: {errors:?}"),
             }
@@ -129,7 +129,7 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
     assert!(bound_parameters >= 40, "{bound_parameters} parameters of examples are inputs");
 }
 
-/// A problem in which parameters stand everywhere: rates, inequality, mass, bounds that move and bounds that do not, start.
+/// A problem with parameters everywhere: rates, inequality, mass, moving and constant bounds, initial values.
 fn everywhere() -> Value {
     json!({
         "problem": {"dvi": {
@@ -206,7 +206,7 @@ fn block() -> Value {
     })
 }
 
-/// A bridge with a capacitor in a loop with the source, a coil in series with another, and a zener in the tree.
+/// A bridge with a capacitor in a loop with the source, an inductor in series with another, and a zener in the tree.
 fn circuit() -> Value {
     json!({
         "problem": {"circuit": {
@@ -267,7 +267,7 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&everywhere(), &[("m", 0.0)], "structure_changes", "`m` = 0");
     told(&everywhere(), &[("m", -1.0)], "empty_set", "`m` = -1");
     told(&everywhere(), &[("b", f64::NAN)], "not_finite", "`b` = NaN");
-    told(&everywhere(), &[("c", 1.0)], "unknown_name", "`c` is no parameter");
+    told(&everywhere(), &[("c", 1.0)], "unknown_name", "`c` is not a parameter");
     told(&everywhere(), &[("mm", 1.0)], "unknown_name", "`mm`");
     told(&linear(), &[("e", 0.0)], "structure_changes", "`e` = 0");
     let at_zero = with_numbers(&linear(), &[("e", 0.0)]);
@@ -277,11 +277,11 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&block(), &[("e", 1.5)], "out_of_range", "restitution of `floor` is 1.5");
     told(&block(), &[("m", -1.0)], "mass_not_positive", "-1");
     told(&circuit(), &[("r", -1.0)], "out_of_range", "component number 2 is -1");
-    // Rates that lead away from the border on both sides leave it at any time.
+    // Rates that point away from the border on both sides: solutions may leave it at any time.
     let mut repelling = with_numbers(&regions(), &[("s", 0.0)]);
     repelling["problem"]["filippov"]["surface"] = json!("x");
     told(&repelling, &[("up", -1.0), ("down", 2.0)], "structure_changes", "repels");
-    // A mass that happens to be one is no identity.
+    // A mass that happens to equal one is not an identity.
     let mut identity = linear();
     identity["problem"]["lcs"]["mass"] = json!([["2*l", 0], [0, 1]]);
     let bound = read(&identity).with_parameters(&[("l", 0.75)]).expect("another mass");
@@ -292,7 +292,8 @@ fn what_cannot_be_bound_says_which_parameter_changes_what() {
     told(&folded, &[("a", 2.0)], "folded", "constants");
 }
 
-/// The slopes of rows at a point and of constants, dense: rows then states at the start then mass then bounds.
+/// Derivatives of the rows at a point and of constants with respect to parameters, dense: rows, then initial states,
+/// mass and bounds.
 fn slopes(specification: &Specification, t: f64, y: &[f64]) -> Vec<(String, usize, f64)> {
     let model = specification.model().dvi().expect("a problem");
     let mut slopes = model.slopes().expect("derivatives").expect("parameters");
@@ -315,7 +316,7 @@ fn slopes_are_those_of_the_closed_form() {
     let find = |what: &str, by: usize| {
         found.iter().find(|(of, parameter, _)| of.starts_with(what) && *parameter == by).map_or(0.0, |found| found.2)
     };
-    // m, k, a, w, b in the order of their names; c = k/m follows.
+    // m, k, a, w, b, sorted by name; c = k/m is not independent.
     let names = specification.model().parameters().expect("parameters").names().to_vec();
     let place = |name: &str| names.iter().position(|known| known == name).expect("a parameter");
     let quadratic = y[1] * y[1].abs();

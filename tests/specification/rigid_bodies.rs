@@ -1,4 +1,4 @@
-//! Scenes of rigid bodies that are not right: each fault at its place.
+//! Error messages for faulty rigid-body problems, each at its place.
 
 use crate::documents::*;
 use dvi::problem::Control;
@@ -98,7 +98,10 @@ fn a_quaternion_is_scaled_with_a_warning_and_none_is_refused() {
     let document = body("orientation", json!([2, 0, 0, 0]));
     let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
     assert_eq!(specification.model().warnings()[0].code, "quaternion_normalised");
-    assert_errors(&body("orientation", json!([0, 0, 0, 0])), &[(&at("orientation"), "zero_quaternion", "direction")]);
+    assert_errors(
+        &body("orientation", json!([0, 0, 0, 0])),
+        &[(&at("orientation"), "zero_quaternion", "zero or not finite")],
+    );
 }
 
 #[test]
@@ -111,7 +114,7 @@ fn bodies_that_overlap_are_refused_by_name_or_moved_apart_as_asked() {
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Completed, "{:?}", solution.error);
     let field = |name: &str| solution.trajectory.field(name).unwrap();
-    // The box is hinged about z and stands on the ground: the ball gives way, and no speed comes of it.
+    // The box is hinged about z and stands on the ground: the ball is moved away, without gaining velocity.
     assert!((field("ball.z")[0] - 1.1).abs() < 1e-6, "{}", field("ball.z")[0]);
     assert!(field("kinetic_energy").iter().all(|energy| *energy < 1e-3));
 }
@@ -132,7 +135,7 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0; 3], hinge.clone()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 1.5, 2.0], [0.0; 3], hinge);
     assert_errors(&document, &[(&torn("hinge"), "interpenetration", "1.5 rad/s")]);
-    // About an axis 2 m away the centre must go at w x r.
+    // About an axis at a distance of 2 m, the centre must have the velocity w x r.
     let aside = || json!({"hinge": on([1.0, 0.0, 0.5])});
     Specification::from_json(spin([0.0, 0.0, 2.0], [0.0, 4.0, 0.0], aside()).to_string().as_bytes()).unwrap();
     let document = spin([0.0, 0.0, 2.0], [0.0; 3], aside());
@@ -146,11 +149,11 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
 #[test]
 fn what_the_stepper_of_bodies_does_not_use_is_refused_where_it_is_written() {
     let cases = [
-        ("rtol", json!(1e-10), "no error is measured"),
-        ("atol", json!(1e-9), "no error is measured"),
+        ("rtol", json!(1e-10), "without an error estimate"),
+        ("atol", json!(1e-9), "without an error estimate"),
         ("stages", json!(5), "no stages"),
-        ("switches", json!("step_over"), "steps of one size"),
-        ("vi_solver", json!("lemke"), "solvers of its own"),
+        ("switches", json!("step_over"), "step over all events"),
+        ("vi_solver", json!("lemke"), "its own solvers"),
         ("accept_index_three", json!(true), "index three"),
     ];
     for (key, value, detail) in cases {
@@ -160,7 +163,7 @@ fn what_the_stepper_of_bodies_does_not_use_is_refused_where_it_is_written() {
     }
     for key in ["first_step", "max_step", "min_step"] {
         let document = with(scene(), "/method", json!({ key: 1e-3 }));
-        assert_errors(&document, &[(&format!("/method/{key}"), "conflict", "no error is measured")]);
+        assert_errors(&document, &[(&format!("/method/{key}"), "conflict", "without an error estimate")]);
     }
     Specification::from_json(with(scene(), "/method", json!({"name": "contact"})).to_string().as_bytes()).unwrap();
 }
@@ -174,7 +177,7 @@ fn too_many_bodies_are_refused_before_they_are_looked_at() {
 
 const PROBLEM: &str = "/problem/rigid_bodies";
 
-/// The scene with this joint alone.
+/// The problem with this joint alone.
 fn hinged(members: &Value) -> Value {
     let mut hinge = json!({"bodies": ["box"], "at": [3, 0, 0.5], "axis": [0, 0, 1]});
     hinge.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
@@ -189,7 +192,7 @@ fn motors_springs_and_limits_say_what_cannot_be() {
     };
     refused(json!({"motor": {"position": "1 + t"}}), "motor/position", "inconsistent_start", "1 at the start");
     refused(json!({"motor": {"position": "2*t"}}), "motor", "inconsistent_start", "rate of 2");
-    refused(json!({"motor": {"velocity": "ball.x"}}), "motor/velocity", "depends_on_state", "how bodies move");
+    refused(json!({"motor": {"velocity": "ball.x"}}), "motor/velocity", "depends_on_state", "the motion of bodies");
     refused(json!({"motor": {"effort": "1/t"}}), "motor/effort", "outside_domain", "not finite");
     refused(json!({"motor": {"servo": {"target": 1}}}), "motor/servo", "empty", "stiffness");
     refused(
@@ -204,7 +207,7 @@ fn motors_springs_and_limits_say_what_cannot_be() {
     refused(json!({"limits": {}}), "limits", "empty", "limit");
     refused(json!({"limits": {"lower": 0.1}}), "limits/lower", "out_of_range", "0.1");
     refused(json!({"limits": {"lower": 0, "upper": 0}}), "limits", "out_of_range", "0");
-    // What is zero but for rounding is no mismatch, and parameters may stand in all of it.
+    // Zero up to rounding is not a mismatch, also with parameters involved.
     let document = hinged(&json!({"motor": {"position": "6*(t + 0.1*(exp(-10*t) - 1))"}}));
     Specification::from_json(document.to_string().as_bytes()).unwrap();
 }
@@ -241,19 +244,58 @@ fn forces_and_springs_act_on_bodies_that_move() {
 }
 
 #[test]
+fn bushings_say_what_is_wrong_with_them() {
+    let place = format!("{PROBLEM}/bushings/0");
+    let bushing = |members: Value| {
+        let mut bushing = json!({"bodies": ["ball"], "at": [0, 0, 1]});
+        bushing.as_object_mut().unwrap().extend(members.as_object().unwrap().clone());
+        with(scene(), &format!("{PROBLEM}/bushings"), json!([bushing]))
+    };
+    assert_errors(&bushing(json!({})), &[(&place, "empty", "neither stiffness nor damping")]);
+    assert_errors(&bushing(json!({"stiffness": [0, 0, 0]})), &[(&place, "empty", "neither stiffness nor damping")]);
+    assert_errors(
+        &bushing(json!({"stiffness": [1, -2, 0]})),
+        &[(&format!("{place}/stiffness/1"), "out_of_range", "stiffness")],
+    );
+    assert_errors(
+        &bushing(json!({"rotational_damping": [1, 0, "-1"]})),
+        &[(&format!("{place}/rotational_damping/2"), "out_of_range", "rotational damping")],
+    );
+    assert_errors(
+        &bushing(json!({"stiffness": [1, 1, 1], "bodies": ["ground"]})),
+        &[(&format!("{place}/bodies"), "nothing_to_join", "moves")],
+    );
+    assert_errors(
+        &bushing(json!({"stiffness": [1, 1, 1], "orientation": [0, 0, 0, 0]})),
+        &[(&format!("{place}/orientation"), "zero_quaternion", "direction")],
+    );
+    let document = bushing(json!({"stiffness": [1, 1, 1], "rotational_stiffness": [1, 1, 1], "name": "mount"}));
+    Specification::from_json(document.to_string().as_bytes()).unwrap();
+}
+
+#[test]
 fn motions_parts_and_groups_say_what_cannot_be() {
     let bodies = |k: usize, key: &str, value: Value| with(scene(), &format!("{BODIES}/{k}/{key}"), value);
     let at = |k: usize, key: &str| format!("{BODIES}/{k}/{key}");
     let moved = json!({"position": ["t", 0, 1]});
     let mut document = bodies(1, "motion", moved);
-    // A mass and a position of its own contradict it.
+    // A mass and a position in addition to a motion contradict it.
     assert_errors(&document, &[(&at(1, "motion"), "conflict", "position"), (&at(1, "motion"), "conflict", "mass")]);
     let ball = document["problem"]["rigid_bodies"]["bodies"][1].as_object_mut().unwrap();
     ball.remove("mass");
     ball.remove("position");
     Specification::from_json(document.to_string().as_bytes()).unwrap();
     document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["box", "ball"], "at": [0, 0, 1]}}]);
-    assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball/bodies/1"), "conflict", "motion")]);
+    // The ball moves on at 1 m/s, and the box is at rest.
+    assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball"), "interpenetration", "torn apart")]);
+    document["problem"]["rigid_bodies"]["joints"] = json!([{"ball": {"bodies": ["ball"], "at": [0, 0, 1]}}]);
+    assert_errors(&document, &[(&format!("{PROBLEM}/joints/0/ball/bodies"), "nothing_to_join", "mass")]);
+    document["problem"]["rigid_bodies"]["joints"] = json!([]);
+    let turned = json!({"position": ["t", 0, 1], "rotation": [0, 0, "t"], "angular_velocity": [0, 0, 1]});
+    document["problem"]["rigid_bodies"]["bodies"][1]["motion"] = turned;
+    assert_errors(&document, &[(&at(1, "motion"), "conflict", "`rotation` and `angular_velocity`")]);
+    document["problem"]["rigid_bodies"]["bodies"][1]["motion"] = json!({"rotation": [0, 0, "1/t"]});
+    assert_errors(&document, &[(&at(1, "motion/rotation/2"), "outside_domain", "not finite")]);
     assert_errors(&bodies(0, "motion", json!({})), &[(&at(0, "motion"), "conflict", "fixed")]);
     let compound = |parts: Value| bodies(1, "shape", json!({"compound": parts}));
     assert_errors(&compound(json!([])), &[(&at(1, "shape/compound"), "wrong_count", "0 shapes")]);

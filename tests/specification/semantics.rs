@@ -1,4 +1,4 @@
-//! Documents of the right form that mean nothing: names, expressions, sets, times, ranges.
+//! Well-formed documents that are meaningless: names, expressions, sets, times, ranges.
 
 use crate::documents::*;
 use dvi::specification::Specification;
@@ -89,7 +89,7 @@ fn a_missing_set_is_one_error() {
 fn every_variable_stands_in_exactly_one_block() {
     assert_errors(
         &with(block(), "/problem/dvi/set", json!([])),
-        &[("/problem/dvi/variables/F", "variable_without_block", "`F` stands in no block")],
+        &[("/problem/dvi/variables/F", "variable_without_block", "`F` is in no block")],
     );
     assert_errors(
         &with(block(), "/problem/dvi/set", json!([{"free": ["F"]}, {"nonnegative": ["F"]}])),
@@ -258,7 +258,7 @@ fn matrices_have_the_shape_of_their_place() {
     );
     assert_errors(
         &matrix("A", json!({"shape": [2, 2], "entries": [[0, 1, 1], [1, 2, 5]]})),
-        &[("/problem/lcs/A/entries/1", "index_out_of_range", "(1, 2) lies outside")],
+        &[("/problem/lcs/A/entries/1", "index_out_of_range", "(1, 2) is outside")],
     );
     assert_errors(&matrix("A", json!([[0, "x1"], [-1, 0]])), &[("/problem/lcs/A/0/1", "unknown_name", "x1")]);
     assert_errors(
@@ -289,7 +289,7 @@ fn the_end_comes_after_the_start() {
 fn an_even_number_of_stages_needs_a_fixed_step() {
     for stages in [2, 4, 6, 8] {
         let document = with(block(), "/method", json!({"stages": stages}));
-        let reason = "there is no embedded error estimate";
+        let reason = "no embedded error estimate";
         assert_errors(&document, &[("/method/stages", "even_stages_need_step", reason)]);
         let document = with(block(), "/method", json!({"stages": stages, "step": 0.1}));
         dvi::specification::Specification::from_json(document.to_string().as_bytes()).unwrap();
@@ -345,8 +345,8 @@ fn output_fields_are_states_and_variables() {
     assert_errors(
         &document,
         &[
-            ("/output/fields/2", "unknown_name", "`k` is no output: neither a state, a variable nor a definition"),
-            ("/output/fields/3", "duplicate_name", "`x` is kept already"),
+            ("/output/fields/2", "unknown_name", "`k` is not an output: neither a state, a variable nor a definition"),
+            ("/output/fields/3", "duplicate_name", "`x` is named already"),
         ],
     );
 }

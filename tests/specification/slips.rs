@@ -1,5 +1,5 @@
-//! What people write by mistake, and the words of the answer that say what to write. Each row of `slips.json` names a
-//! document, pairs of texts of which the second is put for the first, and what the answer must have.
+//! Common mistakes in specifications, and the words of the error message that tell what to write. Each row of
+//! `slips.json` has a document, pairs of texts of which the first is replaced by the second, and the required words.
 
 use crate::documents::errors_of;
 use serde_json::Value;

@@ -1,4 +1,4 @@
-//! What is wrong with a static problem, each at its place.
+//! Error messages for faulty static problems, each at its place.
 
 use crate::documents::{assert_errors, with, without};
 use serde_json::{Value, json};
@@ -28,12 +28,12 @@ fn every_wrong_value_of_a_static_problem_is_told_at_its_place() {
         (
             "/problem/vi/set",
             json!([{"nonnegative": ["x"]}]),
-            ("/problem/vi/variables/y", "variable_without_block", "`y` stands in no block"),
+            ("/problem/vi/variables/y", "variable_without_block", "`y` is in no block"),
         ),
         (
             "/problem/vi/set",
             json!([{"box": {"of": ["x", "y"], "lower": 0, "upper": "t"}}]),
-            ("/problem/vi/set/0/box/upper", "depends_on_time", "a bound of a static problem is constant"),
+            ("/problem/vi/set/0/box/upper", "depends_on_time", "a bound of a static problem must be constant"),
         ),
         ("/method", json!({"step": 0.1}), ("/method/step", "conflict", "no steps")),
         ("/method", json!({"name": "radau"}), ("/method/name", "conflict", "no steps")),
@@ -42,7 +42,7 @@ fn every_wrong_value_of_a_static_problem_is_told_at_its_place() {
         (
             "/sensitivities",
             json!({"to": ["c"]}),
-            ("/sensitivities", "conflict", "derivatives are followed by Radau IIA alone"),
+            ("/sensitivities", "conflict", "derivatives are computed only for problems that Radau IIA solves"),
         ),
     ] {
         assert_errors(&with(market(), pointer, value), &[expected]);

@@ -1,4 +1,4 @@
-//! Documents of the wrong form: syntax, unknown and missing keys, values of the wrong kind.
+//! Ill-formed documents: syntax, unknown and missing keys, values of the wrong type.
 
 use crate::documents::*;
 use dvi::problem::Control;
@@ -21,7 +21,7 @@ fn a_syntax_error_gives_line_and_column() {
         "{\"time\": {\"end\": 1}",
         &[("", "syntax", "the end of the text where `{` at line 1 column 1 is open at line 1 column 20")],
     );
-    assert_text("{} {}", &[("", "syntax", "text behind the end of the document at line 1 column 4")]);
+    assert_text("{} {}", &[("", "syntax", "text after the end of the document at line 1 column 4")]);
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn values_of_the_wrong_kind_say_what_was_found_and_expected() {
     }
 }
 
-/// MATLAB, Octave and R write a list of one element as the element, and a column as a flat list.
+/// MATLAB, Octave and R write a list of one element as the element itself, and a column as a flat list.
 #[test]
 fn one_value_stands_for_a_list_of_it_alone() {
     let set = json!({"box": {"of": "F", "lower": -1, "upper": 1}});
@@ -200,7 +200,7 @@ fn one_value_stands_for_a_list_of_it_alone() {
     let read = written.map(|document| Specification::from_json(document.to_string().as_bytes()).unwrap());
     let [lists, alone] = read.each_ref().map(|read| dvi::solve(read, &Control::new()).trajectory);
     assert_eq!(lists, alone);
-    // A column of two, and a row of two, both as flat lists.
+    // A column of two and a row of two, both written as flat lists.
     let written = [
         small(
             json!({"initial": [1, 2], "A": [[-1, 0], [0, -2]], "B": [[1], [3]], "C": [[1, 4]], "D": [[1]], "set": [{"nonnegative": ["z1"]}]}),
@@ -212,7 +212,7 @@ fn one_value_stands_for_a_list_of_it_alone() {
     let read = written.map(|document| Specification::from_json(document.to_string().as_bytes()).unwrap());
     let [lists, flat] = read.each_ref().map(|read| dvi::solve(read, &Control::new()).trajectory);
     assert_eq!(lists, flat);
-    // What is wrong with it is at its place in what was written.
+    // Errors are reported at their place in the document as written.
     let wrong = with(block(), "/problem/dvi/set", json!({"bxo": {"of": "F"}}));
     assert_suggestion(&wrong, "/problem/dvi/set/bxo", "unknown_choice", "box");
     let rows = ("/problem/dvi/mass", "wrong_shape", "expected 2 rows");
@@ -228,7 +228,7 @@ fn the_end_may_be_called_until_and_not_twice() {
     assert_errors(&twice, &[("/time/until", "conflict", "another name of `end`")]);
 }
 
-/// A comment may say what it will in an object of fixed keys; among names it is a name.
+/// A comment may have any content in an object with fixed keys; in an object of names it is a name.
 #[test]
 fn comments_and_the_address_of_the_schema_are_passed_over() {
     let remark = json!("why it is so");
@@ -250,7 +250,7 @@ fn comments_and_the_address_of_the_schema_are_passed_over() {
         specification.model().state_names(),
         Specification::from_json(block().to_string().as_bytes()).unwrap().model().state_names()
     );
-    // Beside the type of a problem with vectors too.
+    // Comments are also ignored beside the type of a problem with vectors.
     let vectors = json!({"parameters": {"n": 2}, "states": {"x[1..n]": {"initial": 1, "rate": "-x[i]"}}});
     let vectors = json!({"problem": {"comment": "why", "dvi": vectors}, "time": {"end": 1}});
     assert!(Specification::from_json(vectors.to_string().as_bytes()).is_ok());
@@ -302,9 +302,9 @@ fn a_missing_rate_and_a_missing_inequality_are_both_named() {
 #[test]
 fn a_key_that_stands_twice_is_an_error() {
     let text = block().to_string().replace("\"end\":10", "\"end\":10,\"end\":11");
-    assert_text(text, &[("/time/end", "duplicate_key", "stands twice")]);
+    assert_text(text, &[("/time/end", "duplicate_key", "occurs twice")]);
     let text = block().to_string().replace("\"v\":{", "\"x\":{\"initial\":0,\"rate\":\"x\"},\"v\":{");
-    assert_text(text, &[("/problem/dvi/states/x", "duplicate_key", "stands twice")]);
+    assert_text(text, &[("/problem/dvi/states/x", "duplicate_key", "occurs twice")]);
 }
 
 #[test]

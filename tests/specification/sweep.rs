@@ -1,4 +1,4 @@
-//! What is wrong with a sweep, and where; and names of numbers.
+//! Error messages for faulty sweeps, each at its place; and names of numbers.
 
 use crate::documents::*;
 use dvi::specification::{Specification, edited};
@@ -18,6 +18,21 @@ fn names_that_stand_for_nothing_are_told_with_the_nearest() {
     assert!(told.contains(&("/sweep/over/xx.initial", "unknown_name", Some("x.initial"))), "{told:?}");
     assert!(told.iter().any(|error| error.0 == "/sweep/over/x.velocity"), "{told:?}");
     assert_eq!(told.len(), 3);
+}
+
+#[test]
+fn trajectories_are_kept_at_given_times_and_within_bounds() {
+    let told = |sweep: Value, output: Value| {
+        let errors = errors_of(with(swept(sweep), "/output", output).to_string());
+        assert_eq!(errors.len(), 1, "{errors:#?}");
+        (errors[0].pointer.clone(), errors[0].code, errors[0].detail.clone())
+    };
+    let many = json!({"over": {"k": {"linspace": [1, 2, 1_000_000]}}, "keep": "trajectories"});
+    let (pointer, code, detail) = told(many, json!({"times": {"count": 11}, "fields": ["x", "v"]}));
+    assert_eq!((pointer.as_str(), code), ("/sweep/keep", "too_many_runs"));
+    assert!(detail.starts_with("22000000 numbers: 11 times of 2 fields of 1000000 members"), "{detail}");
+    let (pointer, code, _) = told(json!({"over": {"k": [1, 2]}, "keep": "trajectories"}), json!({}));
+    assert_eq!((pointer.as_str(), code), ("/sweep/keep", "missing_key"));
 }
 
 #[test]

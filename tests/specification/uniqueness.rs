@@ -1,5 +1,5 @@
-//! Certificates of uniqueness are true: none where textbooks have several solutions, one where theorems have one, and the
-//! same for every writing of a problem.
+//! Certificates of uniqueness are correct: none for textbook examples with several solutions, one wherever a theorem
+//! applies, and the same for every way of writing a problem.
 
 use dvi::analysis::{Analysis, Uniqueness};
 use dvi::specification::Specification;
@@ -24,7 +24,7 @@ fn ode(rate: &str, initial: f64) -> Value {
 
 #[test]
 fn rates_that_are_not_lipschitz_are_not_certified() {
-    // From zero: x = +-t; x = 0 or t^2; x = 0 or t^3; x = 0 or (2 t/3)^(3/2).
+    // Solutions from zero: x = +-t; x = 0 or t^2; x = 0 or t^3; x = 0 or (2 t/3)^(3/2).
     for (rate, expected, because) in [
         ("sign(x)", Uniqueness::NotCertified, "`sign` of a term in `x` jumps"),
         ("1 - 2*heaviside(x)", Uniqueness::NotCertified, "`heaviside` of a term in `x` jumps"),
@@ -33,7 +33,7 @@ fn rates_that_are_not_lipschitz_are_not_certified() {
         ("abs(x)^(1/3)", Uniqueness::ExistsNotCertified, "a power below one of a term in `x`"),
     ] {
         assert_verdict(ode(rate, 0.0), expected, because);
-        // Away from zero all of them are smooth.
+        // Away from zero all of these rates are smooth.
         assert_verdict(ode(rate, 1.0), Uniqueness::LocallyUnique, "until it gets there");
     }
 }
@@ -49,7 +49,7 @@ fn rates_that_are_lipschitz_are_certified() {
 
 #[test]
 fn what_is_not_lipschitz_beside_variables_is_seen_too() {
-    // The height of a tank that leaks, kept below a rim.
+    // The height of a leaking tank, kept below a rim.
     let tank = |initial: f64| {
         json!({"dvi": {
             "states": {"h": {"initial": initial, "rate": "1 - sqrt(h) - z"}},
@@ -60,7 +60,7 @@ fn what_is_not_lipschitz_beside_variables_is_seen_too() {
     assert_verdict(tank(1.0), Uniqueness::LocallyUnique, "`sqrt` of a term in `h`");
 }
 
-/// `x' = A x + B z`, `G = C x + D z`, `z >= 0`.
+/// A problem `x' = A x + B z`, `G = C x + D z`, `z >= 0`.
 fn lcs(a: Value, b: Value, c: Value, d: Value) -> Value {
     let initial = vec![0.0; a.as_array().map_or(0, Vec::len)];
     let names: Vec<String> = (1..=d.as_array().map_or(0, Vec::len)).map(|k| format!("z{k}")).collect();
@@ -81,15 +81,16 @@ fn passive_netlists_have_unique_states() {
 
 #[test]
 fn a_source_that_feeds_back_is_not_passive() {
-    // The doubler's D with the sign of one resistance turned is regular and no P-matrix.
+    // The doubler's D with the sign of one resistance reversed is regular but not a P-matrix.
     let negative = lcs(json!([[0.0]]), json!([[1.0, 0.0]]), json!([[1.0], [0.0]]), json!([[1.0, 2.0], [2.0, 1.0]]));
-    assert_verdict(negative, Uniqueness::NotCertified, "no P-matrix");
+    assert_verdict(negative, Uniqueness::NotCertified, "not a P-matrix");
     // P B = C^T has no solution on the kernel of D: C B = -1.
     let reversed = lcs(json!([[0.0]]), json!([[-1.0, 0.0]]), json!([[1.0], [0.0]]), json!([[0.0, 0.0], [0.0, 1.0]]));
     assert_verdict(reversed, Uniqueness::NotCertified, "");
 }
 
-/// Rock, paper, scissors: shares move along their payoffs, projected onto what sums to one, and stay nonnegative.
+/// Rock, paper, scissors: shares move along their payoffs, projected onto the plane of constant sum, and stay
+/// nonnegative.
 fn rock_paper_scissors(mean: bool) -> Value {
     let pushes = ["b - c + za", "c - a + zb", "a - b + zc"];
     let less = if mean { "(za + zb + zc)/3" } else { "m" };
@@ -112,7 +113,7 @@ fn one_problem_in_two_writings_has_one_verdict() {
     for mean in [true, false] {
         assert_verdict(rock_paper_scissors(mean), Uniqueness::Unique, "passive");
     }
-    // Friction, its rate beside a free variable that is another name for the force.
+    // Dry friction, with the rate written directly or through a free variable equal to the force.
     let plain = json!({"dvi": {
         "states": {"v": {"initial": 1, "rate": "-F"}},
         "variables": {"F": {"inequality": "-v"}},
@@ -128,11 +129,11 @@ fn one_problem_in_two_writings_has_one_verdict() {
 
 #[test]
 fn a_p_matrix_decides_of_intervals_alone() {
-    // [[1, 5], [0, 1]] is a P-matrix and not positive definite.
+    // [[1, 5], [0, 1]] is a P-matrix but not positive definite.
     let problem = |set: Value| json!({"lcs": {"initial": [0], "C": [[1], [0]], "D": [[1, 5], [0, 1]], "variable_names": ["p", "q"], "set": [set]}});
     assert_verdict(problem(json!({"nonnegative": ["p", "q"]})), Uniqueness::Unique, "a P-matrix");
     let disk = problem(json!({"ball": {"of": ["p", "q"], "radius": 1}}));
-    assert_verdict(disk, Uniqueness::NotCertified, "intervals alone");
+    assert_verdict(disk, Uniqueness::NotCertified, "intervals only");
 }
 
 #[test]

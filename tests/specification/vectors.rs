@@ -1,11 +1,11 @@
-//! Vectors and sums, against the same problem written out, and what is said of those that are wrong.
+//! Vectors and sums, compared with the same problem written out, and error messages for faulty ones.
 
 use crate::documents::{assert_errors, errors_of};
 use dvi::problem::Control;
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
-/// Masses with dry friction between springs, with vectors.
+/// Masses with dry friction, connected by springs, as vectors.
 fn chain() -> Value {
     json!({
         "problem": {"dvi": {
@@ -29,7 +29,7 @@ fn chain() -> Value {
     })
 }
 
-/// The same, with a name for each element: `x3` for `x[3]`.
+/// The chain with a name for each element: `x3` for `x[3]`.
 fn written_out() -> Value {
     let n = 5;
     let (mut parameters, mut states, mut set) = (json!({"m": 1, "k": 10}), json!({}), Vec::new());
@@ -108,9 +108,9 @@ fn what_is_wrong_with_a_vector_is_told_where_it_is_declared_and_once() {
     let states = "/problem/dvi/states/v[1..n]";
     for (place, value, code, says) in [
         (format!("{states}/rate"), json!("x[i+2]"), "index_out_of_range", "there is no `x[7]`"),
-        (format!("{states}/rate"), json!("x[t]"), "index_out_of_range", "an index is a whole number, and this varies"),
-        (format!("{states}/rate"), json!("x[1/2]"), "index_out_of_range", "an index is a whole number, found 0.5"),
-        (format!("{states}/rate"), json!("w[i]"), "unknown_name", "nothing is called `w[1]` here"),
+        (format!("{states}/rate"), json!("x[t]"), "index_out_of_range", "an index must be a constant whole number"),
+        (format!("{states}/rate"), json!("x[1/2]"), "index_out_of_range", "an index must be a whole number, found 0.5"),
+        (format!("{states}/rate"), json!("w[i]"), "unknown_name", "there is no name `w[1]` here"),
         (format!("{states}/rate"), json!("x"), "unknown_name", "`x` is a vector of 7 elements"),
         (format!("{states}/rate"), json!("sum(x[i] for i in 1..3)"), "syntax", "the index of a sum"),
         (
@@ -140,7 +140,7 @@ fn what_is_wrong_with_a_vector_is_told_where_it_is_declared_and_once() {
     let shadowed = json!({
         "problem": {"dvi": {"parameters": {"i": 2}, "states": {"x[1..3]": {"initial": "i", "rate": 0}}}}, "time": {"end": 1}
     });
-    let detail = "the index `i` of `x[1..3]` has the name of something else";
+    let detail = "the index `i` of `x[1..3]` has a name that is in use already";
     assert_errors(&shadowed, &[("/problem/dvi/states/x[1..3]", "duplicate_name", detail)]);
     let document = json!({
         "problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "sum(1 for i in 1..1e9)"}}}}, "time": {"end": 1}

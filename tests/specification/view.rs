@@ -19,7 +19,7 @@ fn every_error_of_a_view_is_reported_at_its_place() {
             ("/view/points/b", "wrong_count", "found 1 entries"),
             ("/view/points/c/0", "unknown_name", ""),
             ("/view/points/d/1", "syntax", ""),
-            ("/view/segments/0/1", "unknown_name", "unknown point `e`"),
+            ("/view/segments/0/1", "unknown_name", "`e` is not a point of this view"),
             ("/view/segments/1", "wrong_count", "found 1 entries"),
         ],
     );

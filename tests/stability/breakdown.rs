@@ -77,7 +77,7 @@ fn an_inequality_that_nothing_can_keep_ends_at_its_time() {
         let (solution, failed) = failure(&case, 1.0);
         assert!(last(&solution, "x").abs() < 1e-9);
         assert_eq!(failed.code, "no_solution");
-        assert!(failed.message.contains("the inequality of `z` fails"), "{}", failed.message);
+        assert!(failed.message.contains("the inequality of `z` is violated"), "{}", failed.message);
     }
     let solution = Case::until(3.0).state("x", -1.0, "-1").nonnegative("z", "x").run();
     assert_eq!(solution.error.expect("a failure").code, "no_solution");

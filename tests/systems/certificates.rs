@@ -1,10 +1,10 @@
-//! What every exact solution satisfies, seen on the computed ones: the natural map, complementarity and the
-//! differentiation lemmas `<z', G> = 0` and `<z', G'> <= 0`, which hold whatever the problem is.
+//! Properties of every exact solution, verified on the computed ones: the natural map, complementarity, and the
+//! differentiation lemmas `<z', G> = 0` and `<z', G'> <= 0`, which hold for every problem.
 
 use super::harness::solve;
 use super::reference::example;
 
-/// The figures of an example, beside the largest `|z|` and `|G|` it has, of which their products are made.
+/// Asserts the certificates of an example; `size` is its largest `|z|` or `|G|`, the scale of their products.
 fn assert_certified(name: &str, size: f64) {
     let solution = solve(&example(name));
     let figures = solution.diagnostics.complementarity.expect("figures");

@@ -4,7 +4,7 @@ use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::{digits, example, switching};
 use serde_json::json;
 
-/// Whether no variable is below zero and no inequality either.
+/// Asserts that no variable and no inequality is negative.
 fn assert_complementary(solution: &dvi::solution::Solution, variables: &[&str]) {
     for name in variables {
         let least = column(solution, name).iter().copied().fold(f64::INFINITY, f64::min);
@@ -25,7 +25,8 @@ fn the_diode_bridge_reaches_its_reference() {
         assert_complementary(&solution, &["v_R1", "v_F2", "i_F1", "i_R2"]);
         let switches = reference["switches"].as_u64();
         assert!(solution.diagnostics.switches >= switches.expect("a count"), "{}", solution.diagnostics.switches);
-        // The two diodes of a branch conduct in turn: their currents add to |i_load| and never both flow.
+        // The two diodes of a branch conduct alternately: their currents add up to |i_load|, and one of them is always
+        // zero.
         let (forward, backward) = (column(&solution, "i_F1"), column(&solution, "i_R2"));
         assert!(forward.iter().chain(backward).any(|&current| current > 1e-3));
     }
@@ -43,7 +44,7 @@ fn the_filtered_bridge_reaches_its_reference() {
         let error = (last(&solution, name) / exact - 1.0).abs();
         assert!(error < 1e-7, "`{name}` is off by {error:e} relative");
     }
-    // Each diode pair stops or starts to conduct at the tabulated instants.
+    // Each diode pair starts or stops conducting at the tabulated times.
     let times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
     for mode in reference["modes"].as_array().expect("modes").iter().skip(1) {
         let exact = digits(&mode[0]);

@@ -1,5 +1,5 @@
-//! Circuits that follow voltages and currents: controlled sources, limits, amplifiers, comparators, transformers, and a
-//! converter in a closed loop.
+//! Circuits controlled by voltages and currents: controlled sources, limits, amplifiers, comparators, transformers, and
+//! a converter in a closed loop.
 
 use crate::systems::harness::{column, events, last, solve};
 use crate::systems::reference::example;
@@ -21,8 +21,8 @@ fn assert_near(found: f64, exact: f64, tolerance: f64) {
     );
 }
 
-/// The values come from matrix exponentials from switch to switch in 30 digits, switches found by Anderson's iteration: a run
-/// of its own, which knows that the coil never runs dry.
+/// Reference: matrix exponentials from switch to switch in 30 digits, with switches found by Anderson's iteration, in a
+/// separate program which assumes that the coil current never vanishes.
 #[test]
 fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     let mut specification = example("buck_closed_loop");
@@ -30,7 +30,7 @@ fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     specification["method"] = json!({"rtol": 1e-10});
     specification["output"]["times"] = json!("steps");
     let solution = solve(&specification);
-    // At the ends of periods, where a step ends.
+    // Values at the ends of periods, where a step ends.
     let exact = [
         (1, 0.580_423_786_860_029_6, 0.050_012_019_420_966_06),
         (10, 5.658_879_997_690_433, 2.692_800_285_106_91),
@@ -51,14 +51,14 @@ fn a_buck_converter_in_a_closed_loop_is_exact_over_two_thousand_switches() {
     }
     let switches: Vec<f64> =
         solution.trajectory.events.iter().filter(|event| event.of == "closed(S1)").map(|event| event.t).collect();
-    // It closes where the sawtooth begins anew, 999 times within the run, and opens once a period.
+    // The switch closes where the sawtooth begins a new period, 999 times within the run, and opens once per period.
     assert_eq!(switches.len(), 1999);
     assert_near(switches[0] * 1e6, 2.427_718_171_639_071, 1e-8);
     assert_near(switches.last().expect("a switch") * 1e3, 9.994_999_999_819_495, 1e-9);
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
 
-/// With a light load the current of the coil is zero in part of each period: then `i` is exactly zero and never negative.
+/// With a light load the coil current vanishes for part of each period: there `i` is exactly zero, and never negative.
 #[test]
 fn a_converter_in_a_closed_loop_may_run_dry() {
     let mut specification = example("buck_closed_loop");
@@ -70,7 +70,7 @@ fn a_converter_in_a_closed_loop_may_run_dry() {
     assert!(current.iter().filter(|i| i.abs() < 1e-12).count() > 20);
 }
 
-/// `v' = (E - v)/(R C)` while it is on, `-v/(R C)` while it is off, between `2 - 0.1` and `2 + 0.1`.
+/// Charging with `v' = (E - v)/(R C)` and discharging with `v' = -v/(R C)`, between `2 - 0.1` and `2 + 0.1`.
 #[test]
 fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     let mut specification = circuit(
@@ -85,7 +85,7 @@ fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     );
     specification["output"] = json!({"times": {"count": 501}});
     let solution = solve(&specification);
-    // On through R1 alone; off through R1 and R0.
+    // Charging through R1 alone; discharging through R1 and R0.
     let on = |from: f64, to: f64| ((5.0 - from) / (5.0 - to)).ln();
     let off = |from: f64, to: f64| 2.0 * (from / to).ln();
     let (low, high) = (1.9, 2.1);
@@ -100,7 +100,7 @@ fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
         assert_near(*found, *exact, 1e-8);
     }
     assert!(found.len() > 8, "{found:?}");
-    // Within the band, what was before the start decides.
+    // Within the band, the initial state of the switch decides.
     for (initially, rises) in [(false, false), (true, true)] {
         specification["problem"]["circuit"]["components"][4]["capacitor"]["volts"] = json!(2.0);
         specification["problem"]["circuit"]["components"][1]["switch"]["initially"] = json!(initially);
@@ -109,7 +109,7 @@ fn a_switch_with_hysteresis_keeps_a_voltage_within_its_band() {
     }
 }
 
-/// The period of a relaxation oscillator is `2 R C ln((1 + b)/(1 - b))` with the divider `b`.
+/// The period of a relaxation oscillator is `2 R C ln((1 + b)/(1 - b))` with the divider ratio `b`.
 #[test]
 fn a_comparator_with_hysteresis_makes_a_relaxation_oscillator() {
     let specification = circuit(
@@ -130,7 +130,7 @@ fn a_comparator_with_hysteresis_makes_a_relaxation_oscillator() {
     assert!(found.len() > 15);
 }
 
-/// All four controlled sources of SPICE in one circuit without energy: a ladder that is solved by hand.
+/// All four controlled sources of SPICE in one circuit without energy storage: a ladder solved by hand.
 #[test]
 fn controlled_sources_follow_voltages_and_currents() {
     let specification = circuit(
@@ -159,11 +159,12 @@ fn controlled_sources_follow_voltages_and_currents() {
             assert_near(column(&solution, name)[k], exact, 1e-9);
         }
     }
-    // The limit of 150 V is met where 50 (2 + sin t) = 150: at a maximum, which is no switch, or it is told as one.
+    // The limit of 150 V is reached where 50 (2 + sin t) = 150, at a maximum: rounding decides whether that is a
+    // switch.
     assert!(events(&solution, "v(H1)").len() <= 2);
 }
 
-/// The same sources as lines of a netlist.
+/// The four controlled sources as lines of a netlist.
 #[test]
 fn controlled_sources_of_a_netlist_are_those_of_spice() {
     let netlist = "V1 a 0 SIN(2 1 0.5)\nR1 a 0 2\nE1 b 0 a 0 3\nR2 b 0 1\nVm r 0 0\nR3 b r 4\n\
@@ -181,7 +182,8 @@ fn controlled_sources_of_a_netlist_are_those_of_spice() {
     }
 }
 
-/// An inverting integrator: `v' = -u/(R C)`, until the output meets its limit; the sum of both inputs is then not zero.
+/// An inverting integrator: `v' = -u/(R C)`, until the output reaches its limit; from then on the input voltage is not
+/// zero.
 #[test]
 fn an_amplifier_integrates_until_it_saturates() {
     let specification = circuit(
@@ -202,12 +204,12 @@ fn an_amplifier_integrates_until_it_saturates() {
     for (t, out) in t.iter().zip(out) {
         assert_near(*out, (-t.sin()).max(-0.5), 1e-9);
     }
-    // Then C1 charges through R1: v_n' = cos t - v_n - 0, from 0, with v_out held.
+    // After saturation C1 charges through R1 with v_out at its limit: v_n' = cos t - v_n, from 0.
     let exact = |t: f64| (t.cos() + t.sin()) / 2.0 - (meets.cos() + meets.sin()) / 2.0 * (meets - t).exp();
     assert_near(last(&solution, "v(n)"), exact(1.0), 1e-8);
 }
 
-/// Through an ideal transformer a load `R` looks like `ratio^2 R`, and what goes in comes out.
+/// Through an ideal transformer a load `R` appears as `ratio^2 R`, and input power equals output power.
 #[test]
 fn a_transformer_keeps_power_and_turns_a_load_by_the_square_of_its_ratio() {
     let specification = circuit(
@@ -221,7 +223,7 @@ fn a_transformer_keeps_power_and_turns_a_load_by_the_square_of_its_ratio() {
         1.0,
     );
     let solution = solve(&specification);
-    // On the side of the load: 5 V behind 5 ohms, 5 ohms across 0.1 F.
+    // On the load's side: a source of 5 V with 5 ohms, and 5 ohms parallel to 0.1 F.
     let exact = 2.5 * (1.0 - (-1.0_f64 / (0.1 * 2.5)).exp());
     assert_near(last(&solution, "v(s)"), exact, 1e-8);
     let power = |i: &str, v: &str| last(&solution, i) * last(&solution, v);

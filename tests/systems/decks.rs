@@ -1,5 +1,5 @@
-//! Decks as they are posted in forums and textbooks: rectifiers, clippers, clampers, multipliers, converters, oscillators, each
-//! of ideal components and held to its closed form.
+//! Decks as posted in forums and printed in textbooks: rectifiers, clippers, clampers, multipliers, converters,
+//! oscillators, all of ideal components, compared with closed forms.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use dvi::solution::Solution;
@@ -7,7 +7,7 @@ use dvi::specification::document_of;
 use serde_json::{Value, json};
 use std::f64::consts::TAU;
 
-/// The specification that a deck is, solved to tight tolerances.
+/// The solution of a deck, with tight tolerances.
 fn run(deck: &str) -> Solution {
     run_with(deck, json!({"count": 201}))
 }
@@ -19,7 +19,8 @@ fn run_with(deck: &str, times: Value) -> Solution {
     solve(&document)
 }
 
-/// Reported at its steps, which end on the edges of a pulse: at the edge itself either side is right.
+/// The solution of a deck with output at its steps, which end at the edges of a pulse: at an edge itself, either value
+/// is right.
 fn run_to_its_edges(deck: &str) -> Solution {
     let solution = run_with(deck, json!("steps"));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
@@ -45,7 +46,7 @@ fn a_capacitor_charges_through_a_resistor() {
                         .tran 10u {5*tau} UIC\n.print tran v(out)\n.end\nwhat stands here is not read\n");
     assert_is(&solution, "v(out)", 1e-8, |t| 5.0 * (1.0 - (-t / 1e-3).exp()));
     assert!((solution.trajectory.t.last().unwrap() - 5e-3).abs() < 1e-15);
-    assert!(!warned(&solution, "point of operation"));
+    assert!(!warned(&solution, "no operating point"));
 }
 
 #[test]
@@ -54,11 +55,11 @@ fn a_half_wave_rectifier_passes_one_half() {
                 Vin in 0 SIN(0 10 50)\nD1 in out D1N4007\nRload out 0 1k\n\
                 .model D1N4007 D(IS=7.02767n RS=0 N=1.80803 EG=1.05743 XTI=5 CJO=1e-11 VJ=0.7 M=0.5 FC=0.5 TT=1e-07 mfg=OnSemi)\n\
                 .tran 0.1m 40m\n.backanno\n.end\n";
-    // Without a state, the integral of the source is one.
+    // In a circuit without states, the integral of the source is a state.
     let solution = run(deck);
     assert_is(&solution, "v(out)", 1e-8, |t| (10.0 * (TAU * 50.0 * t).sin()).max(0.0));
     assert!(warned(&solution, "`d1n4007` are ideal without cjo, eg, fc, is"));
-    assert!(warned(&solution, "point of operation"));
+    assert!(warned(&solution, "no operating point"));
 }
 
 #[test]
@@ -85,7 +86,8 @@ fn a_biased_clipper_stops_at_its_battery() {
     assert_is(&solution, "v(2)", 1e-8, |t| (8.0 * (TAU * 100.0 * t).sin()).min(3.6));
 }
 
-/// While the square wave is high the capacitor charges through the diode; while it is low the diode blocks and the charge stays.
+/// While the square wave is high the capacitor charges through the diode; while it is low the diode blocks and the
+/// charge is kept.
 #[test]
 fn a_clamper_holds_what_it_was_charged_to() {
     let solution =
@@ -97,7 +99,7 @@ fn a_clamper_holds_what_it_was_charged_to() {
     assert!((last(&solution, "v(out)") - (-5.0 - held)).abs() < 1e-7);
 }
 
-/// Unloaded, each period brings the output nearer to twice the peak, by a fixed part of what is missing.
+/// Without a load, each period brings the output nearer to twice the peak, by a fixed fraction of the difference.
 #[test]
 fn a_doubler_doubles() {
     let solution =
@@ -120,7 +122,7 @@ fn a_multiplier_of_two_stages_goes_to_four_peaks() {
     assert!(solution.trajectory.field("v(X1.C1)").is_some());
 }
 
-/// A chopper into a coil: the current is exponential on either side of each switch, so that it is known from switch to switch.
+/// A chopper with a coil: the current is exponential between switches, hence known in closed form.
 #[test]
 fn a_buck_chopper_follows_its_exponentials() {
     let solution = run_to_its_edges(
@@ -152,7 +154,7 @@ fn a_buck_chopper_follows_its_exponentials() {
     assert_is(&solution, "i(L1)", 1e-10, exact);
 }
 
-/// The mean output of a boost converter without losses is `V/(1 - D)`; the ripple is small against it.
+/// The mean output of a boost converter without losses is `V/(1 - D)`; its ripple is comparatively small.
 #[test]
 fn a_boost_converter_raises_by_its_duty() {
     let solution = run_to_its_edges(
@@ -168,7 +170,7 @@ fn a_boost_converter_raises_by_its_duty() {
 fn a_square_wave_through_an_rc_has_its_periodic_ends() {
     let solution =
         run("RC low pass\nV1 in 0 PULSE(0 1 0 0 0 0.5m 1m)\nR1 in out 1k\nC1 out 0 0.1u\n.tran 1u 20m uic\n.end");
-    // At the end of each period, after many: the lower turning point 1/(1 + exp(T/(2 tau))).
+    // The lower turning point 1/(1 + exp(T/(2 tau))) at the end of each period, after many periods.
     let low = 1.0 / (1.0 + 5.0_f64.exp());
     assert!((last(&solution, "v(out)") - low).abs() < 1e-8);
 }
@@ -194,11 +196,11 @@ fn full_coupling_is_an_ideal_transformer() {
         "Transformer 10:1\nV1 p 0 SIN(0 325 50)\nL1 p 0 1\nL2 s 0 10m\nK1 L1 L2 1\nRL s 0 8\n.tran 1m 40m uic\n.end",
     );
     assert_is(&solution, "v(s)", 1e-7, |t| 32.5 * (TAU * 50.0 * t).sin());
-    // The coil of the primary takes what the source drives through it alone.
+    // The magnetising inductance of the primary carries the current that the source drives through it alone.
     assert_is(&solution, "i(K1.m)", 1e-8, |t| 325.0 / (TAU * 50.0) * (1.0 - (TAU * 50.0 * t).cos()));
 }
 
-/// Against Runge and Kutta's method on the equations of the two windings.
+/// Reference: a Runge-Kutta method for the equations of the two windings.
 #[test]
 fn loose_coupling_is_mutual_inductance() {
     let solution =
@@ -250,7 +252,7 @@ fn an_integrator_integrates() {
     assert_is(&solution, "v(out)", 1e-8, |t| 1e3 * (TAU * 1e3 * t).sin() / (TAU * 1e3));
 }
 
-/// Charged through `R`, discharged through the switch: between its two thresholds the time is known in closed form.
+/// Charged through `R`, discharged through the switch: the time between the two thresholds is known in closed form.
 #[test]
 fn a_relaxation_oscillator_has_its_period() {
     let solution = run(
@@ -275,7 +277,7 @@ fn a_current_switch_closes_at_its_current() {
         "Overcurrent\nV1 a 0 PWL(0 0 1 10)\nVs a b 0\nR1 b 0 100\nV2 c 0 5\nRp c d 100\nW1 d 0 Vs RELAY\nC1 d 0 1p IC=5\n\
                         .model RELAY CSW(IT=51.3m IH=0 RON=1)\n.tran 1m 1\n.end",
     );
-    // 51.3 mA through 100 ohms at 5.13 V of a ramp of 10 V/s.
+    // 5 V plus the drop of 51.3 mA through 100 ohms, once the ramp of 10 V/s has reached 5.13 V.
     assert_is(&solution, "v(d)", 1e-6, |t| if t < 0.513 { 5.0 } else { 5.0 / 101.0 });
 }
 

@@ -1,12 +1,12 @@
-//! What functions of the states do in places that are narrow beside a step: hills, strips and pulses that nothing in time
-//! announces, each held to a closed form.
+//! Features of functions of the states that are narrow compared with a step: hills, strips and pulses without any
+//! warning in time, each compared with a closed form.
 
 use crate::systems::harness::{distance, last, solve};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
 
-/// Widths, from what a step might show by chance to what it never does.
+/// Widths, from some that a step may hit by chance to one that it never hits.
 const WIDTHS: [f64; 3] = [1e-2, 1e-4, 1e-6];
 
 fn assert_trusted(solution: &Solution) {
@@ -37,7 +37,7 @@ fn a_particle_is_thrown_back_by_a_hill_however_narrow_in_any_units() {
                 "coordinates": {"x": {"initial": 0, "velocity": unit}}, "mass": [[1]], "potential": potential}},
                 "time": {"end": 4}, "method": {"atol": 1e-9 * unit}}));
             assert_trusted(&solution);
-            // As fast as it came; it turns on the flank, at most a few widths ahead of the top.
+            // The particle returns with its initial speed; it turns on the flank, at most a few widths before the top.
             assert!((last(&solution, "x_dot") / unit + 1.0).abs() < 2e-5, "{width}, {unit}");
             assert!((last(&solution, "x") / unit + 2.0).abs() < 5.0 * width + 1e-4, "{width}, {unit}");
         }
@@ -61,7 +61,7 @@ fn a_strip_adds_the_work_of_its_force() {
 
 #[test]
 fn a_magnet_below_a_floor_brakes_what_slides_over_it() {
-    // The normal force is 1 + 0.2 exp(..)/width: by its work, v^2 = 1 - 2 mu (x + 0.2 sqrt(pi)).
+    // The normal force is 1 + 0.2 exp(..)/width; from the friction work, v^2 = 1 - 2 mu (x + 0.2 sqrt(pi)).
     for width in [1e-2, 1e-3] {
         let system = json!({"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0}},
             "mass": [[1, 0], [0, 1]], "forces": {"y": format!("-1 - {}*exp(-((x - 1)/{width})^2)", 0.2 / width)},
@@ -102,8 +102,8 @@ fn a_relay_that_slides_through_a_peak_keeps_its_energy() {
     }
 }
 
-/// `x' = 1e-2 sin(33 t + 1) + 5e-4 sin(190 t + 2)` from 40: steps over many periods change `x` by little, and the error of
-/// their result is that of the embedded formula, not of twice its order.
+/// `x' = 1e-2 sin(33 t + 1) + 5e-4 sin(190 t + 2)` from 40: steps over many periods change `x` little, and their error
+/// is that of the embedded formula, not of the full order.
 #[test]
 fn a_ripple_that_is_small_beside_its_state_keeps_the_tolerance() {
     let wave =
@@ -119,7 +119,7 @@ fn a_ripple_that_is_small_beside_its_state_keeps_the_tolerance() {
                 "time": {"end": 4}, "output": {"times": times},
                 "method": {"rtol": rtol, "atol": 1e-3 * rtol, "stages": stages},
             }));
-            // Some 200 steps, each of which may err by a tolerance or two.
+            // Some 200 steps, each with an error of a tolerance or two.
             let error = distance(&solution, "x", exact) / (40.0 * rtol);
             assert!(error < 400.0, "{stages} stages: {error:.0} times {rtol:e}");
         }

@@ -1,4 +1,5 @@
-//! Rates that jump between regions: a surface crossed, one slid along, one that repels, and three regions that meet.
+//! Rates that jump between regions: crossing of a surface, sliding along one, a repulsive one, and three regions that
+//! meet.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::{digits, example, switching};
@@ -20,7 +21,7 @@ fn the_switching_circle_is_crossed_at_one() {
         assert!(error < 1e-9, "`{state}` is off by {error:e}");
     }
     assert!((events(&solution, "z")[0] - 1.0).abs() < 1e-10);
-    // All of it in one region before, in the other after; nothing between.
+    // The weight is 0 before the crossing and 1 after it, with nothing in between.
     for (&t, &z) in solution.trajectory.t.iter().zip(column(&solution, "z")) {
         assert_eq!(z, if t < 1.0 { 0.0 } else { 1.0 }, "at {t}");
     }
@@ -78,7 +79,7 @@ fn three_regions_by_name_are_the_three_regions_in_full() {
     let line = 2.0 - 1.0 / 3.0_f64.sqrt();
     assert!((events(&solution, "z2")[0] - line).abs() < 1e-8);
     assert!((events(&full, "z2")[0] - line).abs() < 1e-5);
-    // Down the line between the first two regions at half the speed, into the point where all three meet.
+    // The solution follows the line between the first two regions at half speed, to the point where all three meet.
     let origin = 2.0 + 3.0_f64.sqrt();
     let error = distance(&solution, "x", |t| if t < line { 2.0 - t } else { (origin - t).max(0.0) / 4.0 });
     assert!(error < 1e-7, "off by {error:e}");

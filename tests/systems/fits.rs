@@ -1,5 +1,5 @@
-//! Parameters fitted to data: estimates and intervals held to linear least squares in closed form, through sticking and
-//! switches to closed solutions, and the 95 % intervals to how often they cover.
+//! Fits of parameters to data: estimates and intervals compared with linear least squares and, through sticking and
+//! switches, with closed solutions; and the coverage of the 95 % intervals.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -24,7 +24,7 @@ fn caveats(solution: &Solution) -> Vec<&str> {
     solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str()).collect()
 }
 
-/// `x = x_0 + a t` with deviations that are not those of a straight line.
+/// Data of `x = x_0 + a t` with deviations that a straight line cannot follow.
 fn line() -> (Vec<f64>, Vec<f64>) {
     let t: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.5 + if i > 3 { 0.25 } else { 0.0 }).collect();
     let off = [0.3, -0.2, 0.1, 0.4, -0.5, 0.2, -0.1, 0.25];
@@ -44,7 +44,7 @@ fn a_straight_line_has_the_estimates_and_intervals_of_linear_regression() {
     let slope = t.iter().zip(&x).map(|(t, x)| (t - mean) * x).sum::<f64>() / spread;
     let first = x.iter().sum::<f64>() / m - slope * mean;
     let squares: f64 = t.iter().zip(&x).map(|(t, x)| (x - first - slope * t).powi(2)).sum();
-    // Of 6 degrees of freedom.
+    // Student's quantile for 6 degrees of freedom.
     let (variance, student) = (squares / (m - 2.0), 2.446_911_848_791_681);
     let (_, fit) = fitted(&json!({"problem": problem_of_a_line(), "time": {"end": 4}, "method": {"rtol": 1e-10},
         "fit": {"parameters": {"a": {}, "x.initial": {}}, "data": {"t": t, "x": x}}}));
@@ -86,8 +86,8 @@ fn given_standard_deviations_weigh_the_data_and_make_intervals_normal() {
     assert_eq!((fit.observations, fit.residuals["x"][5]), (7, None));
 }
 
-/// A mass that a belt at speed `v` carries against a spring until it slips at `x = f`, and then
-/// `x = f + v sin(t - f/v)`, as long as it is slower than the belt.
+/// A mass carried by a belt of speed `v` against a spring until it slips at `x = f`; afterwards `x = f + v sin(t -
+/// f/v)`, as long as it is slower than the belt.
 fn carried(f: f64, v: f64, t: f64) -> f64 {
     let slips = f / v;
     if t <= slips { v * t } else { f + v * (t - slips).sin() }
@@ -129,7 +129,7 @@ fn friction_and_speed_of_a_belt_are_found_through_the_onset_of_slip() {
 
 #[test]
 fn the_capacitor_of_a_rectifier_is_found_through_the_diodes_switch() {
-    // The diode carries until tan(wt) = -wRC, and then v falls with RC.
+    // The diode conducts until tan(wt) = -wRC; then v decays with RC.
     let (r, c, w) = (1000.0, 1e-4, 100.0 * std::f64::consts::PI);
     let off = (std::f64::consts::PI - (w * r * c).atan()) / w;
     let at = |t: f64| 10.0 * if t <= off { (w * t).sin() } else { (w * off).sin() * (-(t - off) / (r * c)).exp() };
@@ -157,7 +157,7 @@ fn what_is_measured_may_be_a_definition_of_states_and_parameters() {
         "fit": {"parameters": {"a": {}, "gain": {}}, "data": {"t": t, "y": y, "sd": 0.01, "w": t}}}));
     assert_near(fit.parameters["a"].estimate, 0.7, 1e-8);
     assert_near(fit.parameters["gain"].estimate, 3.0, 1e-8);
-    // With dy/da = -2 t y and dy/dgain = y/gain.
+    // The derivatives are dy/da = -2 t y and dy/dgain = y/gain.
     let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 { t.iter().zip(&y).map(|(t, y)| f(*t, *y)).sum() };
     let [aa, ag, gg] =
         [sum(&|t, y| (2.0 * t * y).powi(2)), sum(&|t, y| -2.0 * t * y * y / 3.0), sum(&|_, y| y * y / 9.0)];
@@ -195,7 +195,7 @@ fn a_parameter_that_nothing_depends_on_is_named_alone() {
 
 #[test]
 fn hubers_loss_leaves_one_value_that_is_far_off_its_bound_alone() {
-    // A level: 9 values at 2 and one at 50, sd 0.1: 9 (m - 2)/0.1 = 1.345.
+    // A constant m with 9 values at 2 and one at 50, sd 0.1: 9 (m - 2)/0.1 = 1.345.
     let t: Vec<f64> = (1..=10).map(f64::from).collect();
     let x: Vec<f64> = (1..=10).map(|i| if i == 4 { 50.0 } else { 2.0 }).collect();
     let (_, fit) =
@@ -210,7 +210,7 @@ fn a_bound_that_holds_a_parameter_is_told() {
     let (solution, fit) = fitted(&json!({"problem": problem_of_a_line(), "time": {"end": 4}, "method": {"rtol": 1e-9},
         "fit": {"parameters": {"a": {"upper": 1.5}, "x.initial": {}}, "data": {"t": t, "x": x, "sd": 0.05}}}));
     assert_eq!((fit.parameters["a"].estimate, fit.parameters["a"].sd), (1.5, None));
-    // With the slope given, the intercept is the mean of what is left.
+    // With the slope given, the intercept is the mean of the remainder.
     let rest: f64 = t.iter().zip(&x).map(|(t, x)| x - 1.5 * t).sum::<f64>() / t.len() as f64;
     assert_near(fit.parameters["x.initial"].estimate, rest, 1e-7);
     assert_near(fit.parameters["x.initial"].sd.unwrap(), 0.05 / (t.len() as f64).sqrt(), 1e-7);
@@ -220,7 +220,7 @@ fn a_bound_that_holds_a_parameter_is_told() {
 
 #[test]
 fn of_several_starts_the_best_minimum_is_kept_and_the_others_told() {
-    // The loss over the frequency of a sine has a minimum in every few.
+    // The loss as a function of the frequency of a sine has many local minima.
     let t: Vec<f64> = (0..=60).map(|i| f64::from(i) * 0.1).collect();
     let x: Vec<f64> = t.iter().map(|t| (5.0 * t).sin()).collect();
     let specification = |starts: u32| {
@@ -243,7 +243,7 @@ fn normals(random: &mut fastrand::Rng) -> [f64; 2] {
     [radius * angle.cos(), radius * angle.sin()]
 }
 
-/// How many intervals of each parameter hold the value that the data were made with, where the belt's motion is measured.
+/// The number of intervals of each parameter that contain the true value, for fits to the motion of the belt.
 fn covered(fits: u64, sd: f64, is_told: bool) -> [u64; 2] {
     let (f, v) = (1.0, 0.5);
     let mut held = [0; 2];
@@ -268,7 +268,7 @@ fn covered(fits: u64, sd: f64, is_told: bool) -> [u64; 2] {
 
 #[test]
 fn intervals_at_95_percent_cover_about_so_often() {
-    // Of 200 fits 190 +- 9.5 hold it, at three standard deviations of a binomial count and one more in a thousand.
+    // Of 200 intervals, 190 +- 9.5 contain the true value: about three standard deviations of the binomial count.
     for is_told in [true, false] {
         for held in covered(200, 0.02, is_told) {
             assert!((180..=200).contains(&held), "{held} of 200, sd told: {is_told}");
@@ -285,6 +285,10 @@ fn a_fit_that_cannot_be_run_says_why() {
     let solution = dvi::solve(&specification, &Control::new());
     assert_eq!(solution.status, Status::Failed);
     let error = solution.error.unwrap();
-    assert!(error.message.starts_with("at the start of the fit"), "{}", error.message);
+    assert!(
+        error.message.starts_with("the problem cannot be solved at the starting point of the fit"),
+        "{}",
+        error.message
+    );
     assert!(solution.fit.is_none() && !solution.verdict.trusted);
 }

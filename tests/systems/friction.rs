@@ -17,7 +17,7 @@ fn a_block_on_a_slope_stops_and_stays() {
     assert!(error < 1e-9, "the position is off by {error:e}");
     assert_eq!(events(&solution, "F").len(), 1);
     assert!((events(&solution, "F")[0] - stop).abs() < 1e-10);
-    // At rest friction holds the weight along the slope, less than its bound.
+    // At rest, friction balances the component of the weight along the slope, below its bound.
     assert!((last(&solution, "F") - g * theta.sin()).abs() < 1e-9);
 }
 
@@ -28,7 +28,7 @@ fn a_block_slides_on_above_the_friction_angle() {
     specification["problem"]["dvi"]["parameters"]["theta"] = json!(theta);
     specification["problem"]["dvi"]["states"]["v"]["initial"] = json!(0);
     let solution = solve(&specification);
-    // g (sin 35 deg - 0.5 cos 35 deg)
+    // The acceleration is g (sin 35 deg - 0.5 cos 35 deg).
     let acceleration = 1.608_844_063_366_257_5;
     assert!((last(&solution, "v") - 3.0 * acceleration).abs() < 1e-9, "v = {}", last(&solution, "v"));
 }

@@ -1,4 +1,5 @@
-//! Functions of time that jump, and tables: held to closed forms, through every edge and over times at which nothing happens.
+//! Functions of time that jump, and tables: compared with closed forms, at every edge and over long intervals without
+//! events.
 
 use crate::systems::harness::{last, solve};
 use dvi::specification::Specification;
@@ -31,7 +32,7 @@ fn integrals_of_functions_that_jump_are_exact() {
         ("pulse(t, 500, 1e-3)", 1e3, 1e-3),
         ("if(t > 1 and t <= 3 or not t < 9, 2, -1)", 10.0, -1.0),
         ("if(mod(floor(t), 2) == 0, t, 0)", 4.0, 3.0),
-        // All edges of these at once.
+        // Edges of all these functions at once.
         ("pwm(t, 0.2, 0.5) + sawtooth(t, 0.1) + (t >= 0.5) + floor(10*t)", 1.0, 0.5 + 0.5 + 0.5 + 4.5),
     ] {
         let solution = solve(&rate(text, end));
@@ -42,7 +43,8 @@ fn integrals_of_functions_that_jump_are_exact() {
 
 #[test]
 fn a_filter_behind_a_switched_source_is_in_its_periodic_state() {
-    // i' = (u - i)/tau with u = 1 for a share d of each period T: at the end of a period i = (e^{dT/tau} - 1)/(e^{T/tau} - 1).
+    // i' = (u - i)/tau with u = 1 for a fraction d of each period T: at the end of a period i = (e^{dT/tau} -
+    // 1)/(e^{T/tau} - 1).
     let (tau, period, duty) = (2e-3, 1e-3, 0.3);
     let mut document = rate(&format!("(pwm(t, {period}, {duty}) - x)/{tau}"), 0.1);
     document["method"] = json!({"rtol": 1e-10, "atol": 1e-12});
@@ -54,7 +56,7 @@ fn a_filter_behind_a_switched_source_is_in_its_periodic_state() {
 
 #[test]
 fn a_table_drives_an_oscillator() {
-    // x'' = -x + f(t), with f from 0 to 1 at 1 to -1 at 2 to 0 at 3: a sum of ramps, each with the answer s - sin s.
+    // x'' = -x + f(t), with f from 0 to 1 at 1 to -1 at 2 to 0 at 3: a sum of ramps, each with the response s - sin s.
     let mut document = rate("v", 10.0);
     document["problem"]["dvi"]["states"]["v"] = json!({"initial": 0, "rate": "-x + load(t)"});
     document["problem"]["dvi"]["tables"] = json!({"load": {"x": [0, 1, 2, 3], "y": [0, 1, -1, 0]}});
@@ -74,16 +76,16 @@ fn no_step_passes_over_what_a_table_does() {
             json!({"load": {"x": [0, 900, 900.001, 900.002, 950], "y": y, "interpolation": interpolation}});
         assert_near(last(&solve(&document), "x"), area, 1e-9);
     }
-    // By Simpson's rule, which is exact for cubics: the mean slope of neighbours is zero at the top.
+    // Simpson's rule is exact for cubics; the slope at the maximum is zero.
     let mut document = rate("load(t)", 2.0);
     document["problem"]["dvi"]["tables"] = json!({"load": {"x": [0, 1, 2], "y": [0, 1, 0], "interpolation": "pchip"}});
-    // On each side a cubic from 0 to 1 with the end slope (3*1 + 1)/2 = 2 and 0 at the top: 1/2 + (2 - 0)/12.
+    // On each side a cubic from 0 to 1 with the end slope (3*1 + 1)/2 = 2, and slope 0 at the top: 1/2 + (2 - 0)/12.
     assert_near(last(&solve(&document), "x"), 2.0 * (0.5 + 2.0 / 12.0), 1e-10);
 }
 
 #[test]
 fn tables_of_states_are_solved_through_their_kinks() {
-    // x' = -x for x > 0 and -2 x else, from 1, beside x' = 1: through zero at t = 1 with the slope doubled.
+    // The rate is -x for x > 0 and -2 x otherwise, with x' = 1 from -1: through zero at t = 1, where the slope doubles.
     let mut document = rate("1 - 0*x", 2.0);
     document["problem"]["dvi"]["states"] =
         json!({"x": {"initial": -1, "rate": "1"}, "y": {"initial": 0, "rate": "slope(x)"}});

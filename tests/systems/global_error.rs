@@ -1,10 +1,10 @@
-//! The estimate of the error at the end, beside the error itself on systems with known solutions.
+//! The estimate of the global error, compared with the true error on systems with known solutions.
 
 use super::harness::{last, solve};
 use super::reference;
 use serde_json::{Value, json};
 
-/// The estimate of a state over its true error.
+/// The ratio of the estimated to the true error of each state.
 fn quotients(mut specification: Value, method: &Value, exact: &[(&str, f64)]) -> Vec<f64> {
     specification["method"] = method.clone();
     specification["output"] = json!({"times": {"count": 2}, "global_error": true});
@@ -14,7 +14,7 @@ fn quotients(mut specification: Value, method: &Value, exact: &[(&str, f64)]) ->
     exact.iter().map(|(name, x)| told(name) / (last(&solution, name) - x)).collect()
 }
 
-/// At every tolerance between half and twice the truth, sign included.
+/// Asserts that the estimate is between half and twice the true error, sign included, at every tolerance.
 fn assert_close(specification: &Value, exact: &[(&str, f64)]) {
     let tolerances = [1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9];
     let methods = tolerances.map(|rtol| json!({"rtol": rtol, "atol": rtol}));
@@ -31,7 +31,7 @@ fn the_estimate_is_near_the_error_of_a_linear_system() {
 
 #[test]
 fn the_estimate_is_near_the_error_where_errors_grow() {
-    // An error at the start is e^5 / (1 + 0.01 (e^5 - 1))^2 = 24 times as large at the end.
+    // An error at the start grows by the factor e^5 / (1 + 0.01 (e^5 - 1))^2 = 24.
     let specification = json!({"problem": {"dvi": {"states": {"x": {"initial": 0.01, "rate": "x*(1 - x)"}}}},
         "time": {"end": 5}});
     let exact = 0.01 * 5.0_f64.exp() / (1.0 + 0.01 * (5.0_f64.exp() - 1.0));

@@ -1,11 +1,11 @@
-//! Solving examples and reading their trajectories.
+//! Functions that solve examples and read their trajectories.
 
 use dvi::problem::Control;
 use dvi::solution::{Solution, Status};
 use dvi::specification::Specification;
 use serde_json::Value;
 
-/// Solves a specification that must be right, to its end.
+/// Solves a valid specification to its end.
 pub fn solve(specification: &Value) -> Solution {
     let specification = Specification::from_json(specification.to_string().as_bytes())
         .unwrap_or_else(|errors| panic!("the specification has errors: {errors:#?}"));

@@ -1,10 +1,11 @@
-//! Problems with memory against closed forms: Abel's kernel, bumps with any number of switches, a kernel that relaxes, balls.
+//! Problems with memory, compared with closed forms: Abel's kernel, reflections with many switches, a relaxing kernel,
+//! balls.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::example;
 use serde_json::{Value, json};
 
-/// `Gamma(x)` for `x > 0`, by Stirling's series far from zero.
+/// `Gamma(x)` for `x > 0`, by the recurrence and Stirling's series.
 pub fn gamma(x: f64) -> f64 {
     if x < 20.0 {
         return gamma(x + 1.0) / x;
@@ -15,7 +16,7 @@ pub fn gamma(x: f64) -> f64 {
     (std::f64::consts::TAU / x).sqrt() * (x * (x.ln() - 1.0) + series).exp()
 }
 
-/// One variable `u >= 0` under the kernel of exponent `alpha`.
+/// One variable `u >= 0` with the kernel of exponent `alpha`.
 pub fn abel(alpha: f64, q: &str, end: f64, method: Value) -> Value {
     json!({
         "problem": {"convolution": {
@@ -79,14 +80,14 @@ fn the_step_is_halved_until_two_runs_agree() {
     let pairs = solution.trajectory.t.iter().zip(column(&solution, "u"));
     let total: f64 = pairs.map(|(t, u)| (u - factor * (t - 1.0).max(0.0).sqrt()).abs()).sum();
     let mean = total / solution.trajectory.t.len() as f64;
-    // What is told is the distance of the last run but one.
+    // The reported distance is that of the last run but one.
     assert!(mean > 0.0 && mean < refinement.mean_distance[0].1, "{mean:e} against {refinement:?}");
     assert!(mean < 1e-4 * factor * 2.0_f64.sqrt());
 }
 
 #[test]
 fn exponent_one_is_the_complementarity_system_of_an_integral() {
-    // 0 <= z, 0 <= int z + q, complementary: int z is the largest of -q so far (Skorokhod's reflection).
+    // 0 <= z, 0 <= int z + q, complementary: int z is the running maximum of -q (Skorokhod's reflection).
     let q = "0.2 - sin(t) - 0.1*t";
     let solution = solve(&abel(1.0, q, 10.0, json!({"step": 0.005})));
     let system = solve(&json!({
@@ -105,7 +106,7 @@ fn exponent_one_is_the_complementarity_system_of_an_integral() {
 
 #[test]
 fn a_kernel_that_relaxes_is_a_differential_equation() {
-    // w = exp(-t/tau) * z is w' = z - w / tau: a system without memory, of index one.
+    // w = exp(-t/tau) * z satisfies w' = z - w / tau: a system without memory, of index one.
     let solution = solve(&json!({
         "problem": {"convolution": {
             "parameters": {"tau": 0.5},
@@ -126,7 +127,7 @@ fn a_kernel_that_relaxes_is_a_differential_equation() {
     let switches = events(&system, "z");
     assert_eq!(switches.len(), 7);
     for ((&t, w), found) in system.trajectory.t.iter().zip(column(&system, "w")).zip(column(&solution, "G_z")) {
-        // Where `z` begins to hold `w` between two stages, its bound may keep it from making up for it within the step.
+        // If `z` becomes active between two stages, its bound may prevent the correction of `w` within the step.
         let is_at_switch = switches.iter().any(|switch| (0.0..0.005).contains(&(t - switch)));
         let bound = if is_at_switch { 0.005 * 2.5 } else { 1e-5 };
         let exact = w - (2.0 * t).sin();
@@ -136,7 +137,7 @@ fn a_kernel_that_relaxes_is_a_differential_equation() {
 
 #[test]
 fn kernels_that_vanish_at_zero_have_a_higher_index() {
-    // z = 6 t solves (t * z)(t) = t^3; as a power, as entries, and with the power in front.
+    // z = 6 t solves (t * z)(t) = t^3, with the kernel as a power, as entries, and as entries with a power in front.
     let kernels =
         [json!({"fractional": {"exponent": 2}}), json!({"entries": [["t"]]}), json!({"entries": [[1]], "exponent": 2})];
     for kernel in kernels {
@@ -196,7 +197,8 @@ fn a_ball_holds_a_rotating_force() {
 
 #[test]
 fn a_start_outside_is_told() {
-    // q = -1 at once: u = t^(-1/2) / Gamma(1/2), which is infinite at the start, and its integral 2 sqrt(t / pi).
+    // q = -1 from the start: u = t^(-1/2) / Gamma(1/2), which is infinite at the start, and its integral is 2 sqrt(t /
+    // pi).
     let solution = solve(&abel(0.5, "-1", 1.0, json!({"step": 0.001})));
     assert!(solution.diagnostics.warnings.iter().any(|warning| warning.code == "impulse_at_start"));
     let exact = 1.0 / std::f64::consts::PI.sqrt();
@@ -206,7 +208,8 @@ fn a_start_outside_is_told() {
 
 #[test]
 fn of_several_runs_the_most_accurate_is_returned() {
-    // A least step asks for uniform meshes. The kernel t^0.9 / Gamma(1.9) has the inverse of t^2 as 2 t^0.1 / Gamma(1.1); rounding errors grow like h^-1.9.
+    // A least step selects uniform meshes. The kernel t^0.9 / Gamma(1.9) has the solution 2 t^0.1 / Gamma(1.1) for t^2;
+    // rounding errors grow as h^-1.9.
     let problem = json!({
         "problem": {"convolution": {
             "variables": {"u": {"q": "-t^2"}},
@@ -223,7 +226,7 @@ fn of_several_runs_the_most_accurate_is_returned() {
     assert!(error < 2e-5, "off by {error:e}");
     let refinement = solution.diagnostics.refinement.as_ref().expect("an estimate");
     assert!(refinement.scaled > 1.0 && solution.diagnostics.steps.accepted < 65_536, "{refinement:?}");
-    // The tolerance was not reached, and the verdict says so.
+    // The tolerance is not reached, which the verdict reports.
     assert!(!solution.verdict.trusted);
     let because: Vec<&str> = solution.verdict.because.iter().map(|reason| reason.code.name()).collect();
     assert_eq!(because, ["local_error"]);

@@ -1,11 +1,12 @@
-//! Problems with memory whose switches are known: they are located, at the order of the method, each with a mesh behind it.
+//! Problems with memory and known switches: these are located at the order of the method, each with a new mesh after
+//! it.
 
 use crate::systems::harness::{column, distance, events, solve};
 use crate::systems::memory::{abel, gamma};
 use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
 
-/// A variable between 0 and 1 under the kernel of exponent `alpha`.
+/// A variable between 0 and 1 with the kernel of exponent `alpha`.
 fn relaxation(alpha: f64, q: &str, end: f64, method: Value, times: usize) -> Value {
     json!({
         "problem": {"convolution": {
@@ -32,8 +33,8 @@ fn assert_proven(solution: &Solution, at_most: u64) {
     assert_eq!((screening.proven, screening.undecided, screening.missed), (steps, 0, 0));
 }
 
-/// `u` in ramps from 0 to 1, a rest, ramps back to 0 and a rest, `cycles` times, and `w` in parabolas while `u` rests: `q`, the
-/// switches, and the end.
+/// `u` rises in ramps from 0 to 1, rests, falls in ramps to 0 and rests, `cycles` times, and `w` follows parabolas
+/// while `u` rests. Returns `q`, the switches, and the end.
 fn ramps(alpha: f64, cycles: usize) -> (String, Vec<f64>, f64) {
     let factor = gamma(alpha + 2.0);
     let (mut q, mut switches, mut t) = (String::from("max(0.3 - t, 0)"), Vec::new(), 0.3);
@@ -96,8 +97,8 @@ fn fifty_two_known_switches_are_located() {
 
 #[test]
 fn a_relaxation_between_bounds_switches_fifty_times() {
-    // Held at zero until q = 0. The times are those of runs that share neither their mesh nor their tolerance, and the
-    // first is known.
+    // u stays at zero until q = 0, which is the first switch. The other switches are compared between runs with
+    // different meshes and tolerances.
     for alpha in [0.3, 0.5, 0.8, 0.9] {
         let q = "1.2 - cos(3*t) - 1.4*sin(t)^2";
         let run =
@@ -111,7 +112,7 @@ fn a_relaxation_between_bounds_switches_fifty_times() {
         assert!(apart < 1e-8, "alpha = {alpha}: switches differ by {apart:e}");
         let q_at_first = 1.2 - (3.0 * a[0]).cos() - 1.4 * a[0].sin().powi(2);
         assert!(q_at_first.abs() < 1e-13, "alpha = {alpha}: q = {q_at_first:e} at the first switch");
-        // The uniform grid converges to the same, slowly.
+        // The uniform grid converges to the same solution, slowly.
         let uniform = solve(&relaxation(alpha, q, 70.0, json!({"step": 70.0 / 65536.0}), 4501));
         let pairs = column(&first, "u").iter().zip(column(&uniform, "u"));
         let mean = pairs.map(|(a, b)| (a - b).abs()).sum::<f64>() / 4501.0;
@@ -121,8 +122,8 @@ fn a_relaxation_between_bounds_switches_fifty_times() {
 
 #[test]
 fn of_order_one_the_switches_are_those_of_an_integral() {
-    // w' = u + q': without memory, solved by Radau IIA with an inequality at every stage. Switches come by the hundred, also
-    // from pulses that no mesh is as fine as.
+    // w' = u + q', without memory, solved by Radau IIA with an inequality at every stage. There are hundreds of
+    // switches, also from pulses narrower than any mesh.
     let forces = [
         ("0.1 - 0.5*t - 0.25*sin(3*t)", 70.0, 130),
         ("1 - 3*exp(-((t - 7.3)/1e-3)^2)", 10.0, 2),
@@ -153,13 +154,13 @@ fn of_order_one_the_switches_are_those_of_an_integral() {
 
 #[test]
 fn pulses_between_the_nodes_are_not_missed() {
-    // At the bound until q = 0: the first switch is a root of the force, however short its pulse is.
+    // At the bound until q = 0: the first switch is a root of the force, however short the pulse.
     for alpha in [0.3, 0.5, 0.8, 1.0, 1.5] {
         for width in [1e-2, 1e-3, 1e-5] {
             let q = format!("1 - 3*exp(-((t - 7.3)/{width:e})^2)");
             let solution = solve(&relaxation(alpha, &q, 10.0, json!({"rtol": 1e-6}), 11));
             assert_proven(&solution, 500);
-            // Above order one the face behind a switch is not proven.
+            // Above order one, the face after a switch is not verified.
             assert_eq!(solution.verdict.trusted, alpha <= 1.0, "{:?}", solution.verdict);
             let first = *events(&solution, "u").first().expect("the pulse");
             let exact = 7.3 - width * 3.0_f64.ln().sqrt();
@@ -170,7 +171,7 @@ fn pulses_between_the_nodes_are_not_missed() {
 
 #[test]
 fn one_switch_has_a_closed_form_behind_it() {
-    // q = (1 - t)(1 + t): u solves I^a u = 2 s + s^2 with s = t - 1, and leaves zero like s^(1-a).
+    // q = (1 - t)(1 + t): u solves I^a u = 2 s + s^2 with s = t - 1, and leaves zero as s^(1-a).
     for alpha in [0.2, 0.5, 0.9] {
         let exact = |t: f64| {
             let s = (t - 1.0).max(0.0);
@@ -189,11 +190,12 @@ fn one_switch_has_a_closed_form_behind_it() {
     }
 }
 
-/// Switches of the relaxation, and values between them as `(t, u)`, of an order.
+/// An order with the switches of the relaxation, and values between them as `(t, u)`.
 type Reference = (f64, &'static [f64], &'static [(f64, f64)]);
 
-/// For `q = 1.2 - cos(3t) - 1.4 sin(t)^2`, by another method, with 30 digits: behind a switch the inverse of Abel's integral of
-/// each term of the series of `q` and of what the past contributes; switches are roots of the series and of `w` by quadrature.
+/// For `q = 1.2 - cos(3t) - 1.4 sin(t)^2`, by another method in 30 digits: after a switch, the inverse of Abel's
+/// integral applied to each term of the series of `q` and of the contribution of the past; switches are roots of the
+/// series, and of `w` by quadrature.
 const REFERENCES: [Reference; 3] = [
     (
         0.3,
@@ -295,7 +297,8 @@ fn the_order_holds_over_switches() {
         };
         let ((coarse, few), (fine, many)) = (run(1e-6), run(1e-9));
         let order = (coarse / fine).ln() / (many / few).ln();
-        // Of order 0.8 each segment is one element from the coarsest tolerance on, and what is left are rounding errors.
+        // For order 0.8 each segment is a single element from the coarsest tolerance on, and only rounding errors
+        // remain.
         assert!(order >= 3.0 || coarse < 1e-10, "order {order}: {coarse:e} in {few}, {fine:e} in {many}");
     }
 }
@@ -318,8 +321,8 @@ fn kernels_of_time_and_of_higher_index_have_segments_too() {
 
 #[test]
 fn a_relay_with_memory_of_high_order_is_not_trusted() {
-    // Order two is `w'' = u`, and u in [-1, 1] opposes w, which swings between -0.3 and 0.3 for ever; a switch of this run is taken
-    // for rest.
+    // Order two is `w'' = u`, where u in [-1, 1] opposes w, which oscillates between -0.3 and 0.3 for ever; this run
+    // mistakes a switch for rest.
     let document = json!({
         "problem": {"convolution": {
             "kernel": {"fractional": {"exponent": 2}},

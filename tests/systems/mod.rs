@@ -1,5 +1,5 @@
-//! The systems of the theory, each solved from its example as a user would and held to an answer from outside:
-//! a closed form, or a reference computed in extended precision by two independent codes (`tests/reference/`).
+//! The systems of the theory, each solved from its example as by a user, and compared with an answer from outside: a
+//! closed form, or a reference computed in extended precision by two independent codes (`tests/reference/`).
 
 mod certificates;
 mod circuits;

@@ -1,5 +1,5 @@
-//! Circuits from their components, each held to an answer from outside: matrices written by hand, closed forms, the laws
-//! of Kirchhoff.
+//! Circuits given by components, each compared with an answer from outside: matrices written by hand, closed forms,
+//! Kirchhoff's laws.
 
 use crate::systems::harness::{column, distance, events, solve};
 use crate::systems::reference::example;
@@ -73,7 +73,8 @@ fn the_rectifier_from_its_netlist_follows_its_closed_form() {
     assert!(nearest < 1e-9, "the diode blocks {nearest:e} off its time");
 }
 
-/// Kirchhoff's laws and those of the components, on a circuit in which every kind of element is in the tree and out of it.
+/// Kirchhoff's laws and the laws of the components, for a circuit with every kind of element both in the tree and in
+/// the cotree.
 #[test]
 fn outputs_obey_the_laws_that_were_eliminated() {
     let text = "V1 in 0 SIN(1 10 50 0 0 30)\nR1 in a 10\nR2 a b 22\nR3 b 0 33\nR4 a c 47\nC1 c 0 10u IC=1\nC2 c d 20u\n\
@@ -106,8 +107,8 @@ fn outputs_obey_the_laws_that_were_eliminated() {
     assert!(source.fold(0.0, |most: f64, error| most.max(error.abs())) < 1e-12);
 }
 
-/// A current fills capacitors that ideal diodes join in a row: like water, it lifts the lowest to the level of the next,
-/// then both.
+/// A current charges capacitors that ideal diodes connect in a row. Like water, it raises the lowest level to the next
+/// one, then both.
 #[test]
 fn a_ladder_of_a_thousand_diodes_fills_level_by_level() {
     let (rungs, current, end, step) = (1000, 1.0, 19.9, 1.0);
@@ -125,7 +126,8 @@ fn a_ladder_of_a_thousand_diodes_fills_level_by_level() {
     let mut specification = circuit(json!({"components": components}), end);
     specification["output"]["fields"] = json!(["v(n0)", "v(n3)", "v(n4)", "v(n5)", "v(n6)", "i(D3)"]);
     let solution = solve(&specification);
-    // m capacitors at one level hold m (m - 1)/2 more than at the start of the lowest, with steps of one.
+    // With unit steps between the initial levels, m capacitors at one level have m (m - 1)/2 more charge than at the
+    // initial level of the lowest.
     let merged = |t: f64| (1..).find(|&m| f64::from(m * (m + 1)) / 2.0 > t).map_or(0.0, f64::from);
     let level = |t: f64| (t + merged(t) * (merged(t) - 1.0) / 2.0) / merged(t);
     for k in [0, 3, 4, 5, 6] {
@@ -136,8 +138,8 @@ fn a_ladder_of_a_thousand_diodes_fills_level_by_level() {
     assert!(error < 1e-9, "the fourth diode is off by {error:e}");
 }
 
-/// The value at time `t` of what starts at `x` and goes to `rest` with the time constant `tau`, one piece after another;
-/// `rest` of a piece is given by the time that the piece begins.
+/// The value at time `t` of a piecewise exponential relaxation from zero with the time constant `tau`; `rest` gives the
+/// limit of each piece, by the time at which it begins.
 fn relaxation(t: f64, tau: f64, ends: &[f64], rest: impl Fn(f64) -> f64) -> f64 {
     let (mut x, mut from) = (0.0, 0.0);
     for &end in ends {
@@ -153,7 +155,8 @@ fn relaxation(t: f64, tau: f64, ends: &[f64], rest: impl Fn(f64) -> f64) -> f64 
 
 #[test]
 fn a_switched_coil_freewheels_through_its_diode() {
-    // Closed for the first 3/8 of every millisecond or, without a diode, broken at its withstand voltage.
+    // Closed for the first 3/8 of every millisecond; without a diode, the open switch conducts at its withstand
+    // voltage.
     let closed = "sin(2*pi*1000*t + pi/8) - sin(pi/8)";
     let (volts, ohms, henries) = (10.0, 5.0, 2e-3);
     let solution = solve(&circuit(
@@ -172,7 +175,7 @@ fn a_switched_coil_freewheels_through_its_diode() {
     let error = distance(&solution, "i(L1)", exact);
     assert!(error < 1e-8, "off by {error:e}");
     let through = |t: f64| if is_closed(t) { 0.0 } else { exact(t) };
-    // A sample at the very switch may show either side.
+    // A sample exactly at a switch may show either side.
     let away = |t: f64| ends.iter().all(|end| (t - end).abs() > 1e-9) && t > 0.0;
     for (&t, &i) in solution.trajectory.t.iter().zip(column(&solution, "i(D1)")).filter(|(t, _)| away(**t)) {
         assert!((i - through(t)).abs() < 1e-8, "the diode carries {i} at {t}");
@@ -276,9 +279,9 @@ fn a_capacitor_across_a_source_takes_the_current_of_its_slope() {
 
 #[test]
 fn a_voltage_multiplier_of_any_length_pumps_charge_up_its_ladder() {
-    // The voltages of its column after five periods, for an amplitude of 100 V: the least change of the capacitors, in the norm
-    // of their energy, that keeps every diode from conducting backwards, over 64 parts of each quarter of a period, in
-    // rational numbers. Every event is at the end of a part, so that they are exact.
+    // The voltages of the column after five periods, for an amplitude of 100 V: the least change of the capacitors, in
+    // the energy norm, that keeps every diode from conducting in reverse, over 64 parts of each quarter period, in
+    // rational numbers. Every event is at the end of a part, so the values are exact.
     let pumped = [120.58919270833333, 176.13932291666666, 201.513671875, 207.51953125, 208.349609375, 208.3984375];
     for (stages, volts, farads, hertz) in [(12, 100.0, 1e-6, 1000.0), (16, 4e-5, 3.3e-3, 0.5)] {
         let mut text = format!("V1 t 0 SIN(0 {volts:e} {hertz:e})\n");
@@ -300,7 +303,7 @@ fn a_voltage_multiplier_of_any_length_pumps_charge_up_its_ladder() {
             assert!((found - exact).abs() < 1e-7 * volts, "{stages} stages: v(b{k}) = {found:e}, not {exact:e}");
         }
         assert!(solution.verdict.trusted, "{stages} stages: {:?}", solution.verdict);
-        // A period has at most eight different pieces, however long the ladder is.
+        // A period has at most eight different pieces, for any length of the ladder.
         let steps = solution.diagnostics.steps.accepted;
         assert!(steps < 100, "{stages} stages: {steps} steps");
     }

@@ -1,4 +1,5 @@
-//! Definitions, integrals and `stop`, held to closed forms: through switches, impacts, and what comes and goes within a step.
+//! Definitions, integrals and `stop`, compared with closed forms: through switches, impacts, and events that begin and
+//! end within a step.
 
 use crate::systems::harness::{column, events, last, solve};
 use dvi::solution::{EventKind, Solution};
@@ -35,19 +36,19 @@ fn a_run_ends_where_a_monitor_rises_and_tells_what_else_is_watched() {
     let end = 0.75 * PI;
     assert_eq!(ended.label, "through");
     assert_near(ended.t, end, 1e-9);
-    // It falls through zero at a quarter of `pi`, and `v = -2 sin 2t` is a half at `sin 2t = -1/4`.
+    // x passes zero at pi/4, and `v = -2 sin 2t` is a half at `sin 2t = -1/4`.
     assert_near(events(&solution, "slip")[0], 0.5 * (PI + 0.25_f64.asin()), 1e-9);
     assert_eq!(events(&solution, "through"), [ended.t]);
     assert!(solution.trajectory.events.iter().all(|event| event.kind == EventKind::Crossed));
     assert_eq!(solution.diagnostics.switches, 0);
-    // The grid, and the end.
+    // The grid and the end.
     assert_eq!(solution.trajectory.t, [0.0, ended.t]);
     assert_near(last(&solution, "x"), 0.0, 1e-9);
     assert_near(last(&solution, "twice"), 4.0, 1e-8);
     assert_near(last(&solution, "slip"), 1.5, 1e-8);
     assert_near(last(&solution, "action"), 4.0 * end, 1e-8);
     assert_near(last(&solution, "sliding"), -1.0 - 0.5 * end, 1e-8);
-    // From 1 to -1 and back to zero.
+    // The path from 1 to -1 and back to zero.
     assert_near(last(&solution, "path"), 3.0, 1e-8);
     assert!(solution.trajectory.field("energy").is_none());
 }
@@ -65,7 +66,7 @@ fn what_is_only_told_changes_nothing() {
     found.iter().zip(expected).for_each(|(found, expected)| assert_near(*found, expected, 1e-9));
 }
 
-/// `x' = 1` takes a few long steps.
+/// A problem `x' = 1`, which takes a few long steps.
 #[test]
 fn what_changes_its_sign_and_back_within_a_step_is_seen() {
     for gap in [1e-1, 1e-3, 1e-6] {
@@ -95,10 +96,11 @@ fn a_ball_is_stopped_in_its_second_flight_and_after_its_third_impact() {
             "time": {"start": 7, "end": 27}, "method": {"rtol": 1e-10, "atol": 1e-12},
             "output": {"fields": ["*", "momentum"]}, "stop": [stop]}))
     };
-    // Impacts at 8, 9, 9.5; velocities 10, 5, 2.5, 1.25.
+    // Impacts at 8, 9, 9.5, with velocities 10, 5, 2.5, 1.25.
     let solution = ball(json!({"when": "y_dot", "direction": "falling"}));
     assert_trusted(&solution);
-    // It comes to rest upwards at 8.5, 1.25 high; at 8 its velocity jumps upwards.
+    // The velocity of the ball decreases to zero at t = 8.5, at a height of 1.25; at the impact at t = 8 it jumps
+    // upwards.
     assert_near(solution.ended_by.as_ref().expect("an end").t, 8.5, 1e-9);
     assert_near(last(&solution, "y"), 1.25, 1e-9);
     assert_near(last(&solution, "area"), 5.0 - 10.0 / 6.0 + (0.625 - 0.125 * 10.0 / 6.0), 1e-8);
@@ -112,7 +114,7 @@ fn a_ball_is_stopped_in_its_second_flight_and_after_its_third_impact() {
 
 #[test]
 fn integrals_are_as_exact_as_states_where_variables_switch() {
-    // z = max(sin t, 0): the mean of its square, and of its product with itself shifted, by quadrature of smooth parts.
+    // z = max(sin t, 0): the integrals of its square and of twice its value, by quadrature of smooth parts.
     let solution = solve(&json!({"problem": {"dvi": {
         "definitions": {"power": "z*z"}, "integrals": {"energy": "power", "twice": "2*z"},
         "states": {"x": {"initial": 0, "rate": "z"}}, "variables": {"z": {"inequality": "z - sin(t)"}},
@@ -123,7 +125,7 @@ fn integrals_are_as_exact_as_states_where_variables_switch() {
         assert_near(*found, expected, 1e-8);
     }
     assert_near(last(&solution, "twice"), 8.0, 1e-8);
-    // A run that rests in between: x' = 0, and a pulse of time alone.
+    // A run with a pause: x' = 0, and a pulse that depends on time alone.
     let solution = solve(&json!({"problem": {"dvi": {"integrals": {"pulse": "heaviside(t - 3)*heaviside(3.5 - t)"},
         "states": {"x": {"initial": 1, "rate": 0}}}}, "time": {"end": 10}}));
     assert_near(last(&solution, "pulse"), 0.5, 1e-8);
@@ -152,7 +154,7 @@ fn definitions_stand_in_rates_forces_and_surfaces() {
         "coordinates": {"q": {"initial": 1, "velocity": -1}}, "mass": [[1]], "forces": {"q": "-push - drag"}}},
         "time": {"end": 2}, "method": {"rtol": 1e-10}}));
     assert_near(last(&solution, "q"), (-2.0_f64).exp(), 1e-8);
-    // It slides along s = 0 from 1 on.
+    // The solution slides along s = 0 from t = 1 on.
     let solution = solve(&json!({"problem": {"filippov": {"definitions": {"s": "x - y", "fall": "-1"},
         "states": {"x": {"initial": 1, "plus": "fall", "minus": 1}, "y": {"initial": 0, "plus": 0, "minus": 0}},
         "surface": "s"}}, "time": {"end": 2}, "output": {"fields": ["x", "s"]}}));

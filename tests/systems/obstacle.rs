@@ -1,4 +1,4 @@
-//! Parabolic obstacle problems: free boundaries that move, against tables, benchmark digits and closed forms.
+//! Parabolic obstacle problems with moving free boundaries, compared with tables, benchmark values and closed forms.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::example;
@@ -8,7 +8,7 @@ use dvi::specification::{EXAMPLES, Specification};
 use serde_json::{Value, json};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 
-/// The value of a field at a time told.
+/// The value of a field at an output time.
 fn at(solution: &Solution, field: &str, t: f64) -> f64 {
     let k = solution.trajectory.t.iter().position(|&told| (told - t).abs() < 1e-12);
     column(solution, field)[k.unwrap_or_else(|| panic!("no output at t = {t}"))]
@@ -29,7 +29,7 @@ fn the_oxygen_front_follows_the_table() {
         let errors = [at(&solution, "contact_from", t) - front, at(&solution, "surface", t) - surface];
         assert!(errors[0].abs() < 5e-5 && errors[1].abs() < 5e-6, "at t = {t} off by {errors:?}");
     }
-    // One unit of oxygen goes a unit of time and length, but for where there is none: d total / dt = pressure - 1.
+    // One unit of oxygen is consumed per unit of time and length, where there is any: d total / dt = pressure - 1.
     let (t, total, pressure) = (&solution.trajectory.t, column(&solution, "total"), column(&solution, "pressure"));
     let integral: f64 = (1..t.len()).map(|k| (t[k] - t[k - 1]) * (0.5 * (pressure[k] + pressure[k - 1]) - 1.0)).sum();
     assert!((total[t.len() - 1] - total[0] - integral).abs() < 1e-5, "{total:?} {integral}");
@@ -49,7 +49,7 @@ fn every_example_with_an_obstacle_meets_its_inequality_to_ten_digits() {
 
 #[test]
 fn the_american_put_has_its_price_and_its_exercise_boundary() {
-    // 6.0903705 by a binomial tree with extrapolation and by collocation of the integral equation.
+    // The value 6.0903705 is from a binomial tree with extrapolation, and from collocation of the integral equation.
     let solution = solve(&example("american_put"));
     let error = last(&solution, "price") - 6.0903705;
     assert!(error.abs() < 1e-4, "off by {error:e}");
@@ -108,7 +108,7 @@ fn the_stefan_problem_has_its_similarity_solution() {
 
 #[test]
 fn a_string_comes_to_rest_on_a_parabola() {
-    // Straight from the ends, it touches 1/4 - x^2 tangentially at |x| = 1 - sqrt(3)/2.
+    // Straight from the ends, the membrane touches 1/4 - x^2 tangentially at |x| = 1 - sqrt(3)/2.
     let solution = solve(&json!({
         "problem": {"obstacle": {
             "domain": {"x": [-1, 1]}, "elements": 150, "diffusion": 1, "obstacle": "1/4 - x^2", "initial": "1 - x^2",
@@ -131,7 +131,8 @@ fn a_string_comes_to_rest_on_a_parabola() {
 
 #[test]
 fn a_string_pressed_between_two_walls_leaves_them_tangentially() {
-    // u'' = -f beside the walls at -1 and 1: it meets them sqrt(2/f) = 1/4 from its fixed points at -1, 0 and 1.
+    // u'' = -f, with obstacles at -1 and 1: contact begins at the distance sqrt(2/f) = 1/4 from the fixed points at -1,
+    // 0 and 1.
     let solution = solve(&json!({
         "problem": {"obstacle": {
             "domain": {"x": [-1, 1]}, "elements": 202, "diffusion": 1, "source": "32*sign(x)", "initial": 0,
@@ -181,7 +182,7 @@ fn an_obstacle_above_mirrors_one_below() {
     assert!(column(&above, "pressure").iter().all(|pressure| *pressure <= 0.0), "it pulls");
 }
 
-/// A quarter of the membrane of radius 2 over a hemisphere of radius 1, on a square within it.
+/// A quarter of a membrane of radius 2 over a hemisphere of radius 1, on a square within it.
 fn hemisphere(elements: u64, mass: &str) -> Value {
     json!({
         "problem": {"obstacle": {
@@ -198,11 +199,11 @@ fn hemisphere(elements: u64, mass: &str) -> Value {
 
 #[test]
 fn a_membrane_comes_to_rest_on_a_hemisphere_at_second_order_in_space() {
-    // At rest u = sqrt(1 - r^2) to r = a, then a^2/sqrt(1 - a^2) ln(2/r), with a^2 (1 - ln(a/2)) = 1.
+    // At rest u = sqrt(1 - r^2) up to r = a, then a^2/sqrt(1 - a^2) ln(2/r), with a^2 (1 - ln(a/2)) = 1.
     for mass in ["lumped", "consistent"] {
         let errors = [14, 28, 56].map(|elements| {
             let solution = solve(&hemisphere(elements, mass));
-            // The area is known to a third of an element along its edge.
+            // The area is accurate to a third of an element along its edge.
             let (a, h) = (0.6979651482233735, 1.4 / elements as f64);
             let error = last(&solution, "contact") - FRAC_PI_4 * a * a;
             assert!(error.abs() < FRAC_PI_2 * a * h / 3.0, "{mass}: area off by {error:e} on {elements}");
@@ -217,7 +218,7 @@ fn a_membrane_comes_to_rest_on_a_hemisphere_at_second_order_in_space() {
 
 #[test]
 fn a_travelling_layer_stays_between_its_ends_on_a_grid_that_does_not_resolve_it() {
-    // u_t = u_xx/10 - 100 u_x comes to rest with a layer of width 1/1000 at the end, elements being of 1/20.
+    // u_t = u_xx/10 - 100 u_x approaches a layer of width 1/1000 at the end, with elements of 1/20.
     let mut solution = solve(&json!({
         "problem": {"obstacle": {
             "domain": {"x": [0, 1]}, "elements": 20, "diffusion": 0.1, "advection": 100, "initial": 0,
@@ -226,7 +227,7 @@ fn a_travelling_layer_stays_between_its_ends_on_a_grid_that_does_not_resolve_it(
         }},
         "time": {"end": 1}
     }));
-    // Exact at the nodes: (e^(1000 x) - e^1000) / (1 - e^1000).
+    // The steady solution is exact at the nodes: (e^(1000 x) - e^1000) / (1 - e^1000).
     for probe in ["first", "last"] {
         assert!((last(&solution, probe) - 1.0).abs() < 1e-6, "{probe}: {}", last(&solution, probe));
         assert!(column(&solution, probe).iter().all(|u| (-1e-3..1.001).contains(u)), "{probe} overshoots");
@@ -248,7 +249,7 @@ fn a_run_that_is_cancelled_before_its_first_step_is_stopped_and_has_not_failed()
 
 #[test]
 fn in_three_dimensions_a_product_of_cosines_decays_as_it_should() {
-    // u = e^(-3 pi^2 t) cos(pi x) cos(pi y) cos(pi z), no flux through the sides; the obstacle is out of reach.
+    // u = e^(-3 pi^2 t) cos(pi x) cos(pi y) cos(pi z), without flux through the sides; the obstacle is never reached.
     let errors = [6, 12].map(|elements| {
         let solution = solve(&json!({
             "problem": {"obstacle": {
@@ -265,8 +266,8 @@ fn in_three_dimensions_a_product_of_cosines_decays_as_it_should() {
     assert!((order - 2.0).abs() < 0.2, "order {order} from {errors:?}");
 }
 
-/// `u = 1/2 - t/4 + cos(pi x) exp(-pi^2 t) / 8` sinks onto `-1/2` after the cosine has died: it is there at `t = 4`, wherever
-/// the steps end.
+/// `u = 1/2 - t/4 + cos(pi x) exp(-pi^2 t) / 8` sinks onto the obstacle `-1/2` after the cosine has decayed: contact is
+/// at `t = 4`, independently of where the steps end.
 #[test]
 fn what_sinks_onto_an_obstacle_as_a_whole_is_on_its_way_until_it_is_there() {
     for (rtol, end) in [(1e-4, 5.0), (1e-6, 7.0), (1e-6, 40.0), (1e-8, 13.0)] {

@@ -1,4 +1,4 @@
-//! Periodic orbits and states of rest, held to closed forms; and refused where there are none.
+//! Periodic orbits and steady states, compared with closed forms, and refused where there are none.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -65,7 +65,7 @@ fn a_free_period_is_found_with_the_orbit() {
 
 #[test]
 fn a_rectifier_with_a_capacitor_ripples_as_its_equation_says() {
-    // The diode blocks where tan(wt) = -wRC, and conducts again where 10 sin meets the exponential.
+    // The diode blocks where tan(wt) = -wRC, and conducts again where 10 sin(wt) meets the exponential.
     let (r, c, w) = (1000.0, 1e-4, 100.0 * PI);
     let orbit = orbit_of(json!({"problem": {"circuit": {"components": [
             {"voltage_source": {"name": "V", "nodes": ["in", "0"], "volts": "10*sin(100*pi*t)"}},
@@ -89,7 +89,7 @@ fn a_rectifier_with_a_capacitor_ripples_as_its_equation_says() {
     );
 }
 
-/// A buck converter with ideal switches, into a load.
+/// A buck converter with ideal switches and a resistive load.
 fn buck(ohms: f64) -> Value {
     json!({"problem": {"circuit": {"parameters": {"period": 2e-5, "duty": 0.4}, "components": [
             {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": 12}},
@@ -106,14 +106,16 @@ fn buck(ohms: f64) -> Value {
 fn a_converter_balances_over_its_period_and_decays_as_its_load_makes_it() {
     let orbit = orbit_of(buck(2.0));
     assert!(orbit.shots <= 5, "{}", orbit.shots);
-    // Continuous: the mean is that of the duty, and the multipliers are exp(lambda T), of modulus exp(-T/(2RC)).
+    // Continuous conduction: the mean is given by the duty, and the multipliers are exp(lambda T), of modulus
+    // exp(-T/(2RC)).
     assert_near(orbit.over_period["v(out)"].mean, 0.4 * 12.0, 1e-11);
     let [re, im] = orbit.multipliers[0];
     assert_near(re.hypot(im), (-0.5_f64).exp(), 1e-9);
     let phase = 2e-5 * (1.0 / (1e-4 * 1e-5) - 1.0 / (2.0_f64 * 2.0 * 1e-5).powi(2)).sqrt();
     assert_near(im, (-0.5_f64).exp() * phase.sin(), 1e-8);
 
-    // Discontinuous: coil and capacitor take nothing over a period, the current rests at zero, and all steps are proven.
+    // Discontinuous conduction: coil and capacitor store nothing over a period, the current is zero for a while, and
+    // all steps are proven free of events.
     let orbit = orbit_of(buck(200.0));
     let of = |name: &str| orbit.over_period[name];
     assert_near(of("v(x)").mean, of("v(out)").mean, 1e-9);
@@ -142,7 +144,7 @@ fn what_has_no_orbit_says_why() {
 
 #[test]
 fn a_state_of_rest_has_its_eigenvalues() {
-    // z >= 0, z + y - 1 >= 0: z = 1 - y where y < 1, so that y' = -3y + 1 rests at a third; x' = x - x^3 at one.
+    // z >= 0, z + y - 1 >= 0: z = 1 - y where y < 1, so that y' = -3y + 1 has the steady state 1/3; x' = x - x^3 has 1.
     let rest = |specification: Value| {
         let solution = solve(&specification);
         assert!(solution.verdict.trusted, "{:?} {:?}", solution.error, solution.verdict);
@@ -158,7 +160,7 @@ fn a_state_of_rest_has_its_eigenvalues() {
     assert_near(found.eigenvalues[1][0], -3.0, 1e-9);
     assert_eq!(found.stable, Some(true));
 
-    // An oscillator about an unstable point, in units in which it is slow.
+    // An oscillator about an unstable point, slow in its units.
     let found = rest(json!({"problem": {"dvi": {"states": {
         "x": {"initial": 3, "rate": "1e-6*v"}, "v": {"initial": 1, "rate": "1e-6*(0.2*v - x + 2)"}}}}, "steady_state": {}}));
     assert_near(found.states["x"], 2.0, 1e-12);

@@ -1,4 +1,5 @@
-//! A pendulum in Cartesian coordinates, its tension a free variable: `K = R`, a differential-algebraic equation.
+//! A pendulum in Cartesian coordinates, with its tension as a free variable: `K = R`, a differential-algebraic
+//! equation.
 
 use crate::systems::harness::{column, last, solve};
 use crate::systems::reference::{digits, example, read};
@@ -19,7 +20,7 @@ fn the_pendulum_reaches_its_reference_and_keeps_its_length() {
         let error = (last(&solution, name) - digits(&reference[k])).abs();
         assert!(error < 3e-7, "`{name}` is off by {error:e}");
     }
-    // The tension belongs to the states: it is not the stage value, which is of lower order.
+    // The tension is computed from the states: it is not the stage value, which is of lower order.
     let tension = last(&solution, "tension") - digits(&reference[4]);
     assert!(tension.abs() < 3e-6, "the tension is off by {tension:e}");
     for (x, y) in column(&solution, "x").iter().zip(column(&solution, "y")) {
@@ -36,6 +37,6 @@ fn an_inconsistent_velocity_is_an_error_that_says_by_how_much() {
     let solution = dvi::solve(&specification, &dvi::problem::Control::new());
     let error = solution.error.expect("an error");
     assert_eq!(error.code, "inconsistent_start");
-    // The velocity along the rod, all of it, has to go.
+    // The whole component of the velocity along the rod has to vanish.
     assert!(error.message.contains("`u`") && error.message.contains("-5e-1"), "{}", error.message);
 }

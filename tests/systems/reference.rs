@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
-/// The text of an example, as JSON to be changed before it is solved.
+/// The text of an example, as JSON to be modified before it is solved.
 pub fn example(name: &str) -> Value {
     read(&format!("api/examples/{name}.json"))
 }
@@ -15,19 +15,19 @@ pub fn read(path: &str) -> Value {
     serde_json::from_slice(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// A number that a reference file holds as a string of more digits than a double has.
+/// A number that a reference file gives as a string with more digits than a double has.
 pub fn digits(value: &Value) -> f64 {
     value.as_str().and_then(|text| text.parse().ok()).unwrap_or_else(|| panic!("{value} is not a string of digits"))
 }
 
-/// The system of that name in `tests/reference/switching.json`.
+/// The system of the given name in `tests/reference/switching.json`.
 pub fn switching(name: &str) -> Value {
     let systems = read("tests/reference/switching.json")["systems"].take();
     let found = systems.as_array().and_then(|systems| systems.iter().find(|system| system["name"] == name));
     found.unwrap_or_else(|| panic!("no switching system `{name}`")).clone()
 }
 
-/// A problem of `tests/reference/smooth.json` as a specification, the method left to choose.
+/// A problem of `tests/reference/smooth.json` as a specification without a method.
 pub fn smooth(problem: &Value) -> Value {
     let equations = problem["equations"].as_array().expect("equations").iter().enumerate();
     let state = |(i, rate)| (format!("y{}", i + 1), json!({"initial": problem["y0"][i], "rate": rate}));

@@ -1,5 +1,6 @@
-//! Derivatives by parameters and initial values, held to closed forms: on smooth motion, through switches at which rates jump,
-//! along sliding and sticking, across breaks of time that follow a parameter; and refused where there are none.
+//! Derivatives with respect to parameters and initial values, compared with closed forms: on smooth motion, through
+//! switches with jumping rates, along sliding and sticking, across time events that depend on a parameter; and refused
+//! where they do not exist.
 
 use crate::systems::harness::{column, last, solve};
 use dvi::problem::Control;
@@ -41,7 +42,7 @@ fn derivatives_of_a_linear_oscillator_are_those_of_its_solution() {
 
 #[test]
 fn where_sliding_begins_the_rate_jumps_and_the_derivatives_with_it() {
-    // x falls at the rate mu to zero, and slides; y is its integral, x0^2/2mu in the end.
+    // x decreases at the rate mu to zero, and slides there; y is its integral, finally x0^2/2mu.
     let problem = json!({"filippov": {"parameters": {"mu": 2, "x0": 3}, "surface": "x",
         "states": {"x": {"initial": "x0", "plus": "-mu", "minus": "mu"}, "y": {"initial": 0, "plus": "x", "minus": "x"}}}});
     let solution = derived(problem, 4.0, &["mu", "x0"]);
@@ -54,14 +55,15 @@ fn where_sliding_begins_the_rate_jumps_and_the_derivatives_with_it() {
 
 #[test]
 fn friction_that_sticks_and_lets_go_again() {
-    // v' = 4 - 3t - z with z in mu Sgn(v), mu = 1: it slides with v = 3t - 3t^2/2 to t = 2, sticks there while |4 - 3t| <= mu,
-    // which is over at once: backwards v' = 4 - 3t + mu.
+    // v' = 4 - 3t - z with z in mu Sgn(v), mu = 1: sliding with v = 3t - 3t^2/2 to t = 2, then sticking while |4 - 3t|
+    // <= mu, which ends at once; then backwards with v' = 4 - 3t + mu.
     let problem = json!({"dvi": {"parameters": {"a": 4, "b": 3, "mu": 1},
         "states": {"v": {"initial": 0, "rate": "a - b*t - F"}}, "variables": {"F": {"inequality": "-v"}},
         "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
     let solution = derived(problem, 4.0, &["a", "b", "mu"]);
     let stop = 2.0;
-    // v(stop) = 0 with rate -3: d(stop) = dv/3; then v = (a + mu)(t - stop) - b(t^2 - stop^2)/2, with rate -1 at the stop.
+    // v(stop) = 0 with rate -3: d(stop) = dv/3; then v = (a + mu)(t - stop) - b(t^2 - stop^2)/2, with the rate -1 at
+    // the stop.
     let before = |t: f64, [a, b, mu]: [f64; 3]| a * t - 0.5 * b * t * t - mu * t;
     let after = |t: f64, direction: [f64; 3]| {
         let [a, b, mu] = direction;
@@ -75,7 +77,7 @@ fn friction_that_sticks_and_lets_go_again() {
 
 #[test]
 fn a_body_that_is_torn_off_and_pulled_ever_harder() {
-    // v' = a t - z with z in mu Sgn(v): it sticks up to t = mu/a, where z reaches its bound, and is pulled off smoothly.
+    // v' = a t - z with z in mu Sgn(v): sticking up to t = mu/a, where z reaches its bound, followed by a smooth start.
     let problem = json!({"dvi": {"parameters": {"a": 2, "mu": 3},
         "states": {"x": {"initial": 0, "rate": "v"}, "v": {"initial": 0, "rate": "a*t - F"}},
         "variables": {"F": {"inequality": "-v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}});
@@ -106,7 +108,8 @@ fn breaks_and_bounds_that_follow_a_parameter() {
 
 #[test]
 fn a_rectifier_that_conducts_until_its_current_dies() {
-    // A diode charges a capacitor from rest through an inductor: half a turn of i = sqrt(C/L) sin wt, and v = 2 stays.
+    // A diode charges a capacitor from rest through an inductor: half a period of i = sqrt(C/L) sin wt, after which v =
+    // 2 remains.
     let problem = json!({"dvi": {"parameters": {"l": 1, "c": 1, "e": 1},
         "states": {"i": {"initial": 0, "rate": "(e - v + u)/l"}, "v": {"initial": 0, "rate": "i/c"}},
         "variables": {"u": {"inequality": "i"}}, "set": [{"nonnegative": ["u"]}]}});
@@ -117,7 +120,8 @@ fn a_rectifier_that_conducts_until_its_current_dies() {
     assert!(t("di/de").abs() < 1e-8 && t("di/dl").abs() < 1e-8);
 }
 
-/// All of a converter of ideal switches is proportional to its source; edges of the switch follow the period and the duty.
+/// All quantities of a converter with ideal switches are proportional to its source; edges of the switch depend on
+/// period and duty.
 #[test]
 fn a_converter_whose_switch_follows_parameters() {
     let problem = json!({"circuit": {"parameters": {"period": 2e-5, "duty": 0.4, "E": 12}, "components": [
@@ -145,7 +149,7 @@ fn a_converter_whose_switch_follows_parameters() {
             };
             let difference = (moved(change) - moved(-change)) / (2.0 * change);
             let slope = last(&derived, &format!("d{name}/d{parameter}"));
-            // Of the two errors of the difference, rounding of the times is the larger.
+            // Of the two errors of the difference quotient, rounding of the times is the larger.
             assert!((slope / difference - 1.0).abs() < 1e-4, "{name} by {parameter}: {slope} for {difference}");
         }
     }
@@ -164,7 +168,7 @@ fn failure(document: &Value) -> String {
 
 #[test]
 fn where_there_is_no_derivative_the_run_says_so() {
-    // Two relays reach their surfaces at one time.
+    // Two relays reach their surfaces at the same time.
     let relays = |b: f64| {
         json!({"problem": {"dvi": {"parameters": {"a": 1, "b": b},
             "states": {"x": {"initial": "a", "rate": "-z"}, "y": {"initial": "b", "rate": "-w"},

@@ -1,4 +1,4 @@
-//! Sets that bind several variables together.
+//! Sets that couple several variables.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::example;
@@ -20,7 +20,7 @@ fn a_block_in_the_plane_slides_straight_and_stops() {
     assert!((last(&solution, "x") - 0.6 * way).abs() < 1e-6 && (last(&solution, "y") - 0.8 * way).abs() < 1e-6);
     let times = events(&solution, "Fx");
     assert!(times.len() == 1 && (times[0] - stop).abs() < 1e-6, "{times:?}");
-    // Sliding, friction is all there is of it and opposes the motion; at rest there is none.
+    // While the body slides, friction is at its bound and opposes the motion; at rest it is zero.
     for (&t, (&fx, &fy)) in
         solution.trajectory.t.iter().zip(column(&solution, "Fx").iter().zip(column(&solution, "Fy")))
     {
@@ -33,14 +33,14 @@ fn a_block_in_the_plane_slides_straight_and_stops() {
 
 #[test]
 fn a_radius_that_varies_with_time_and_state_is_followed() {
-    // The load grows with time: |v|' = -mu g (1 + t).
+    // The normal force grows with time: |v|' = -mu g (1 + t).
     let mut specification = example("friction_disk");
     specification["problem"]["dvi"]["set"][0]["ball"]["radius"] = json!("mu*m*g*(1 + t)");
     let solution = solve(&specification);
     let speed = |t: f64| (5.0 - 0.4 * 9.81 * (t + 0.5 * t * t)).max(0.0);
     let error = distance(&solution, "vy", |t| 0.8 * speed(t));
     assert!(error < 1e-6, "off by {error:e}");
-    // It grows with the way: r = m (1 + x/0.6), hence s'' = -(1 + s) and s = 5 sin t - 1 + cos t.
+    // The bound grows with the path: r = m (1 + x/0.6), hence s'' = -(1 + s) and s = 5 sin t - 1 + cos t.
     specification["problem"]["dvi"]["set"][0]["ball"]["radius"] = json!("m*(1 + x/0.6)");
     specification["time"]["end"] = json!(1);
     let solution = solve(&specification);
@@ -51,7 +51,7 @@ fn a_radius_that_varies_with_time_and_state_is_followed() {
 #[test]
 fn a_trajectory_passes_from_a_region_to_a_sliding_mode_to_the_common_point() {
     let solution = solve(&example("three_regions"));
-    // Along -d1 to the line between the first two regions, along that line at half the speed to the origin.
+    // Along -d1 to the line between the first two regions, then along it at half speed to the origin.
     let (line, origin) = (2.0 - 1.0 / 3.0_f64.sqrt(), 2.0 + 3.0_f64.sqrt());
     let x = |t: f64| if t < line { 2.0 - t } else { (origin - t).max(0.0) / 4.0 };
     let y = |t: f64| if t < line { 1.0 } else { (origin - t).max(0.0) * 3.0_f64.sqrt() / 4.0 };
@@ -73,7 +73,7 @@ fn a_trajectory_passes_from_a_region_to_a_sliding_mode_to_the_common_point() {
     assert!((events(&solution, "z3")[0] - origin).abs() < 1e-5);
 }
 
-/// One system over one set, written in the words of two blocks.
+/// A problem with the same square, written as two kinds of block.
 #[test]
 fn a_square_is_the_same_as_a_box_and_as_a_polyhedron() {
     let system = |block: Value| {
@@ -112,15 +112,15 @@ fn forces_from_a_polyhedron_are_those_of_a_vertex_however_short_the_steps_are() 
 
 #[test]
 fn a_point_held_in_a_cone_slides_down_its_side() {
-    // Gravity along -s, the cone s >= |v| itself as the unilateral constraint on velocities: from rest inside the
-    // boundary the fall is free, on the boundary the multiplier of the cone carries half of it.
+    // Gravity along -s, with the cone s >= |v| as a unilateral constraint: in its interior the fall is free, on the
+    // boundary the multiplier of the cone balances half of gravity.
     let specification = json!({"problem": {"dvi": {
         "states": {"s": {"initial": 2, "rate": "-1 + p"}, "v": {"initial": 1, "rate": "q"}},
         "variables": {"p": {"inequality": "s"}, "q": {"inequality": "v"}},
         "set": [{"second_order_cone": ["p", "q"]}]}},
         "time": {"end": 2.5}, "method": {"rtol": 1e-9}, "output": {"times": {"count": 26}}});
     let solution = solve(&specification);
-    // (s, v) stays in the dual cone; at t = 1 it meets s = v, then (s, v)' = (-1, 0) + l (1, -1) along s = v.
+    // (s, v) stays in the dual cone; at t = 1 it reaches s = v, then (s, v)' = (-1, 0) + l (1, -1) along s = v.
     let s = |t: f64| if t < 1.0 { 2.0 - t } else { (1.0 - 0.5 * (t - 1.0)).max(0.0) };
     let error = distance(&solution, "s", s);
     assert!(error < 1e-6, "off by {error:e}");
@@ -133,7 +133,7 @@ fn every_solver_that_can_gives_the_same_motion() {
         ("auto", 3, 1e-6_f64),
         ("semismooth_newton", 5, 1e-6),
         ("conic", 3, 1e-6),
-        // Over several stages the inequality is far from symmetric, which sweeps do not bear.
+        // With several stages the inequality is far from symmetric, which block Gauss-Seidel sweeps do not tolerate.
         ("block_gauss_seidel", 1, 1e-2),
     ] {
         let mut specification = example("friction_disk");
@@ -147,7 +147,7 @@ fn every_solver_that_can_gives_the_same_motion() {
 
 #[test]
 fn a_block_and_an_interval_that_switch_at_once_are_both_located() {
-    // Two bodies at speed 2 against friction 1, one on a line and one in the plane: both stop at t = 2.
+    // Two bodies with speed 2 and friction 1, one on a line and one in the plane: both stop at t = 2.
     let specification = json!({"problem": {"dvi": {
         "states": {
             "u": {"initial": 2, "rate": "-F"},
@@ -181,7 +181,7 @@ fn a_force_that_only_just_reaches_the_friction_moves_nothing() {
 
 #[test]
 fn a_point_that_leaves_the_apex_of_a_cone_is_its_projection_there() {
-    // (s, v) is the projection of (sin t, cos t, 1/2): off the apex from where sin t > -|(cos t, 1/2)| on.
+    // (s, v) is the projection of (sin t, cos t, 1/2): it leaves the apex where sin t > -|(cos t, 1/2)|.
     let specification = json!({"problem": {"dvi": {
         "states": {"q": {"initial": 0, "rate": "s + v + w"}},
         "variables": {
@@ -201,8 +201,8 @@ fn a_point_that_leaves_the_apex_of_a_cone_is_its_projection_there() {
 
 #[test]
 fn the_face_of_a_block_is_analysed_on_its_tangent_space() {
-    // Pressed against the cone a point has one direction along its ray and one round it: of the three variables one is
-    // held by |(q, r)| = p, one follows from G by the curvature, one from its derivative.
+    // A point pressed against the cone can move along its ray and around the cone: of the three variables one is
+    // determined by |(q, r)| = p, one by G through the curvature, one by the derivative of G.
     let specification = json!({"problem": {"dvi": {
         "states": {
             "s": {"initial": 1.5, "rate": "-1 + p"},
@@ -219,13 +219,13 @@ fn the_face_of_a_block_is_analysed_on_its_tangent_space() {
     assert_eq!(faces[0].analysis.uniqueness, Uniqueness::Unique, "{}", faces[0].analysis.because);
 }
 
-/// `x' = a(t) e + z` with `G = x` and `a = 1.001 sin(40 t)` along a direction `e`: `z` holds the point until `a` is beyond what
-/// the set reaches, and again when what was beyond is made up for. In between the states do not move at all, so that steps
-/// are as long as they like.
+/// `x' = a(t) e + z` with `G = x` and `a = 1.001 sin(40 t)` along a direction `e`: `z` balances the drive until `a`
+/// exceeds the range of the set, and again once the excess has been returned. In between the states are constant, so
+/// that steps may be arbitrarily long.
 #[test]
 fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     let (omega, periods) = (40.0, 12);
-    // In the phase of half a period: the start of a flight, and its end, where 1.001 (cos p - cos q) = q - p.
+    // Within half a period: the start of a motion, and its end, where 1.001 (cos p - cos q) = q - p.
     let leaves = (1.0 / 1.001_f64).asin();
     let (mut low, mut high) = (std::f64::consts::PI - leaves, std::f64::consts::PI);
     for _ in 0..60 {
@@ -237,7 +237,7 @@ fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     let expected: Vec<f64> = phases.map(|phase| phase / omega).collect();
     let square = json!({"A": [[1, 0], [-1, 0], [0, 1], [0, -1]], "b": [1, 1, 1, 1], "of": ["z1", "z2"]});
     let ball = json!({"ball": {"of": ["z1", "z2"], "radius": 1}});
-    // On the edge of the square z2 rests on its row, and x2 moves away.
+    // On the edge of the square z2 stays constant, and x2 moves.
     for (name, set, drives) in [
         ("ball", ball, ["0.6006*sin(40*t)", "0.8008*sin(40*t)"]),
         ("square", json!({"polyhedron": square}), ["1.001*sin(40*t)", "0.3*sin(40*t)"]),

@@ -1,5 +1,5 @@
-//! Systems of many unknowns, whose matrices are stored and factorised by their nonzeros, against closed forms and
-//! against the small systems that they are made of.
+//! Systems with many unknowns and sparse matrices, compared with closed forms and with the small systems that they
+//! consist of.
 
 use crate::systems::harness::{last, solve};
 use dvi::problem::Control;
@@ -12,7 +12,7 @@ fn sparse(rows: usize, columns: usize, entries: &[(usize, usize, f64)]) -> Value
     json!({"shape": [rows, columns], "entries": entries})
 }
 
-/// Nonzeros of `c (x_{i-1} - 2 x_i + x_{i+1})`.
+/// The nonzeros of `c (x_{i-1} - 2 x_i + x_{i+1})`.
 fn chain(n: usize, c: f64) -> Vec<(usize, usize, f64)> {
     let row = |i: usize| [(i, i.wrapping_sub(1), c), (i, i, -2.0 * c), (i, i + 1, c)];
     (0..n).flat_map(row).filter(|&(_, j, _)| j < n).collect()
@@ -46,7 +46,7 @@ fn a_chain_too_long_for_dense_matrices_decays_as_its_slowest_wave() {
 
 #[test]
 fn a_full_matrix_of_middling_size_decays_along_its_eigenvectors() {
-    // -I - (1/n) 1 1^T has the eigenvalues -2 along ones and -1 across.
+    // -I - (1/n) 1 1^T has the eigenvalue -2 along the vector of ones, and -1 on its complement.
     let n = 80;
     let full: Vec<Vec<f64>> =
         (0..n).map(|i| (0..n).map(|j| -1.0 / n as f64 - if i == j { 1.0 } else { 0.0 }).collect()).collect();
@@ -62,7 +62,7 @@ fn a_full_matrix_of_middling_size_decays_along_its_eigenvectors() {
     assert!((last(&solution, "x80") - ones + across).abs() < 1e-9);
 }
 
-/// `copies` of a relay with friction, `x' = 3 sin 4t - x - z`, `z in [-1, 1]` pressing against `x`, end to end.
+/// `copies` independent relays with friction, `x' = 3 sin 4t - x - z`, `z in [-1, 1]`, `G = -x`, in one system.
 fn relays(copies: usize) -> Value {
     let diagonal = |value: f64| sparse(copies, copies, &(0..copies).map(|i| (i, i, value)).collect::<Vec<_>>());
     let names: Vec<String> = (1..=copies).map(|k| format!("z{k}")).collect();
@@ -95,7 +95,7 @@ fn many_copies_of_a_switching_system_run_as_the_one_does() {
 
 #[test]
 fn free_variables_of_a_large_system_follow_from_the_hidden_constraint_or_the_plain_one() {
-    // x_i' = z_i + (x_{i-1} - 2 x_i + x_{i+1}). Even rows hold x_i = sin t, odd ones z_i = x_i + cos t.
+    // x_i' = z_i + (x_{i-1} - 2 x_i + x_{i+1}). Even rows require x_i = sin t, odd rows z_i = x_i + cos t.
     let n = 120;
     let even = |i: &usize| i.is_multiple_of(2);
     let c: Vec<_> = (0..n).map(|i| (i, i, if even(&i) { 1.0 } else { -1.0 })).collect();
@@ -119,7 +119,7 @@ fn free_variables_of_a_large_system_follow_from_the_hidden_constraint_or_the_pla
         assert!((value("x61") - t.sin()).abs() < 1e-7, "{} at {t}", value("x61") - t.sin());
         assert!((value("x62") - exact(t)).abs() < 1e-7, "{} at {t}", value("x62") - exact(t));
         assert!((value("z62") - exact(t) - t.cos()).abs() < 1e-7);
-        // From the hidden constraint, to the order of the states: cos t = z - 2 sin t + both neighbours.
+        // The variable from the hidden constraint, at the order of the states: cos t = z - 2 sin t + both neighbours.
         let z = t.cos() + 2.0 * t.sin() - 2.0 * exact(t);
         assert!((value("z61") - z).abs() < 1e-7, "{} instead of {z} at {t}", value("z61"));
     }

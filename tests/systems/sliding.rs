@@ -1,4 +1,4 @@
-//! Switching by the sign of a function: a relay, a sliding mode.
+//! Switching by the sign of a function: a relay, and a sliding mode.
 
 use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::reference::{digits, example, switching};
@@ -12,7 +12,7 @@ fn the_relay_reaches_zero_and_stays_without_chatter() {
     assert!(error < 1e-10, "off by {error:e}");
     assert_eq!(events(&solution, "s").len(), 1);
     assert!((events(&solution, "s")[0] - reach).abs() < 1e-10);
-    // The selection that holds x at zero.
+    // The selection of the sign function that keeps x at zero.
     for (&t, &s) in solution.trajectory.t.iter().zip(column(&solution, "s")) {
         let exact = if t < reach { 1.0 } else { 0.3 };
         assert!((s - exact).abs() < 1e-9, "s = {s} at t = {t}");
@@ -34,7 +34,8 @@ fn the_sliding_mode_is_reached_and_kept() {
     assert!((hit - digits(&reference["t_hit"])).abs() < 1e-9, "hit at {hit}");
 }
 
-/// The twisting of a double integrator, `x'' = -a sgn x - b sgn x'` with `a > b`, from `x = 0` and `x' = v` at `t = 0`.
+/// The twisting algorithm for a double integrator, `x'' = -a sgn x - b sgn x'` with `a > b`, from `x = 0` and `x' = v`
+/// at `t = 0`.
 struct Twisting {
     a: f64,
     b: f64,
@@ -42,22 +43,22 @@ struct Twisting {
 }
 
 impl Twisting {
-    /// By which `|x'|` shrinks from one zero of `x` to the next.
+    /// The ratio of `|x'|` at consecutive zeros of `x`.
     fn ratio(&self) -> f64 {
         ((self.a - self.b) / (self.a + self.b)).sqrt()
     }
 
-    /// From there to the next at the speed `v`.
+    /// The time from one zero of `x` to the next, from the speed `v`.
     fn swing(&self, v: f64) -> f64 {
         v / (self.a + self.b) + self.ratio() * v / (self.a - self.b)
     }
 
-    /// When infinitely many switches have brought it to rest.
+    /// The time at which it comes to rest, after infinitely many switches.
     fn rest(&self) -> f64 {
         self.swing(self.v) / (1.0 - self.ratio())
     }
 
-    /// `x'` at `t`, swing by swing.
+    /// `x'` at `t`, one arc after another.
     fn velocity(&self, t: f64) -> f64 {
         let (mut begin, mut v, mut sign) = (0.0, self.v, 1.0);
         while begin + self.swing(v) <= t && v > 1e-300 {
@@ -110,7 +111,8 @@ fn twisting_comes_to_rest_where_its_switches_accumulate() {
 
 #[test]
 fn super_twisting_comes_to_rest_at_a_root() {
-    // At rest B(x) = -k sqrt|x| vanishes, and with it what the multiplier does to x: x = 0, w = 0 and u = 0 are of codimension three.
+    // At rest B(x) = -k sqrt|x| vanishes, and with it the effect of the multiplier on x: x = 0, w = 0 and u = 0 have
+    // codimension three.
     for (k, l, start) in [(2.1, 1.7, 0.4), (1.5, 1.1, 1.0), (3.0, 4.0, 2.0)] {
         let solution = solve(&json!({
             "problem": {"dvi": {

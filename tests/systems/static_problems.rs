@@ -1,5 +1,5 @@
-//! Static variational inequalities, held to published solutions and closed forms; what is certain of each is told, and that
-//! there are many solutions or none.
+//! Static variational inequalities, compared with published solutions and closed forms; certificates of uniqueness, and
+//! reports of many solutions or none.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
@@ -15,7 +15,7 @@ fn problem(variables: &[(&str, &str, f64)], set: Value) -> Value {
     json!({"problem": {"vi": {"variables": variables, "set": set}}})
 }
 
-/// Nonnegative variables `x1`, `x2`, ..
+/// A problem with nonnegative variables `x1`, `x2`, ..
 fn complementarity(rows: &[&str], start: &[f64]) -> Value {
     let names: Vec<String> = (1..=rows.len()).map(|i| format!("x{i}")).collect();
     let variables: Vec<(&str, &str, f64)> =
@@ -50,7 +50,7 @@ fn assert_point(found: &StaticSolution, exact: &[f64], tolerance: f64) {
     }
 }
 
-/// Firms that sell at `p(Q) = (5000/Q)^(1/g)` with marginal costs `c + (q/L)^(1/b)`.
+/// Firms that sell at the price `p(Q) = (5000/Q)^(1/g)`, with marginal costs `c + (q/L)^(1/b)`.
 fn cournot(costs: &[f64], capacity: f64, elasticities: &[f64], demand: f64, start: f64) -> Value {
     let firms = costs.len();
     let total = (1..=firms).map(|i| format!("x{i}")).collect::<Vec<_>>().join(" + ");
@@ -70,7 +70,8 @@ fn cournot(costs: &[f64], capacity: f64, elasticities: &[f64], demand: f64, star
 
 #[test]
 fn firms_in_a_market_come_to_their_published_equilibrium() {
-    // Murphy, Sherali and Soyster 1982, in the figures of Harker 1984; more digits by Newton's method in another program.
+    // Murphy, Sherali and Soyster 1982, with the figures of Harker 1984; further digits by Newton's method in another
+    // program.
     let specification = cournot(&[10.0, 8.0, 6.0, 4.0, 2.0], 5.0, &[1.2, 1.1, 1.0, 0.9, 0.8], 1.1, 10.0);
     let (solution, found) = solved(&specification);
     let exact = [
@@ -81,7 +82,7 @@ fn firms_in_a_market_come_to_their_published_equilibrium() {
         39.178_952_516_625_02,
     ];
     assert_point(&found, &exact, 1e-10);
-    assert!(found.certificate.starts_with("the only solution near"), "{}", found.certificate);
+    assert!(found.certificate.starts_with("locally unique"), "{}", found.certificate);
     assert!((solution.trajectory.field("total").unwrap()[0] - exact.iter().sum::<f64>()).abs() < 1e-8);
     assert_eq!(solution.trajectory.t, [0.0]);
     // The ten firms of the collection MCPLIB (Dirkse and Ferris 1995).
@@ -121,14 +122,15 @@ fn the_problems_of_josephy_and_of_kojima_and_shindoh_are_solved_from_their_start
 
 #[test]
 fn billups_problem_is_solved_past_its_local_minimum() {
-    // Billups 1995: merit functions have a minimum near zero that is no solution.
+    // Billups 1995: merit functions have a minimum near zero that is not a solution.
     let (_, found) = solved(&complementarity(&["(x1 - 1)^2 - 1.01"], &[0.0]));
     assert_point(&found, &[1.0 + 1.01_f64.sqrt()], 1e-9);
 }
 
 #[test]
 fn murtys_exponential_problem_is_solved() {
-    // Murty 1978: pivots go through exponentially many bases for some methods; w = M z - e, ones on and twos left of the diagonal.
+    // Murty 1978: some pivoting methods visit exponentially many bases; w = M z - e, with ones on the diagonal and twos
+    // left of it.
     let m = 16;
     let rows: Vec<String> = (1..=m)
         .map(|i| {
@@ -151,12 +153,14 @@ fn mathiesens_market_has_prices_up_to_a_factor() {
     let s = found.z["x3"];
     assert!((found.z["x1"] - 0.5).abs() < 1e-8 && s > 0.0);
     assert!((found.z["x2"] / s - 3.0).abs() < 1e-6 && (found.z["x4"] / s - 2.0).abs() < 1e-6, "{found:?}");
-    assert!(!found.certificate.starts_with("the only"), "{}", found.certificate);
+    let is_said_to_be_unique = ["the only", "locally unique"].iter().any(|words| found.certificate.starts_with(words));
+    assert!(!is_said_to_be_unique, "{}", found.certificate);
 }
 
 #[test]
 fn colvilles_first_problem_has_its_published_prices_and_quantities() {
-    // Problems 86 and 117 of Hock and Schittkowski 1981, the optimality of both at once: `y` of one and `u` of the other.
+    // Problems 86 and 117 of Hock and Schittkowski 1981, as joint optimality conditions: `y` of one and `u` of the
+    // other.
     let e = [-15.0, -27.0, -36.0, -18.0, -12.0];
     let c = [
         [30.0, -20.0, -10.0, 32.0, -10.0],
@@ -228,7 +232,7 @@ fn dantzigs_transport_has_its_published_cost_and_several_plans() {
     assert!(is_told(&solution, "many_solutions"), "{:?}", solution.verdict);
 }
 
-/// Three routes and the demand that they carry; `u` is the time that they take.
+/// Three routes and their total demand; `u` is the common travel time.
 fn braess(bridge: bool) -> Value {
     let mut variables = vec![("h1", "10*(h1 + h3) + 50 + h1 - u", 0.0), ("h2", "50 + h2 + 10*(h2 + h3) - u", 0.0)];
     variables.push(("h3", if bridge { "10*(h1 + h3) + 10 + h3 + 10*(h2 + h3) - u" } else { "h3 + 1000" }, 0.0));
@@ -249,7 +253,7 @@ fn braess_bridge_makes_everyone_slower() {
 
 #[test]
 fn a_simplex_a_ball_and_a_cone_hold_their_solutions() {
-    // The nearest point of the simplex to (0.9, 0.4, -1): (0.75, 0.25, 0).
+    // The point of the simplex nearest to (0.9, 0.4, -1) is (0.75, 0.25, 0).
     let rows = [("a", "a - 0.9", 0.0), ("b", "b - 0.4", 0.0), ("c", "c + 1", 0.0)];
     let (_, found) = solved(&problem(&rows, json!([{"simplex": ["a", "b", "c"]}])));
     for (name, exact) in [("a", 0.75), ("b", 0.25), ("c", 0.0)] {
@@ -263,7 +267,8 @@ fn a_simplex_a_ball_and_a_cone_hold_their_solutions() {
 
 #[test]
 fn a_string_on_a_floor_is_solved_at_its_nodes() {
-    // -u'' + 1 >= 0 above 0 on [-1, 1] with u(+-1) = 1/8: u = (|x| - 1/2)^2/2 off the floor, which differences keep.
+    // -u'' + 1 >= 0 with u >= 0 on [-1, 1] and u(+-1) = 1/8: u = (|x| - 1/2)^2/2 off the obstacle, which central
+    // differences reproduce.
     let n = 399;
     let h = 2.0 / f64::from(n + 1);
     let specification = json!({"problem": {"vi": {"parameters": {"n": n, "h": h},
@@ -289,7 +294,7 @@ fn a_continuum_of_solutions_is_told() {
 
 #[test]
 fn a_problem_without_solution_says_why_there_is_none() {
-    // A row that is negative everywhere; one that is so by the bounds of the others; rows that contradict each other.
+    // A row that is negative everywhere; one that is negative within the bounds of the others; contradictory rows.
     for (rows, part) in [
         (vec!["-1 - exp(x1)"], "the inequality of `x1` is negative"),
         (vec!["x1 + x2", "-x1 - 1"], "the inequality of `x2`"),
@@ -299,17 +304,18 @@ fn a_problem_without_solution_says_why_there_is_none() {
         assert_eq!(code, "no_solution", "{message}");
         assert!(message.contains(part), "{message}");
     }
-    // x^2 + 1 = 0 for a free x has none either, which intervals show; and (x - 1)^2 + 0.01 = 0, which they do not.
+    // x^2 + 1 = 0 for a free x is infeasible, which interval arithmetic proves; (x - 1)^2 + 0.01 = 0 is infeasible
+    // without a proof.
     let free = |row: &str| problem(&[("x1", row, 0.3)], json!([{"free": ["x1"]}]));
     assert_eq!(failed(&free("x1^2 + 1")).0, "no_solution");
     let (code, message) = failed(&free("x1^2 - 2*x1 + 1.01"));
     assert_eq!(code, "vi_unsolved");
-    assert!(message.contains("none was proven not to exist"), "{message}");
+    assert!(message.contains("nor a proof that there is none"), "{message}");
 }
 
 #[test]
 fn the_traffic_of_sioux_falls_comes_to_its_published_flows() {
-    // In thousands of vehicles, by link and destination, with the time from each node to each destination.
+    // In thousands of vehicles, by link and destination, with the travel time from each node to each destination.
     let data: Value = serde_json::from_str(include_str!("../reference/sioux_falls.json")).unwrap();
     let number = |value: &Value| value.as_f64().unwrap();
     let links: Vec<Vec<f64>> = data["links"]

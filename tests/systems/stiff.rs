@@ -5,7 +5,7 @@ use crate::systems::reference::{digits, example, read, smooth};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// A problem of `tests/reference/smooth.json` at a tolerance.
+/// A problem of `tests/reference/smooth.json` with a tolerance.
 fn specification(problem: &Value, rtol: f64) -> Value {
     let mut specification = smooth(problem);
     let atol = rtol * problem["atol_factor"].as_f64().expect("a factor");
@@ -13,19 +13,19 @@ fn specification(problem: &Value, rtol: f64) -> Value {
     specification
 }
 
-/// The problem of that name in `tests/reference/smooth.json`.
+/// The problem of the given name in `tests/reference/smooth.json`.
 fn problem(name: &str) -> Value {
     let problems = read("tests/reference/smooth.json")["problems"].take();
     let found = problems.as_array().and_then(|problems| problems.iter().find(|problem| problem["name"] == name));
     found.unwrap_or_else(|| panic!("no problem `{name}`")).clone()
 }
 
-/// `max_i |y_i - reference_i| / max(|reference_i|, floor_i)` at the end, over `rtol`.
+/// The error at the end, `max_i |y_i - reference_i| / max(|reference_i|, floor_i)`, divided by `rtol`.
 fn error(problem: &Value, rtol: f64) -> f64 {
     distance(problem, &solve(&specification(problem, rtol))) / rtol
 }
 
-/// The same of a trajectory, not over `rtol`.
+/// The error at the end of a trajectory.
 fn distance(problem: &Value, solution: &Solution) -> f64 {
     let reference = problem["reference"].as_array().expect("a reference");
     let errors = reference.iter().enumerate().map(|(i, exact)| {
@@ -41,10 +41,10 @@ fn errors_are_a_few_tolerances_at_any_tolerance() {
     let problems = read("tests/reference/smooth.json")["problems"].take();
     for problem in problems.as_array().expect("problems") {
         let name = problem["name"].as_str().expect("a name");
-        // The pendulum with its constraint differentiated twice leaves its circle with the square of time: by the
-        // variational equations a change of `y3` by `rtol` at the start alone changes the end by 152 of them.
+        // The pendulum with its constraint differentiated twice drifts from its circle quadratically in time: by the
+        // variational equations, a change of `y3` by `rtol` at the start changes the end by 152 `rtol`.
         let bound = if name == "pend_i1" { 152.0 } else { 30.0 };
-        // Codes have ended in NaN on the ring modulator and called it success.
+        // Other codes have ended with NaN on the ring modulator and reported success.
         let exponents = if name == "ring" { 3..=9 } else { 3..=11 };
         for exponent in exponents {
             let rtol = 10.0_f64.powi(-exponent);

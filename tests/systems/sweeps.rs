@@ -1,8 +1,10 @@
-//! Sweeps held to closed forms: accumulation times of a bouncing ball, the map of modes of a belt, means over random and
-//! low-discrepancy points, reducers along the dense output; and the same bytes however the work is shared.
+//! Sweeps compared with closed forms: accumulation times of a bouncing ball, the map of modes of a belt, means over
+//! random and low-discrepancy points, reducers along the dense output; and identical bytes for any distribution of the
+//! work.
 
 use crate::systems::harness::solve;
 use dvi::problem::Control;
+use dvi::solution::encodings::MembersForm;
 use dvi::solution::{Solution, Status, Table, encodings};
 use dvi::specification::{Specification, edited};
 use serde_json::{Value, json};
@@ -45,14 +47,14 @@ fn a_ball_rests_when_its_bounces_sum_up_over_restitution_and_height() {
     let g = 9.81_f64;
     for row in 0..table.rows() {
         let fall = (2.0 * h[row] / g).sqrt();
-        // Each bounce lasts e times the one before: t = fall (1 + 2 e + 2 e^2 + ..).
+        // Each bounce lasts e times as long as the previous one: t = fall (1 + 2 e + 2 e^2 + ..).
         let exact = fall * (1.0 + e[row]) / (1.0 - e[row]);
         assert!((first[row] - fall).abs() <= 1e-9 * fall, "row {row}: {} for {fall}", first[row]);
         assert!((rest[row] - exact).abs() <= 1e-5 * exact, "row {row}: {} for {exact}", rest[row]);
         // The largest speed is that before the first impact, where the velocity jumps.
         let impact = (2.0 * g * h[row]).sqrt();
         assert!((speed[row] - impact).abs() <= 1e-7 * impact, "row {row}: {} for {impact}", speed[row]);
-        // The integral of a parabola over a fall is 2/3 h T, and over a bounce 4/3 e^2k h e^k T.
+        // The integral of the height over the fall is 2/3 h T, and over bounce k it is 4/3 e^2k h e^k T.
         let (e, h) = (e[row], h[row]);
         let area = h * fall * (2.0 / 3.0 + 4.0 / 3.0 * e.powi(3) / (1.0 - e.powi(3)));
         let mean = numbers(&table, "mean")[row];
@@ -60,8 +62,8 @@ fn a_ball_rests_when_its_bounces_sum_up_over_restitution_and_height() {
     }
 }
 
-/// A mass that is let go on a belt: it slips back over `x = f + (x_0 - f) cos t`, and comes to the belt's speed at
-/// `x = f - sqrt((x_0 - f)^2 - v^2)` unless it is too slow for that; there it sticks where `|x| <= f`.
+/// A mass released on a belt: it slides back as `x = f + (x_0 - f) cos t`, and reaches the belt's speed at `x = f -
+/// sqrt((x_0 - f)^2 - v^2)` unless it stays slower; there it sticks if `|x| <= f`.
 #[test]
 fn the_map_of_modes_of_a_belt_has_the_known_borders() {
     let x_0 = 3.0_f64;
@@ -131,7 +133,7 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
         let found = numbers(&row, name)[0];
         assert!((found - exact).abs() < 2e-9, "{name}: {found} for {exact}");
     }
-    // The third zero is at the end: it may be met or not.
+    // The third zero is at the end: it may be detected or not.
     assert!([2.0, 3.0].contains(&numbers(&row, "zeros")[0]));
     let third = numbers(&row, "second")[0] / FRAC_PI_2;
     assert!((third - third.round()).abs() < 1e-9, "{third}");
@@ -160,7 +162,7 @@ fn means_have_the_order_of_their_points() {
     }
 }
 
-/// A sweep with members of another structure (`k = 0`, an exponent), and members that fail.
+/// A sweep with members of another structure (`k = 0`, an exponent), and failing members.
 fn mixed() -> Value {
     json!({
         "problem": {"dvi": {"parameters": {"k": 1, "f": 1, "p": 1},
@@ -190,7 +192,7 @@ fn the_bytes_are_the_same_however_the_work_is_shared() {
     let part = |cut: &[usize]| dvi::study::sweep(&specification, cut[0]..cut[1], NonZeroUsize::MIN, &control);
     let mut parts: Vec<Solution> = cuts.windows(2).map(part).collect();
     parts.reverse();
-    // As they are written and read back by who merges them.
+    // Parts as written, and read back by the program that merges them.
     let read_back = |part: &Solution| encodings::read_json(json_of(part).as_bytes()).unwrap().table.unwrap();
     assert_eq!(json_of(&dvi::study::merge(parts.iter().map(read_back)).unwrap()), whole);
     let missing = dvi::study::merge(parts[1..].iter().map(read_back)).unwrap();
@@ -224,6 +226,56 @@ fn a_member_is_the_solve_of_its_values_alone() {
             }
         }
     }
+}
+
+#[test]
+fn trajectories_that_are_kept_are_those_of_the_solves_alone() {
+    let mut specification = json!({
+        "problem": {"dvi": {"parameters": {"k": 1, "f": 1},
+            "states": {"x": {"initial": 2, "rate": "v"}, "v": {"initial": 0, "rate": "-k*x - s"}},
+            "variables": {"s": {"inequality": "-v"}}, "set": [{"box": {"of": ["s"], "lower": "-f", "upper": "f"}}]}},
+        "time": {"end": 3}, "output": {"times": [0, 0.5, 1, 3], "fields": ["v", "s"]},
+        "sweep": {"over": {"k": [1, 2, 3], "f": [-1, 0.1, 0.5]}, "keep": "trajectories"}});
+    let whole = json_of(&dvi::solve(&read(&specification), &Control::new()));
+    let json: Value = serde_json::from_str(&whole).unwrap();
+    let columns = &json["table"]["columns"];
+    assert_eq!(json["table"]["times"], json!([0.0, 0.5, 1.0, 3.0]));
+    let swept = specification.clone();
+    specification.as_object_mut().unwrap().remove("sweep");
+    // The names of the document are in the order of the alphabet.
+    for (row, (f, k)) in [-1.0, 0.1, 0.5].iter().flat_map(|f| [1, 2, 3].map(|k| (*f, k))).enumerate() {
+        if f < 0.0 {
+            assert!(columns["trajectory.v"][row].is_null() && columns["status"][row] == "failed");
+            continue;
+        }
+        let parameters = &mut specification["problem"]["dvi"]["parameters"];
+        (parameters["k"], parameters["f"]) = (json!(k), json!(f));
+        let alone = dvi::solve(&read(&specification), &Control::new());
+        for name in ["v", "s"] {
+            let told = &columns[format!("trajectory.{name}")][row];
+            assert_eq!(told, &json!(alone.trajectory.field(name).unwrap()), "{name} of row {row}");
+        }
+        assert_eq!(columns["x"][row].as_f64().map(f64::to_bits), Some(x_at_the_end(&specification).to_bits()));
+    }
+    let read_back = encodings::read_json(whole.as_bytes()).unwrap().table.unwrap();
+    assert_eq!(serde_json::to_value(&read_back).unwrap(), json["table"]);
+    for (form, told) in [(MembersForm::Csv, ",\"[0.0,-"), (MembersForm::Lines, "\"trajectory.v\":[0.0,-")] {
+        let (mut bytes, solution) = (Vec::new(), Solution { table: Some(read_back.clone()), ..Solution::default() });
+        encodings::write_members(&solution, form, &mut bytes).unwrap();
+        assert_eq!(String::from_utf8(bytes).unwrap().matches(told).count(), 6, "{form:?}");
+    }
+    let parts = [0..2, 2..4, 4..9].map(|members| {
+        let part = dvi::study::sweep(&read(&swept), members, NonZeroUsize::MIN, &Control::new());
+        encodings::read_json(json_of(&part).as_bytes()).unwrap().table.unwrap()
+    });
+    assert_eq!(json_of(&dvi::study::merge(parts).unwrap()), whole);
+}
+
+/// The state at the end, whatever fields are asked for.
+fn x_at_the_end(specification: &Value) -> f64 {
+    let mut specification = specification.clone();
+    specification["output"]["fields"] = json!(["x"]);
+    *dvi::solve(&read(&specification), &Control::new()).trajectory.field("x").unwrap().last().unwrap()
 }
 
 #[test]
@@ -306,7 +358,7 @@ fn components_and_elements_of_vectors_are_swept_by_name() {
 
 #[test]
 fn states_of_rest_are_swept() {
-    // x' = a - x - z with 0 <= z and x <= 1: at rest x = min(a, 1).
+    // x' = a - x - z with 0 <= z and x <= 1: the steady state is x = min(a, 1).
     let table = table(&json!({
         "problem": {"dvi": {"parameters": {"a": 0.5}, "states": {"x": {"initial": 0, "rate": "a - x"}}}},
         "steady_state": {}, "sweep": {"over": {"a": [0.5, 2]}}}));

@@ -83,6 +83,11 @@ pub struct Report {
 }
 
 impl Report {
+    /// The report of no problem.
+    pub fn none() -> Self {
+        Self { outcome: Outcome::Solved, solver: "none", solves: 0, iterations: 0, residual: 0.0, restitution: 1.0 }
+    }
+
     /// Adds the work of an earlier solve to the report.
     #[must_use]
     pub fn after(self, earlier: &Self) -> Self {
@@ -151,14 +156,7 @@ impl Law {
 
     /// Computes the impulses, starting from those in `r`. Only a report with [`Outcome::Solved`] is a solution.
     pub fn impulses(&mut self, contacts: &Contacts<'_>, r: &mut [Vector3<f64>], control: &Control) -> Report {
-        let mut report = Report {
-            outcome: Outcome::Solved,
-            solver: "none",
-            solves: 0,
-            iterations: 0,
-            residual: 0.0,
-            restitution: 1.0,
-        };
+        let mut report = Report::none();
         self.closing.clear();
         self.closing.extend((0..r.len()).map(|k| contacts.approaches(k) && contacts.closes(k, contacts.free[k].x)));
         // A contact that closes only because others push it is found in the solution.

@@ -8,6 +8,7 @@
 //! beginning.
 
 use super::hidden::{HALVINGS, Hidden, NEXT};
+use super::mode::Status;
 use super::smooth_phase::SmoothPhase;
 use numerics::{Interval, is_seen};
 
@@ -75,21 +76,50 @@ impl SmoothPhase<'_, '_> {
         let rows = 0..self.located.structure.rows();
         let drift = rows.clone().map(|row| constraints.size(row, &of_v));
         let bias = rows.map(|row| constraints.size(row, &of_v) / h);
-        forces.chain(drift).chain(bias).collect()
+        let forces: Vec<f64> = forces.collect();
+        // A coefficient of friction may be off by what its normal force makes of that.
+        let structure = &self.located.structure;
+        let varying = (0..self.mode.len()).filter(|&k| structure.contacts[k].varies);
+        let coefficient = |k: usize| {
+            let load = self.watch.lambda[structure.normal(k)].abs();
+            let of_row = |row: usize| {
+                let push = self.watch.constraints().row(row);
+                push.iter().zip(&forces).map(|(j, force)| force / (load * j.abs())).fold(f64::INFINITY, f64::min)
+            };
+            structure.tangents(k).map(of_row).fold(f64::INFINITY, f64::min)
+        };
+        let coefficients: Vec<f64> = varying.map(coefficient).collect();
+        forces.into_iter().chain(drift).chain(bias).chain(coefficients).collect()
+    }
+
+    /// Encloses forces, drift, bias and coefficients of friction that vary, with coordinates and velocities frozen.
+    fn enclose_in_time(&mut self, t: Interval, x: &[f64], values: &mut [Interval]) {
+        let (q, v) = x.split_at(x.len() / 2);
+        let structure = &self.located.structure;
+        let (of_motion, of_friction) = values.split_at_mut(q.len() + 2 * structure.rows());
+        self.watch.problem().enclose_in_time(t, q, v, of_motion);
+        let frozen: Vec<Interval> = x.iter().map(|x| Interval::point(*x)).collect();
+        let varying = (0..self.mode.len()).filter(|&k| structure.contacts[k].varies);
+        for (value, k) in of_friction.iter_mut().zip(varying) {
+            let slip_speed = match self.mode[k] {
+                Status::Slip(_) => structure.contacts[k].slip_speed(&self.watch.slip(k, v)),
+                _ => 0.0,
+            };
+            *value = self.watch.problem().enclose_friction(k, t, &frozen, Interval::point(slip_speed));
+        }
     }
 
     /// Whether the values at the ends and the middle of a part represent the dependence on time within it.
     fn shows(&mut self, (a, b): (f64, f64), x: &[f64], allowed: &[f64]) -> bool {
-        let (q, v) = x.split_at(x.len() / 2);
         let mut enclosed = vec![Interval::LINE; allowed.len()];
-        self.watch.problem().enclose_in_time(Interval::new(a, b), q, v, &mut enclosed);
+        self.enclose_in_time(Interval::new(a, b), x, &mut enclosed);
         let is_narrow = |(value, allowed): (&Interval, &f64)| value.defined && value.width() <= *allowed;
         if enclosed.iter().zip(allowed).all(is_narrow) {
             return true;
         }
         let mut seen = [a, 0.5 * (a + b), b].map(|t| (t, vec![Interval::LINE; allowed.len()]));
         for (t, values) in &mut seen {
-            self.watch.problem().enclose_in_time(Interval::point(*t), q, v, values);
+            self.enclose_in_time(Interval::point(*t), x, values);
         }
         let [(_, first), (_, middle), (_, last)] = &seen;
         (0..allowed.len()).all(|i| is_seen(enclosed[i], [first[i].lo, middle[i].lo, last[i].lo], allowed[i]))

@@ -76,6 +76,14 @@ impl SmoothPhase<'_, '_> {
         let mut m = vec![0.0; x.len()];
         self.at(0.5 * (a + b), &mut m);
         let Some(forces) = self.watch.enclose(Interval::new(a, b), &x, &m) else { return false };
+        let times = Interval::new(a, b);
+        let sticks = |k: usize| self.mode[k] == Status::Stick;
+        let mu: Vec<Interval> = (0..self.mode.len())
+            .map(|k| match sticks(k) {
+                true => self.watch.problem().enclose_friction(k, times, &x, Interval::point(0.0)),
+                false => Interval::point(self.located.structure.contacts[k].mu),
+            })
+            .collect();
         let structure = &self.located.structure;
         let v = &x[structure.coordinates..];
         let lowest = |index: usize| match (middle[index].ending, middle[index].value) {
@@ -84,7 +92,10 @@ impl SmoothPhase<'_, '_> {
             (Ending::StickToSlip(k, _), _) => {
                 let squares = structure.tangents(k).map(|row| forces.lambda[row].square());
                 let friction = squares.fold(Interval::point(0.0), |sum, square| sum + square).sqrt();
-                (Interval::point(structure.contacts[k].mu) * forces.lambda[structure.normal(k)] - friction).least()
+                if !mu[k].defined {
+                    return f64::NEG_INFINITY;
+                }
+                (mu[k] * forces.lambda[structure.normal(k)] - friction).least()
             }
             (Ending::SlipToStick(k), value) => {
                 let Status::Slip(d) = self.mode[k] else { return f64::NEG_INFINITY };

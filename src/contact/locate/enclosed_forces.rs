@@ -94,6 +94,13 @@ impl Inverse {
     }
 }
 
+/// The friction of a sliding contact over a box, per unit of its normal force; without directions for other contacts.
+#[derive(Clone)]
+struct Friction {
+    directions: Vec<Interval>,
+    mu: Interval,
+}
+
 impl Solved {
     fn whole_inverse(&self) -> &Inverse {
         self.whole_inverse.get_or_init(|| Inverse::new(self))
@@ -108,12 +115,12 @@ impl ModeEquations {
         let (q, v) = x.split_at(n);
         let mut dynamics = DynamicsRange::new(self.shape());
         self.problem().enclose_dynamics(t, q, v, &mut dynamics);
-        let directions = self.directions_over(&dynamics, v)?;
-        let (r, w) = self.residuals(t, x, m, &dynamics, &directions);
+        let friction = self.friction_over(t, x, &dynamics)?;
+        let (r, w) = self.residuals(t, x, m, &dynamics, &friction);
         let solved = self.solved_last().filter(|solved| solved.shift.is_none())?;
         let rows = self.rows();
         // `G`, column by column.
-        let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &directions)).collect();
+        let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, &dynamics, &friction)).collect();
         let inverse = solved.whole_inverse();
         let (mut da, mut dl) = inverse.apply(&r, &w);
         // The remainder `K_m^-1 (K - K_m) (da, dlambda)`; applied again, the terms of higher order.
@@ -165,6 +172,7 @@ impl ModeEquations {
         let (a, lambda) = (self.a.clone(), self.lambda.clone());
         let mut range = SensitivityRange::default();
         self.problem().enclose_sensitivity(t, x, &a, &lambda, &mut range);
+        self.add_slopes_of_friction(t, x, &mut range);
         let Some(solved) = self.solved_last().filter(|solved| solved.shift.is_none()) else { return false };
         let (inverse, rows, count) = (solved.whole_inverse(), self.rows(), x.len());
         for (at, slope) in slopes.iter_mut().enumerate() {
@@ -183,6 +191,7 @@ impl ModeEquations {
             let mut range = SensitivityRange::default();
             let point: Vec<Interval> = x[at..at + count].iter().map(|x| Interval::point(*x)).collect();
             self.problem().enclose_sensitivity(Interval::point(t), &point, &a, &lambda, &mut range);
+            self.add_slopes_of_friction(Interval::point(t), &point, &mut range);
             at += count;
             range
         });
@@ -199,10 +208,63 @@ impl ModeEquations {
         }
     }
 
+    /// Adds the slopes of coefficients of friction to those of `M a - f - G lambda`, with directions of slips and of
+    /// friction at the point of the last evaluation.
+    fn add_slopes_of_friction(&mut self, t: Interval, x: &[Interval], range: &mut SensitivityRange) {
+        let n = self.shape().coordinates;
+        for k in 0..self.shape().contacts.len() {
+            let middle: Vec<f64> = x[n..].iter().map(|v| v.ball().0).collect();
+            let Some((push, of_speed)) = self.varying_friction(k, &middle) else { continue };
+            let rows = self.shape().tangents(k);
+            let slips = rows.clone().map(|row| {
+                let along = self.constraints().row(row).iter().zip(&x[n..]).map(|(j, v)| Interval::point(*j) * *v);
+                Interval::point(self.constraints().drift[row]) + sum(along)
+            });
+            let speed = self.speed_over(k, &slips.collect::<Vec<_>>());
+            let by_velocity: Vec<f64> = (0..n)
+                .map(|j| {
+                    rows.clone().zip(of_speed.iter()).map(|(row, slope)| self.constraints().row(row)[j] * slope).sum()
+                })
+                .collect();
+            let mut slopes = vec![Interval::point(0.0); 2 * n + 1];
+            self.problem().enclose_friction_slopes(k, t, x, speed, &mut slopes);
+            let by_speed = slopes[2 * n];
+            for (j, slope) in slopes[..2 * n].iter_mut().enumerate() {
+                if let Some(along) = j.checked_sub(n).map(|j| by_velocity[j]).filter(|along| *along != 0.0) {
+                    *slope = *slope + by_speed * Interval::point(along);
+                }
+            }
+            for (i, push) in push.iter().enumerate().filter(|(_, push)| **push != 0.0) {
+                for (j, slope) in slopes[..2 * n].iter().enumerate() {
+                    let entry = &mut range.balance[i * 2 * n + j];
+                    *entry = *entry + Interval::point(*push) * *slope;
+                }
+            }
+        }
+    }
+
+    /// The speed of the slip of contact `k` that its coefficient depends on, with the rows of the slip over a box.
+    fn speed_over(&self, k: usize, slips: &[Interval]) -> Interval {
+        let contact = &self.shape().contacts[k];
+        match self.mode()[k] {
+            Status::Slip(direction) if contact.slips < 2 => {
+                let along = sum(slips.iter().zip(direction.iter()).map(|(slip, d)| *slip * Interval::point(*d)));
+                Interval::new(along.lo.max(0.0), along.hi.max(0.0)).defined_if(along.defined)
+            }
+            Status::Slip(_) => {
+                let scales = [1.0, 1.0 / contact.ratio];
+                let squares = slips.iter().zip(scales).map(|(slip, scale)| (*slip * Interval::point(scale)).square());
+                sum(squares).sqrt()
+            }
+            Status::Open | Status::Frictionless | Status::Stick => Interval::point(0.0),
+        }
+    }
+
     /// `r` and `w` over the box; if slip directions are constant, by the mean value theorem
     ///
     /// ```text
-    /// r = r(t, m) - (d(M a - f - G lambda)/dx) (x - m),    w = w(t, m) - (d(C a + gamma)/dx) (x - m)
+    /// r = r(t, m) - (d(M a - f - J^T lambda)/dx) (x - m) - J_t^T d (mu - mu(m)) lambda_n,
+    /// w = w(t, m) - (d(C a + gamma)/dx) (x - m)
     /// ```
     fn residuals(
         &mut self,
@@ -210,13 +272,15 @@ impl ModeEquations {
         x: &[Interval],
         m: &[f64],
         dynamics: &DynamicsRange,
-        directions: &[Vec<Interval>],
+        friction: &[Friction],
     ) -> (Vec<Interval>, Vec<Interval>) {
-        let turns = directions.iter().any(|direction| direction.len() > 1);
+        let turns = friction.iter().any(|friction| friction.directions.len() > 1);
         // The mean value theorem does not hold across a jump.
         if turns || self.problem().may_jump(t, x) {
-            return self.residuals_of(dynamics, directions);
+            return self.residuals_of(dynamics, friction);
         }
+        let mut at_middle = friction.to_vec();
+        at_middle.iter_mut().zip(&self.mu).for_each(|(friction, mu)| friction.mu = Interval::point(*mu));
         let (a, lambda) = (self.a.clone(), self.lambda.clone());
         let mut slopes = SensitivityRange::default();
         self.problem().enclose_sensitivity(t, x, &a, &lambda, &mut slopes);
@@ -228,7 +292,14 @@ impl ModeEquations {
             let (q, v) = still.split_at(m.len() / 2);
             let mut in_time = DynamicsRange::new(self.shape());
             self.problem().enclose_dynamics(t, q, v, &mut in_time);
-            (r, w) = self.residuals_of(&in_time, directions);
+            (r, w) = self.residuals_of(&in_time, &at_middle);
+        }
+        for (k, of_contact) in friction.iter().enumerate().filter(|&(k, _)| self.shape().contacts[k].varies) {
+            let excess = of_contact.mu - at_middle[k].mu;
+            let force = Interval::point(self.lambda[self.shape().normal(k)]) * excess;
+            for (row, d) in self.shape().tangents(k).zip(&of_contact.directions) {
+                r.iter_mut().zip(dynamics.row(row)).for_each(|(r, entry)| *r = *r - *entry * *d * force);
+            }
         }
         r.iter_mut().enumerate().for_each(|(i, r)| *r = *r + along(&slopes.balance, i));
         w.iter_mut().zip(self.rows()).for_each(|(w, &row)| *w = *w + along(&slopes.acceleration, row));
@@ -236,10 +307,10 @@ impl ModeEquations {
     }
 
     /// `r` and `w` by interval evaluation.
-    fn residuals_of(&self, dynamics: &DynamicsRange, directions: &[Vec<Interval>]) -> (Vec<Interval>, Vec<Interval>) {
+    fn residuals_of(&self, dynamics: &DynamicsRange, friction: &[Friction]) -> (Vec<Interval>, Vec<Interval>) {
         let n = self.shape().coordinates;
         let rows = self.rows();
-        let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, dynamics, directions)).collect();
+        let columns: Vec<Vec<Interval>> = rows.iter().map(|&row| self.push_of(row, dynamics, friction)).collect();
         let of_balance = |i: usize| {
             let pushes = rows.iter().zip(&columns);
             let pushes = sum(pushes.map(|(&row, column)| column[i] * Interval::point(self.lambda[row])));
@@ -255,38 +326,51 @@ impl ModeEquations {
 
     /// The generalised force of a unit multiplier of a held row: the row and, for the normal of a sliding contact, its
     /// friction.
-    fn push_of(&self, row: usize, dynamics: &DynamicsRange, directions: &[Vec<Interval>]) -> Vec<Interval> {
+    fn push_of(&self, row: usize, dynamics: &DynamicsRange, friction: &[Friction]) -> Vec<Interval> {
         let shape = self.shape();
         let mut push = dynamics.row(row).to_vec();
-        let contact = row.checked_sub(shape.joints).filter(|k| *k < directions.len());
-        for (k, direction) in contact.into_iter().map(|k| (k, &directions[k])) {
-            for (tangent, d) in shape.tangents(k).zip(direction) {
-                let factor = Interval::point(shape.contacts[k].mu) * *d;
+        let contact = row.checked_sub(shape.joints).filter(|k| *k < friction.len());
+        for (k, friction) in contact.into_iter().map(|k| (k, &friction[k])) {
+            for (tangent, d) in shape.tangents(k).zip(&friction.directions) {
+                let factor = friction.mu * *d;
                 push.iter_mut().zip(dynamics.row(tangent)).for_each(|(push, entry)| *push = *push - factor * *entry);
             }
         }
         push
     }
 
-    /// The slip directions of sliding contacts over the box, empty for the others; `None` if one may turn by any angle.
-    fn directions_over(&self, dynamics: &DynamicsRange, v: &[Interval]) -> Option<Vec<Vec<Interval>>> {
-        let shape = self.shape();
+    /// The friction of sliding contacts over the box; `None` if a direction may turn by any angle, or a coefficient is not
+    /// defined all over the box.
+    fn friction_over(&mut self, t: Interval, x: &[Interval], dynamics: &DynamicsRange) -> Option<Vec<Friction>> {
+        let v = &x[x.len() / 2..];
+        let contacts = self.shape().contacts.len();
         let of_contact = |k: usize| {
-            let Status::Slip(direction) = self.mode()[k] else { return Some(Vec::new()) };
-            if shape.contacts[k].slips < 2 {
-                return Some(vec![Interval::point(direction.x)]);
+            let contact = self.shape().contacts[k];
+            let mut friction = Friction { directions: Vec::new(), mu: Interval::point(contact.mu) };
+            let Status::Slip(direction) = self.mode()[k] else { return Some(friction) };
+            let slip = |row: usize| dynamics.drift[row] + product(dynamics.row(row), v);
+            let slips: Vec<Interval> = self.shape().tangents(k).map(slip).collect();
+            friction.directions = if contact.slips < 2 {
+                vec![Interval::point(direction.x)]
+            } else {
+                let least = self.least_slip(k);
+                let way = slips.iter().zip(direction.iter()).map(|(slip, d)| *slip + Interval::point(d * least));
+                let way: Vec<Interval> = way.collect();
+                let length = sum(way.iter().map(|way| way.square())).sqrt();
+                if !(length.defined && length.lo > 0.0) {
+                    return None;
+                }
+                way.iter().map(|way| *way / length).collect()
+            };
+            if contact.varies {
+                let speed = self.speed_over(k, &slips);
+                friction.mu = self.problem().enclose_friction(k, t, x, speed);
+                let is_bounded = friction.mu.defined && friction.mu.size().is_finite();
+                return is_bounded.then_some(friction);
             }
-            let way: Vec<Interval> = shape
-                .tangents(k)
-                .zip(direction.iter())
-                .map(|(row, d)| {
-                    dynamics.drift[row] + product(dynamics.row(row), v) + Interval::point(d * self.least_slip(k))
-                })
-                .collect();
-            let length = sum(way.iter().map(|way| way.square())).sqrt();
-            (length.defined && length.lo > 0.0).then(|| way.iter().map(|way| *way / length).collect())
+            Some(friction)
         };
-        (0..shape.contacts.len()).map(of_contact).collect()
+        (0..contacts).map(of_contact).collect()
     }
 }
 

@@ -106,6 +106,8 @@ pub struct EventDriven<'p> {
     /// the normal force of the probe; with its friction too after a stick-slip transition, where the share of friction
     /// was too large.
     loads: Vec<Vector3<f64>>,
+    /// The coefficient of friction of each contact where the mode begins.
+    coefficients: Vec<f64>,
     structure: MechanicalStructure,
     constraints: Constraints,
     last_impact: Vec<f64>,
@@ -181,6 +183,7 @@ impl<'p> EventDriven<'p> {
             accumulations: 0,
             mode: None,
             loads: vec![Vector3::zeros(); contacts],
+            coefficients: vec![0.0; contacts],
             constraints: Constraints::new(&structure),
             structure,
             last_impact: vec![f64::NEG_INFINITY; contacts],
@@ -400,6 +403,7 @@ impl<'p> EventDriven<'p> {
             for probed in probed.iter().filter(|probed| probed.r.x > ROUNDING * largest) {
                 let k = probed.contact;
                 mode[k] = self.status(k, probed, ending);
+                self.coefficients[k] = probed.mu;
                 let broke = matches!(ending, Some(Ending::StickToSlip(..)));
                 self.loads[k] = if broke { probed.r / h } else { Vector3::x() * (probed.r.x / h) };
             }
@@ -415,7 +419,7 @@ impl<'p> EventDriven<'p> {
         }
         let tangent = |u: &Vector3<f64>| Vector2::new(u.y, u.z);
         // A contact at its friction bound slips, unless redundant contacts take over its load.
-        let most = self.structure.contacts[k].mu * probed.r.x;
+        let most = probed.mu * probed.r.x;
         if let Some(Ending::StickToSlip(contact, direction)) = ending
             && contact == k
             && tangent(&probed.r).norm() > (1.0 - FRICTION_SLACK) * most

@@ -21,7 +21,8 @@
 use super::enclosed_forces::Inverse;
 use super::mode::{Status, held};
 use crate::delassus::dot;
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, Vector2, Vector3};
+use crate::velocity_step::admissible;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, RowDVector, Vector2, Vector3};
 use numerics::Interval;
 use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
 use std::cell::OnceCell;
@@ -66,6 +67,8 @@ pub struct ModeEquations {
     pub a: Vec<f64>,
     /// See `a`.
     pub lambda: Vec<f64>,
+    /// The coefficient of friction of each closed contact at the last evaluation.
+    pub mu: Vec<f64>,
 }
 
 /// `M^-1` and `(C M^-1 G)^-1`, with the matrices from which they were computed.
@@ -157,6 +160,7 @@ impl ModeEquations {
             sensitivity: Sensitivity::default(),
             a: vec![0.0; n],
             lambda: vec![0.0; shape.rows()],
+            mu: vec![0.0; shape.contacts.len()],
             mode: Vec::new(),
             least: Vec::new(),
             rows: Vec::new(),
@@ -167,22 +171,23 @@ impl ModeEquations {
             shape,
         };
         let contacts = equations.shape.contacts.len();
-        equations.set_mode(&vec![Status::Open; contacts], &vec![Vector3::zeros(); contacts], &vec![0.0; contacts]);
+        let none = vec![0.0; contacts];
+        equations.set_mode(&vec![Status::Open; contacts], (&vec![Vector3::zeros(); contacts], &none), &none);
         equations
     }
 
-    /// Sets the contact mode, the reference contact forces for redundant contacts, and the slip speeds below which the
-    /// mode's slip direction is used.
-    pub fn set_mode(&mut self, mode: &[Status], loads: &[Vector3<f64>], least: &[f64]) {
+    /// Sets the contact mode, the reference contact forces and the coefficients of friction for redundant contacts, and
+    /// the slip speeds below which the mode's slip direction is used.
+    pub fn set_mode(&mut self, mode: &[Status], (loads, mu): (&[Vector3<f64>], &[f64]), least: &[f64]) {
         (self.mode, self.least) = (mode.to_vec(), least.to_vec());
         self.rows = held(&self.shape, mode);
         let all = self.shape.rows();
         let (mut load, mut scale) = (vec![0.0; all], vec![1.0; all]);
         let largest = loads.iter().fold(f64::MIN_POSITIVE, |most, load| most.max(load.x));
-        for (k, contact) in self.shape.contacts.iter().enumerate() {
+        for (k, &mu) in mu.iter().enumerate() {
             let share = loads[k].x / largest;
             let rows = std::iter::once(self.shape.normal(k)).chain(self.shape.tangents(k));
-            for ((row, part), most) in rows.zip(loads[k].iter()).zip([1.0, contact.mu, contact.mu]) {
+            for ((row, part), most) in rows.zip(loads[k].iter()).zip([1.0, mu, mu]) {
                 (load[row], scale[row]) = (*part, (most * share).max(LEAST_SHARE).sqrt());
             }
         }
@@ -242,6 +247,30 @@ impl ModeEquations {
     fn direction(&self, k: usize, v: &[f64]) -> Option<Vector2<f64>> {
         let way = self.way(k, v)?;
         Some(if way.norm() > 0.0 { way.normalize() } else { way })
+    }
+
+    /// The speed of the slip of contact `k` that its coefficient of friction depends on. In a plane a slip past the end
+    /// of its mode counts as rest.
+    fn slip_speed(&self, k: usize, v: &[f64]) -> f64 {
+        let contact = &self.shape.contacts[k];
+        match self.mode[k] {
+            Status::Slip(direction) if contact.slips < 2 => self.slip(k, v).dot(&direction).max(0.0),
+            Status::Slip(_) => contact.slip_speed(&self.slip(k, v)),
+            Status::Open | Status::Frictionless | Status::Stick => 0.0,
+        }
+    }
+
+    /// Evaluates the coefficients of friction of closed contacts, after the constraints; `None` if there is none.
+    fn evaluate_friction(&mut self, t: f64, q: &[f64], v: &[f64]) -> Option<()> {
+        for k in 0..self.mode.len() {
+            let contact = &self.shape.contacts[k];
+            self.mu[k] = contact.mu;
+            if contact.varies && self.mode[k].is_closed() {
+                let speed = self.slip_speed(k, v);
+                self.mu[k] = admissible(self.problem.friction(k, t, q, v, speed))?;
+            }
+        }
+        Some(())
     }
 
     /// `u_t` of contact `k`.
@@ -310,6 +339,7 @@ impl ModeEquations {
         self.problem.forces(t, q, v, &mut self.f);
         self.problem.constraints(t, q, &mut self.constraints);
         self.problem.bias(t, q, v, &mut self.gamma);
+        self.evaluate_friction(t, q, v)?;
         let transposed = &self.constraints.transposed;
         let mut g = DMatrix::zeros(n, self.rows.len());
         for (column, &row) in self.rows.iter().enumerate() {
@@ -322,7 +352,7 @@ impl ModeEquations {
                 && let Some(direction) = self.direction(k, v)
             {
                 for (tangent, d) in self.shape.tangents(k).zip(direction.iter()) {
-                    let friction = transposed.column(tangent) * (self.shape.contacts[k].mu * d);
+                    let friction = transposed.column(tangent) * (self.mu[k] * d);
                     let mut column = g.column_mut(column);
                     column -= friction;
                 }
@@ -342,7 +372,7 @@ impl ModeEquations {
         }
         for k in 0..self.mode.len() {
             if let Some(direction) = self.direction(k, v) {
-                let size = self.shape.contacts[k].mu * self.lambda[self.shape.normal(k)];
+                let size = self.mu[k] * self.lambda[self.shape.normal(k)];
                 for (row, d) in self.shape.tangents(k).zip(direction.iter()) {
                     self.lambda[row] = -size * d;
                 }
@@ -356,13 +386,56 @@ impl ModeEquations {
         for k in (0..self.mode.len()).filter(|&k| self.shape.contacts[k].slips == 2) {
             let Some(way) = self.way(k, v).filter(|way| way.norm() > 0.0) else { continue };
             let (d, speed) = (way.normalize(), way.norm());
-            let size = self.shape.contacts[k].mu * self.lambda[self.shape.normal(k)] / speed;
+            let size = self.mu[k] * self.lambda[self.shape.normal(k)] / speed;
             let turning = (Matrix2::identity() - d * d.transpose()) * size;
             for (i, row) in self.shape.tangents(k).enumerate() {
                 for (j, by) in self.shape.tangents(k).enumerate() {
                     let push = self.constraints.transposed.column(row) * turning[(i, j)];
                     *balance += push * self.sensitivity.velocity.row(by);
                 }
+            }
+        }
+    }
+}
+
+/// The derivatives of friction by its coefficient, which the equations of a system take as fixed.
+impl ModeEquations {
+    /// The direction of friction on the system of a sliding contact whose coefficient varies, `J_t^T d lambda_n`, and the
+    /// derivative of the speed of its slip by the rows of the slip.
+    pub(super) fn varying_friction(&self, k: usize, v: &[f64]) -> Option<(DVector<f64>, Vector2<f64>)> {
+        if !self.shape.contacts[k].varies {
+            return None;
+        }
+        let direction = self.direction(k, v)?;
+        let mut push = DVector::zeros(self.shape.coordinates);
+        for (row, d) in self.shape.tangents(k).zip(direction.iter()) {
+            push += self.constraints.transposed.column(row) * (d * self.lambda[self.shape.normal(k)]);
+        }
+        let slope = match self.shape.contacts[k].slips {
+            // Past the end of the mode the speed is zero.
+            1 if self.slip(k, v).dot(&direction) < 0.0 => Vector2::zeros(),
+            1 => direction,
+            _ => self.shape.contacts[k].slip_speed_slope(&self.slip(k, v), &direction),
+        };
+        Some((push, slope))
+    }
+
+    /// Adds the derivatives of coefficients of friction to the derivative of `M a - f - J^T lambda`.
+    fn add_friction_slopes(&mut self, t: f64, (q, v): (&[f64], &[f64]), balance: &mut DMatrix<f64>) {
+        let n = self.shape.coordinates;
+        for k in 0..self.mode.len() {
+            let Some((push, of_speed)) = self.varying_friction(k, v) else { continue };
+            let mut slopes = vec![0.0; 2 * n + 1];
+            let speed = self.slip_speed(k, v);
+            self.problem.friction_slopes(k, t, q, v, speed, &mut slopes);
+            let by_speed = slopes[2 * n];
+            let mut by_state = RowDVector::from_column_slice(&slopes[..2 * n]);
+            for (row, slope) in self.shape.tangents(k).zip(of_speed.iter()) {
+                by_state += self.sensitivity.velocity.row(row) * (by_speed * slope);
+            }
+            // A slope that is not finite, as that of a root at rest, is left out: iterations then take longer.
+            if by_state.iter().all(|slope| slope.is_finite()) {
+                *balance += push * by_state;
             }
         }
     }
@@ -421,6 +494,7 @@ impl Dvi for ModeEquations {
         self.sensitivity = sensitivity;
         let mut balance = self.sensitivity.balance.clone();
         self.add_turning(v, &mut balance);
+        self.add_friction_slopes(t, (q, v), &mut balance);
         let acceleration = &self.sensitivity.acceleration;
         let w = DMatrix::from_fn(self.rows.len(), 2 * n, |i, j| -acceleration[(self.rows[i], j)]);
         if balance.iter().chain(&w).all(|x| *x == 0.0) {

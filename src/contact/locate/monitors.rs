@@ -86,7 +86,7 @@ pub fn monitors(
                 for (friction, row) in friction.iter_mut().zip(structure.tangents(k)) {
                     *friction = equations.lambda[row];
                 }
-                let value = structure.contacts[k].mu * force - friction.norm();
+                let value = equations.mu[k] * force - friction.norm();
                 let away = if friction.norm() > 0.0 { -friction.normalize() } else { Vector2::x() };
                 out.push(Monitor { value, noise, rate: None, ending: Ending::StickToSlip(k, away) });
             }

@@ -72,7 +72,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         if let Some(mode) = &mode {
             let least = located.tolerances_of_slips();
             for equations in [&mut *main, &mut *watch] {
-                equations.set_mode(mode, &located.loads, &least);
+                equations.set_mode(mode, (&located.loads, &located.coefficients), &least);
             }
             let x = [located.state.q.as_slice(), &located.state.v].concat();
             let remaining = located.end - located.state.t;

@@ -48,6 +48,8 @@ pub struct Probed {
     pub rounding: f64,
     /// The velocity scale: the size of the changes of `u` by forces and by its own impulse.
     pub change: f64,
+    /// Its coefficient of friction.
+    pub mu: f64,
 }
 
 /// The longest probe that was too short and the shortest that was too long.
@@ -199,12 +201,18 @@ impl VelocityStep<'_> {
         if contacts.is_empty() {
             return Ok(Some(Vec::new()));
         }
-        let near =
+        let mut near =
             ActiveContacts::new(&self.structure, &self.constraints, &mut self.delassus, &contacts).ok_or(lost)?;
         self.factorised = None;
         let before = near.velocities(&self.structure, &now, &state.v);
         let free = near.velocities(&self.structure, &self.constraints, &v);
         let rounding = self.rounding_of_slips(&contacts, &state.v, &before, &free);
+        // A contact that sticks has no slip but rounding.
+        let at_rest = |(u, least): (&Vector3<f64>, &f64)| {
+            if u.y.hypot(u.z) > *least { *u } else { Vector3::new(u.x, 0.0, 0.0) }
+        };
+        let slips: Vec<Vector3<f64>> = before.iter().zip(&rounding).map(at_rest).collect();
+        near.set_friction(self.coefficients(state, &contacts, &slips)?);
         if let Some(i) = near.painleve(&before, &rounding) {
             self.work.painleve.get_or_insert((state.t, contacts[i]));
             return Ok(None);
@@ -225,6 +233,7 @@ impl VelocityStep<'_> {
             after: law.after(i, &r),
             rounding: rounding[i],
             change: near.change(i, &(free[i] - before[i]), &r[i]),
+            mu: near.friction()[i],
         };
         Ok(Some((0..contacts.len()).map(probed).collect()))
     }

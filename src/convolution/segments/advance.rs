@@ -60,7 +60,7 @@ impl Segments<'_> {
             let trial = self.trial(h)?;
             let is_tiny = h <= TINY * self.usual || h <= self.resolution(h);
             if self.kinks > MOST_IN_A_ROW || in_a_row > MOST_IN_A_ROW {
-                let outcome = "no element is short enough";
+                let outcome = "the error is too large for any length of an element";
                 return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
             }
             let (trial, change, screened) = self.up_to_switch(trial)?;
@@ -153,7 +153,7 @@ impl Segments<'_> {
             let length = if self.unclear.0 == 0.0 { self.resolution(0.0) } else { LONGER * self.unclear.0 };
             self.unclear = (length, true);
             if length > TINY * self.usual {
-                let outcome = "no face holds behind a switch";
+                let outcome = "no active set is consistent after a switch";
                 return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
             }
             if to == Activity::Inactive {

@@ -17,16 +17,16 @@ fn errors_say_what_was_expected_and_what_was_found() {
     assert_message("max(x; y)", "expected an operator, `,` or `)`, found `;`");
     assert_message("sin x", "expected `(` after the function `sin`, found `x`");
     assert_message("x\0", "expected an operator or the end, found the control character U+0000");
-    let range = "expected an operator or the end, found `..2`; a range stands in a sum: `sum(x[i] for i in 1..n)`";
+    let range = "expected an operator or the end, found `..2`; a range belongs in a sum: `sum(x[i] for i in 1..n)`";
     assert_message("1..2", range);
     assert_message("atan2(x)", "`atan2` takes two arguments, found 1");
     assert_message("min()", "`min` takes two or more arguments, found 0");
     assert_message("1e999", "`1e999` is out of the range of a double, 4.9e-324 to 1.8e308");
     assert_message("x \u{2212} 1", "an expression is written in ASCII, found U+2212");
-    assert_message("w", "nothing is called `w` here");
+    assert_message("w", "there is no name `w` here");
     assert_message("f(x)", "there is no function `f`");
     let long = "a".repeat(1000);
-    assert_message(&long, &format!("nothing is called `{}...` here", "a".repeat(40)));
+    assert_message(&long, &format!("there is no name `{}...` here", "a".repeat(40)));
 }
 
 #[test]
@@ -34,12 +34,12 @@ fn what_other_languages_write_is_told_what_is_written_here() {
     for (text, remedy) in [
         ("t > 1 ? 1 : 0", "a choice is written `if(c, a, b)`"),
         ("t % 2", "the remainder of a division is `mod(a, b)`"),
-        ("x' + 1", "a derivative is no term: of an equation stands the right-hand side alone"),
-        ("x = 1", "a comparison is written `==`; of an equation stands the right-hand side alone"),
+        ("x' + 1", "a derivative is not a term: of an equation, write the right-hand side only"),
+        ("x = 1", "a comparison is written `==`; of an equation, write the right-hand side only"),
         ("|x|", "a magnitude is written `abs(v)`"),
         ("2*|x|", "a magnitude is written `abs(v)`"),
         ("-0,1*x", "decimals have a point: `0.1`"),
-        ("9.81 m/s^2", "numbers have no units: all are in one system, such as SI"),
+        ("9.81 m/s^2", "numbers have no units: write all of them in one system, such as SI"),
         ("sin(30deg)", "angles are in radians: `30*pi/180`"),
         ("100u", "numbers have no suffixes: `100e-6`"),
         ("4.7k*x", "numbers have no suffixes: `4.7e3`"),
@@ -47,11 +47,11 @@ fn what_other_languages_write_is_told_what_is_written_here() {
         ("if(t > 1 && t < 2, 1, 0)", "conditions are joined by `and`"),
         ("if(t > 1 || t < 2, 1, 0)", "conditions are joined by `or`"),
         ("if(!(t > 1), 1, 0)", "a condition is negated by `not`"),
-        ("if(t ~= 1, 1, 0)", "what is not equal is written `a != b`"),
-        ("if(t <> 1, 1, 0)", "what is not equal is written `a != b`"),
-        ("if(1 < t < 2, 1, 0)", "of three numbers: `a < b and b < c`"),
-        ("(x)[1]", "an index stands behind the name of a vector: `x[1]`"),
-        ("x.sin(1)", "functions stand by themselves: `sin(x)`"),
+        ("if(t ~= 1, 1, 0)", "the comparison for not equal is written `a != b`"),
+        ("if(t <> 1, 1, 0)", "the comparison for not equal is written `a != b`"),
+        ("if(1 < t < 2, 1, 0)", "a chain of comparisons is written `a < b and b < c`"),
+        ("(x)[1]", "an index follows the name of a vector: `x[1]`"),
+        ("x.sin(1)", "functions are written without a prefix: `sin(x)`"),
     ] {
         let message = parse(text).unwrap_err().message;
         assert!(message.ends_with(&format!("; {remedy}")), "{text}: {message}");
@@ -62,10 +62,10 @@ fn what_other_languages_write_is_told_what_is_written_here() {
 fn functions_that_jump_say_what_they_take() {
     for (text, message, expected) in [
         ("sawtooth(t)", "`sawtooth` takes two arguments, found 1", "which rises from 0 to 1 in each period"),
-        ("pwm(t, 20e-6, 50)", "the duty of `pwm` is 50", "a share of the period, from 0 to 1; 50 % are 0.5"),
+        ("pwm(t, 20e-6, 50)", "the duty of `pwm` is 50", "a fraction of the period, from 0 to 1; 50 % is 0.5"),
         ("pulse(0, 5, 0, 1e-9, 1e-9, 1e-6, 2e-6)", "`pulse` takes three arguments, found 7", "pwm(t - start, period"),
         ("mod(x, 0)", "the divisor of `mod` is 0", "a number other than 0"),
-        ("x - 2 >= 0", "this is a condition and no number", "of an inequality the left side alone"),
+        ("x - 2 >= 0", "this is a condition, not a number", "the left side of the inequality only"),
         ("if(x, 1, 2)", "`if` takes conditions, and this is a number", "a comparison, such as `t > 1`"),
     ] {
         let error = parse(text).unwrap_err();
@@ -86,7 +86,7 @@ fn what_jumps_with_an_unknown_is_refused_with_the_set_to_write() {
         ("1 + if(2*x > y, 1, 2)", 7, "a comparison of `x`", "z in the box [0, 1]"),
         ("floor(t + y)", 0, "`floor` of `y`", "inequality k - a"),
         ("5*pwm(t, 1, z)", 2, "`pwm` of `z`", "the inequality sawtooth(t, T) - d"),
-        ("mod(x, 2)", 0, "`mod` of `x`", "`sin` and `cos`"),
+        ("mod(x, 2)", 0, "`mod` of `x`", "`sin` or `cos`"),
     ] {
         let error = graph.parse(text, &scope).unwrap_err();
         assert_eq!((error.code, error.offset), ("jump_of_unknown", offset), "{text}: {}", error.message);

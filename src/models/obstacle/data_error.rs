@@ -86,13 +86,11 @@ impl ObstacleDataError {
     /// The expected value, for messages.
     pub fn expected(&self) -> &'static str {
         match self {
-            Self::NotFinite { .. } => "a finite value all over the domain",
-            Self::NegativeDiffusion { .. } => "a diffusion that is nowhere below zero",
+            Self::NotFinite { .. } => "a finite value in the whole domain",
+            Self::NegativeDiffusion { .. } => "a diffusion that is nonnegative everywhere",
             Self::Crossing { .. } => "a lower obstacle that is nowhere above the upper one",
             Self::GivenBeyond { .. } => "a value between the obstacles",
-            Self::InitialBeyond { .. } => {
-                "a value between the obstacles, such as the `max` of itself and the lower one"
-            }
+            Self::InitialBeyond { .. } => "a value between the obstacles, such as its `max` with the lower one",
         }
     }
 }

@@ -94,8 +94,8 @@ impl Obstacle {
     pub fn analyse(&self) -> Analysis {
         let n = self.grid.nodes();
         let (index, levels, because) = if self.has_obstacle() {
-            let because =
-                "CB is the inverse of the mass matrix, symmetric and positive definite: index one, one solution";
+            let because = "CB is the inverse of the mass matrix, symmetric and positive definite: index one, and the \
+                           solution is unique";
             (1.0, vec![0, n], because)
         } else {
             (0.0, Vec::new(), "there is no obstacle: an ordinary differential equation in the nodal values")

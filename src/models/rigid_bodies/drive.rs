@@ -37,6 +37,14 @@ pub enum Coordinate {
     Distance(Vector3<f64>),
     /// The distance between the anchors.
     Length,
+    /// The product of a direction of the first body and one of the second, which are orthogonal where nothing has turned:
+    /// the sine of a small rotation about the third direction.
+    Product {
+        /// The direction in the first body.
+        first: Vector3<f64>,
+        /// The direction in the second body.
+        second: Vector3<f64>,
+    },
 }
 
 /// A drive along a coordinate.
@@ -181,13 +189,16 @@ impl Drive {
             }
             Coordinate::Distance(axis) => Some(Equation { alpha: Alpha::Second(axis), beta: Beta::Apart }),
             Coordinate::Length => None,
+            Coordinate::Product { first, second } => {
+                Some(Equation { alpha: Alpha::Second(second), beta: Beta::First(first) })
+            }
         }
     }
 
-    /// The constant to subtract from the bilinear form: the reference of a distance; zero for an angle, whose reference
-    /// is part of the form.
+    /// The constant to subtract from the bilinear form: the reference of a distance or a product; zero for an angle, whose
+    /// reference is part of the form.
     pub fn offset(&self, reference: f64) -> f64 {
-        if matches!(self.coordinate, Coordinate::Distance(_)) { reference } else { 0.0 }
+        if matches!(self.coordinate, Coordinate::Distance(_) | Coordinate::Product { .. }) { reference } else { 0.0 }
     }
 
     /// The coordinate for given frames and difference `apart` of the anchors; angles are chosen, up to revolutions,
@@ -201,6 +212,7 @@ impl Drive {
             }
             Coordinate::Distance(axis) => (second_frame.axes * axis).dot(apart),
             Coordinate::Length => apart.norm(),
+            Coordinate::Product { first, second } => (second_frame.axes * second).dot(&(first_frame.axes * first)),
         }
     }
 

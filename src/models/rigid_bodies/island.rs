@@ -18,6 +18,7 @@ use super::drive::DriveState;
 use super::joint::{Joint, Reaction};
 use super::linkage::Linkage;
 use super::motion::Motion;
+use super::prescribed::{Ground, Grounding};
 use super::scene::MultibodySystem;
 use super::signals::Signals;
 use contact::ImpactLaw;
@@ -41,12 +42,15 @@ pub struct Mechanism<'a> {
     pub gravity: Vector3<f64>,
     /// Functions of time that drive joints.
     pub signals: &'a Signals,
+    /// The bodies with prescribed motion, from the beginning of the step on.
+    pub grounds: Vec<Ground>,
 }
 
 impl<'a> Mechanism<'a> {
-    /// The mechanism of a multibody system; `places` are the indices of its bodies among the `moving` bodies.
-    pub fn new(scene: &'a MultibodySystem, places: &[Option<u32>], moving: usize) -> Self {
-        let linkages = Linkage::all(&scene.joints, places, moving);
+    /// The mechanism of a multibody system; `places` are the indices of its bodies among the `moving` bodies, `given` those
+    /// among the bodies with prescribed motion.
+    pub fn new(scene: &'a MultibodySystem, places: &[Option<u32>], given: &[Option<u32>], moving: usize) -> Self {
+        let linkages = Linkage::all(&scene.joints, places, given, moving);
         let mut of_joint = vec![0; scene.joints.len()];
         for (k, linkage) in linkages.iter().enumerate() {
             linkage.joints.iter().for_each(|&joint| of_joint[joint as usize] = k as u32);
@@ -58,7 +62,13 @@ impl<'a> Mechanism<'a> {
             of_joint,
             gravity: scene.gravity,
             signals: &scene.signals,
+            grounds: Vec::new(),
         }
+    }
+
+    /// The motion of the prescribed body number `k` over a part of the step.
+    pub fn grounding(&self, k: u32, t: f64, h: f64) -> Grounding {
+        self.grounds.get(k as usize).map_or(Grounding::WORLD, |ground| ground.over(t, h, self.signals))
     }
 }
 
@@ -69,8 +79,10 @@ pub struct Carried {
     pub tensions: Vec<Vector6<f64>>,
     /// The largest kinetic energy so far, in joules.
     pub largest_energy: f64,
-    /// The number of halvings with which the last step succeeded.
-    pub halvings: u32,
+    /// The longest step to try without contacts, and with contacts, by the parts in which the last steps were solved.
+    pub parts: Parts,
+    /// The accelerations of its bodies in the last step without contacts, if that was the last; else empty.
+    pub accelerations: Vec<Vector6<f64>>,
     /// The states of the drives of its joints.
     pub states: Vec<DriveState>,
     /// The reactions of its joints in the last step.
@@ -93,6 +105,36 @@ impl Carried {
             ..Self::default()
         }
     }
+}
+
+/// The longest steps to try, in seconds. They are lengths, not numbers of halvings, so that they keep their meaning
+/// where a whole step is taken in parts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Parts {
+    /// Without contacts.
+    pub free: f64,
+    /// With contacts.
+    pub pushed: f64,
+}
+
+impl Default for Parts {
+    fn default() -> Self {
+        Self { free: f64::INFINITY, pushed: f64::INFINITY }
+    }
+}
+
+impl Parts {
+    /// The smaller of both, by kind.
+    pub fn shortest(self, other: Self) -> Self {
+        Self { free: self.free.min(other.free), pushed: self.pushed.min(other.pushed) }
+    }
+}
+
+/// Mean velocities and joint impulses, by linkage, of an attempt at a step.
+#[derive(Debug)]
+struct Guess {
+    mean: Vec<Vector6<f64>>,
+    impulses: Vec<Vec<Vector6<f64>>>,
 }
 
 /// Work and dissipation in a step, in joules.
@@ -150,8 +192,14 @@ pub struct Island {
     pub done: Work,
     /// The largest kinetic energy of its bodies, in joules.
     pub largest_energy: f64,
-    /// The number of halvings with which the last step succeeded.
-    pub halvings: u32,
+    /// The longest steps to try.
+    pub parts: Parts,
+    /// Whether the step cannot be shortened: it is tried however long it is.
+    pub is_shortest: bool,
+    /// The accelerations of its bodies in the last step, where they are known.
+    accelerations: Vec<Option<Vector6<f64>>>,
+    /// The solution of the last attempt at the step, with which the next one begins.
+    guess: Option<Guess>,
     /// The number of steps.
     pub steps: u64,
     /// The number of Newton iterations, in accepted and rejected steps.
@@ -181,7 +229,10 @@ impl Island {
             t: 0.0,
             done: Work::default(),
             largest_energy: 0.0,
-            halvings: 0,
+            parts: Parts::default(),
+            is_shortest: false,
+            accelerations: Vec::new(),
+            guess: None,
             steps: 0,
             newton: 0,
             cone,
@@ -202,7 +253,9 @@ impl Island {
         self.carried.clear();
         self.actions.clear();
         self.done = Work::default();
-        (self.largest_energy, self.halvings, self.steps, self.newton) = (0.0, 0, 0, 0);
+        (self.largest_energy, self.steps, self.newton) = (0.0, 0, 0);
+        (self.parts, self.guess) = (Parts::default(), None);
+        self.accelerations.clear();
         (self.report, self.unsolved) = (None, None);
     }
 

@@ -16,7 +16,7 @@
 use super::drive::{Coordinate, Drive, DriveLaw, Limits};
 use super::frame::Frame;
 use super::scene::Body;
-use nalgebra::{Isometry3, Unit, Vector3};
+use nalgebra::{Isometry3, Unit, UnitQuaternion, Vector3};
 use std::collections::HashSet;
 
 /// The kind of a joint, with its degrees of freedom.
@@ -47,6 +47,8 @@ pub struct Joint {
     pub separates: bool,
     /// The prefix of the output names; `None` if the joint has no outputs.
     pub name: Option<String>,
+    /// The names of the only outputs of a spring or a part of a bushing: its coordinate and its force.
+    pub labels: Option<[&'static str; 2]>,
 }
 
 /// The mean reaction of a joint on its first body over a step.
@@ -133,7 +135,7 @@ impl Joint {
             JointKind::Slider => [&sliding[..], &aligned].concat(),
             JointKind::Fixed => [point, aligned].concat(),
         };
-        Self { bodies, anchors, equations, drive: None, separates: true, name: None }
+        Self { bodies, anchors, equations, drive: None, separates: true, name: None, labels: None }
     }
 
     /// Adds a drive along the free coordinate.
@@ -161,7 +163,31 @@ impl Joint {
         let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
         let anchors = [0, 1].map(|side| poses[side].inverse_transform_point(&at[side].into()).coords);
         let drive = Some(Drive { coordinate: Coordinate::Length, law, limits: Limits::NONE });
-        Self { bodies, anchors, equations: Vec::new(), drive, separates: false, name: None }
+        let labels = Some(["length", "force"]);
+        Self { bodies, anchors, equations: Vec::new(), drive, separates: false, name: None, labels }
+    }
+
+    /// A part of a bushing: a spring and a damper along the axis number `k` of `axes` (0 to 2), or about it (3 to 5), given
+    /// at the initial poses of the bodies.
+    pub fn bushing(
+        bodies: (usize, Option<usize>),
+        all: &[Body],
+        at: Vector3<f64>,
+        axes: &UnitQuaternion<f64>,
+        (k, law): (usize, DriveLaw),
+    ) -> Self {
+        let poses = [all[bodies.0].pose, bodies.1.map_or(Isometry3::identity(), |b| all[b].pose)];
+        let anchors = poses.map(|pose| pose.inverse_transform_point(&at.into()).coords);
+        let axis = |side: usize, i: usize| poses[side].rotation.inverse() * (axes * Vector3::ith(i % 3, 1.0));
+        // A rotation of the first body by `a` about axis `i` moves its axis `i + 1` along the axis `i + 2` of the second.
+        let coordinate = match k {
+            0..3 => Coordinate::Distance(axis(1, k)),
+            _ => Coordinate::Product { first: axis(0, k + 1), second: axis(1, k + 2) },
+        };
+        let drive = Some(Drive { coordinate, law, limits: Limits::NONE });
+        let labels = [["x", "fx"], ["y", "fy"], ["z", "fz"], ["rx", "tx"], ["ry", "ty"], ["rz", "tz"]];
+        let labels = labels.get(k).copied();
+        Self { bodies, anchors, equations: Vec::new(), drive, separates: false, name: None, labels }
     }
 
     /// The free coordinate of a hinge or a slider, zero at the initial poses of the bodies.
@@ -194,17 +220,19 @@ impl Joint {
     /// The names of the outputs.
     pub fn output_names(&self) -> Vec<String> {
         let Some(name) = &self.name else { return Vec::new() };
-        let keys: &[&str] = match &self.drive {
-            Some(Drive { coordinate: Coordinate::Length, .. }) => &["length", "force"],
-            Some(_) => &["fx", "fy", "fz", "tx", "ty", "tz", "coordinate", "effort"],
-            None => &["fx", "fy", "fz", "tx", "ty", "tz"],
+        let keys: &[&str] = match (&self.labels, &self.drive) {
+            (Some(labels), _) => labels,
+            (None, Some(_)) => &["fx", "fy", "fz", "tx", "ty", "tz", "coordinate", "effort"],
+            (None, None) => &["fx", "fy", "fz", "tx", "ty", "tz"],
         };
         keys.iter().map(|key| format!("{name}.{key}")).collect()
     }
 
     /// For each output, whether it is the coordinate or the length.
     pub fn are_coordinates(&self) -> Vec<bool> {
-        self.output_names().iter().map(|name| name.ends_with(".coordinate") || name.ends_with(".length")).collect()
+        let of_joint = |name: &String| name.ends_with(".coordinate");
+        let names = self.output_names();
+        names.iter().enumerate().map(|(k, name)| if self.labels.is_some() { k == 0 } else { of_joint(name) }).collect()
     }
 
     /// Appends the outputs in the order of [`output_names`](Self::output_names).
@@ -213,8 +241,7 @@ impl Joint {
             return;
         }
         let ends = [reaction.coordinate, reaction.effort];
-        let is_spring = self.drive.is_some_and(|drive| drive.coordinate == Coordinate::Length);
-        if !is_spring {
+        if self.labels.is_none() {
             out.extend(reaction.force.iter().chain(&reaction.torque));
         }
         out.extend(if self.drive.is_some() { &ends[..] } else { &[] });

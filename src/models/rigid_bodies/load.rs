@@ -75,7 +75,8 @@ impl Load {
             let others = OF_HELD_BODY * linkage.bodies.len() + OF_JOINT * linkage.joints.len();
             Some((moving[*linkage.bodies.first()? as usize], linkage.bytes() + others))
         };
-        let linkages = Linkage::all(&scene.joints, &places, moving.len()).iter().filter_map(of).collect();
+        let given = vec![None; scene.bodies.len()];
+        let linkages = Linkage::all(&scene.joints, &places, &given, moving.len()).iter().filter_map(of).collect();
         let mut load = Self { at_a_time: threads(), linkages, ..Self::default() };
         load.begin(scene);
         load

@@ -107,6 +107,18 @@ impl Midpoint {
         midpoint
     }
 
+    /// Begins the iteration with the mean velocities of bodies whose accelerations are known from the last step.
+    pub fn extrapolate(&mut self, accelerations: &[Option<Vector6<f64>>]) {
+        for ((mean, start), acceleration) in self.mean.iter_mut().zip(&self.start).zip(accelerations) {
+            if let Some(acceleration) = acceleration {
+                *mean = twist(start) + acceleration * (0.5 * self.h);
+            }
+        }
+        if accelerations.iter().any(Option::is_some) {
+            self.arrive();
+        }
+    }
+
     /// Updates poses, frames and motion-dependent forces for the current mean velocities.
     pub fn arrive(&mut self) {
         for k in 0..self.start.len() {
@@ -193,14 +205,14 @@ impl Midpoint {
         self.moved.iter().map(moved).collect()
     }
 
-    /// The kinetic energy at the end of the step, for the given velocities.
-    pub fn kinetic_energy_at_end(&self, velocities: &[Vector6<f64>]) -> f64 {
-        let energy = |(motion, velocities): (&Motion, &Vector6<f64>)| {
-            let mut motion = *motion;
-            (motion.velocity, motion.omega) = apart(velocities);
+    /// The kinetic energy of some bodies at the end of the step, for the given velocities of all.
+    pub fn kinetic_energy_at_end(&self, bodies: &[u32], velocities: &[Vector6<f64>]) -> f64 {
+        let energy = |&body: &u32| {
+            let mut motion = self.moved[body as usize];
+            (motion.velocity, motion.omega) = apart(&velocities[body as usize]);
             motion.kinetic_energy()
         };
-        self.moved.iter().zip(velocities).map(energy).sum()
+        bodies.iter().map(energy).sum()
     }
 
     /// Sets the impulses of contacts.

@@ -30,13 +30,13 @@ mod touches;
 
 pub use action::{Action, DERIVED, OUTPUTS, inputs_of};
 pub use collision::Collider;
-pub use drive::{Drive, DriveLaw, ForceLaw, Limits, Servo};
+pub use drive::{Coordinate, Drive, DriveLaw, ForceLaw, Limits, Servo};
 pub use joint::{Joint, JointKind};
 pub use load::Load;
 pub use motion::Motion;
 pub use outputs::{OF_BODY, OF_SCENE, between};
 pub use polyhedron::Polyhedron;
-pub use prescribed::{Linear, Prescription};
+pub use prescribed::{Angular, Linear, Prescription};
 pub use scene::{Body, Law, Laws, MultibodySystem, Overlap};
 pub use shape::Shape;
 pub use signals::Signals;

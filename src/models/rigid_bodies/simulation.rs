@@ -34,7 +34,7 @@ use super::island::{Carried, Island, Mechanism, Unsolved};
 use super::joint::joined;
 use super::load::Load;
 use super::motion::Motion;
-use super::prescribed::Prescribed;
+use super::prescribed::{Ground, Prescribed};
 use super::scene::MultibodySystem;
 use super::touches::Touches;
 use contact::islands::{Islands, threads};
@@ -78,6 +78,8 @@ pub struct MoreauStepping<'a> {
     acting: Vec<(u32, Option<u32>, u32)>,
     /// The current time.
     t: f64,
+    /// Whether the current part of a step is not to be halved.
+    is_shortest: bool,
     /// The contact force and torque of the last step, for each body with contact outputs.
     contact_forces: Vec<(Vector3<f64>, Vector3<f64>)>,
     /// The bodies with prescribed motion.
@@ -124,7 +126,7 @@ impl<'a> MoreauStepping<'a> {
             given[k] = Some(prescribed.len() as u32);
             prescribed.push(Prescribed::new(k, body.pose));
         }
-        let mechanism = Mechanism::new(scene, &places, moving.len());
+        let mechanism = Mechanism::new(scene, &places, &given, moving.len());
         let mut acting = Vec::new();
         for (k, action) in scene.actions.iter().enumerate() {
             let mut of = action.bodies.iter().filter_map(|(body, _)| places[*body]);
@@ -145,6 +147,7 @@ impl<'a> MoreauStepping<'a> {
             places,
             acting,
             t,
+            is_shortest: false,
             contact_forces: vec![Default::default(); scene.bodies.iter().filter(|body| body.tells_contacts).count()],
             prescribed,
             given,
@@ -202,6 +205,7 @@ impl<'a> MoreauStepping<'a> {
                 prescribed.begin(by, &self.scene.signals, self.t, h);
             }
         }
+        self.ground();
         self.detect(h, control)?;
         self.report.penetration = self.report.penetration.max(self.depth(0.0));
         self.report.overlap = self.report.overlap.max(self.overlap());
@@ -218,6 +222,7 @@ impl<'a> MoreauStepping<'a> {
         self.report.kinetic = self.report.kinetic.max(kinetic);
         self.remember();
         self.close();
+        self.is_shortest = halvings == 0;
         self.partition_into_islands();
         let report = self.report;
         let solved = self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control));
@@ -229,6 +234,10 @@ impl<'a> MoreauStepping<'a> {
         if is_too_long && halvings > 0 {
             (self.moving, self.carried, self.report) = (start, carried, report);
             self.prescribed.iter_mut().zip(poses).for_each(|(prescribed, pose)| prescribed.pose = pose);
+            // What was learnt of the lengths of steps is kept.
+            for island in &self.tasks[..self.islands.len()] {
+                island.linkages.iter().for_each(|&linkage| self.carried[linkage as usize].parts = island.parts);
+            }
             self.advance(0.5 * h, halvings - 1, control)?;
             return self.advance(0.5 * h, halvings - 1, control);
         }
@@ -251,6 +260,16 @@ impl<'a> MoreauStepping<'a> {
         self.end_velocities();
         self.t += h;
         Ok(())
+    }
+
+    /// Lets joints hold on to the bodies with prescribed motion.
+    pub(super) fn ground(&mut self) {
+        let of = |prescribed: &Prescribed| {
+            let by = self.scene.bodies[prescribed.body].motion?;
+            Some(Ground { t: self.t, pose: prescribed.pose, by })
+        };
+        self.mechanism.grounds.clear();
+        self.mechanism.grounds.extend(self.prescribed.iter().filter_map(of));
     }
 
     /// Applies gravity to the velocities of bodies in explicit islands.

@@ -8,8 +8,8 @@ use std::fmt::Write as _;
 
 /// Every key of a specification.
 pub fn keys(schema: &Value) -> Chapter {
-    let introduction = "Every key, by the object that it stands in. An expression is explained in \
-                        <a href=\"/docs/expressions\">its own chapter</a>; the same as a JSON Schema is at <a href=\"/schema\">/schema</a>.";
+    let introduction = "Every key, by object. Expressions are explained in <a href=\"/docs/expressions\">their own \
+                        chapter</a>; the JSON Schema is at <a href=\"/schema\">/schema</a>.";
     let mut chapter = Chapter::begin("keys", "Every key of a specification", introduction);
     chapter.object("Specification", schema);
     for (name, inner) in members(schema.get("$defs")) {
@@ -20,8 +20,9 @@ pub fn keys(schema: &Value) -> Chapter {
 
 /// Every field of an answer.
 pub fn answer(description: &Value) -> Chapter {
-    let introduction = "What <code>POST /solve</code> answers as JSON (<code>Solution</code>), and where jobs stand (<code>StatusInfo</code>). How to \
-                        judge it is said in <a href=\"/docs/evidence\">How to read the evidence</a>.";
+    let introduction = "The JSON result of <code>POST /solve</code> (<code>Solution</code>), and the status of jobs \
+                        (<code>StatusInfo</code>). Their assessment is explained in <a href=\"/docs/evidence\">How to \
+                        read the evidence</a>.";
     let mut chapter = Chapter::begin("answer", "Every field of an answer", introduction);
     let schemas = description.pointer("/components/schemas");
     let mut waiting = VecDeque::from(["Solution", "StatusInfo", "ProblemDetails"].map(str::to_owned));

@@ -39,10 +39,10 @@ pub struct Further {
 #[derive(IntoResponses)]
 #[response(status = 202, headers(
     ("location" = String, description = "The new job"),
-    ("retry-after" = u64, description = "When it is worth while to ask for it, in seconds"),
-    ("link" = String, description = "The first job, as `predecessor-version`")
+    ("retry-after" = u64, description = "The recommended time until the first request for its results, in seconds"),
+    ("link" = String, description = "The original job, as `predecessor-version`")
 ))]
-#[expect(dead_code, reason = "it is made for the description alone")]
+#[expect(dead_code, reason = "only the OpenAPI description uses it")]
 pub struct Successor(StatusInfo);
 
 /// Send a job that failed or was cancelled to the queue again.
@@ -53,7 +53,7 @@ pub struct Successor(StatusInfo);
     path = "/jobs/{id}/retry",
     tag = "jobs",
     params(
-        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("id" = String, Path, description = "The id of a job, from `Location`"),
         ("idempotency-key" = Option<String>, Header, description = "The same key gives the same new job")
     ),
     responses(
@@ -82,7 +82,7 @@ pub async fn retry_job(
     path = "/jobs/{id}/continue",
     tag = "jobs",
     params(
-        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("id" = String, Path, description = "The id of a job, from `Location`"),
         ("idempotency-key" = Option<String>, Header, description = "The same key and end give the same new job")
     ),
     request_body(content = Further, content_type = "application/json"),
@@ -100,7 +100,7 @@ pub async fn continue_job(
     let ended = ended(&job)?;
     let Further { end } =
         serde_json::from_slice(&further.bytes()).map_err(|error| wrong("", "invalid_value", &error))?;
-    let no_end = || refused(job.id, "it left no results");
+    let no_end = || refused(job.id, "it has no results");
     let held = ended.held.as_ref().ok_or_else(no_end)?;
     let results = shared.jobs.results(&job, held).await.map_err(|error| unreadable(job.id, &error))?;
     let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
@@ -114,7 +114,7 @@ pub async fn continue_job(
         }
     };
     if end <= start {
-        let detail = format!("the job came to t = {start:?}, so that there is nothing to do until {end:?}");
+        let detail = format!("the job ended at t = {start:?}, and `end` is {end:?}");
         return Err(wrong("/end", "end_before_start", &detail));
     }
     let work = move || {

@@ -18,7 +18,7 @@ use axum::response::{IntoResponse, Response};
     tag = "solve",
     request_body(content = specification::Document, content_type = "application/json"),
     responses(
-        (status = 200, description = "The specification is correct; what it comes to", body = serde_json::Value),
+        (status = 200, description = "The specification has no errors; its summary", body = serde_json::Value),
         Problem
     )
 )]

@@ -15,20 +15,22 @@ const BODY: [u16; 6] = [408, 409, 413, 415, 422, 429];
 /// Completes a description; the operations of the paths in `asks_token` need a token if the service requires tokens.
 pub fn complete(description: &mut Value, asks_token: &BTreeSet<String>) {
     description["servers"] =
-        json!([{"url": "/", "description": "The service itself, or the prefix of `--path-prefix`"}]);
+        json!([{"url": "/", "description": "The root of the service, or the prefix of `--path-prefix`"}]);
     description["components"]["securitySchemes"] = json!({"token": {
         "type": "http",
         "scheme": "bearer",
-        "description": "A token of `dvi token create`, where the service asks for one: on addresses that others can reach, or with \
-                        `--ask-tokens`. Looking needs the scope `read`, everything else `submit`."
+        "description": "A token of `dvi token create`, if the service requires one: on addresses that other machines \
+                        can reach, or with `--ask-tokens`. Reading needs the scope `read`, every other request \
+                        `submit`."
     }});
     description["components"]["headers"] = json!({
-        "RequestId": {"description": "The id of the request, given or new, by which the log knows it", "schema": {"type": "string"}},
+        "RequestId": {"description": "The id of the request, from the request or new, under which the log has it", "schema": {"type": "string"}},
         "TraceParent": {
-            "description": "Where the request had one: its trace, with a parent of the service (W3C Trace Context)",
+            "description": "The trace of the request, if it has one, with a span of the service as the parent (W3C \
+                            Trace Context)",
             "schema": {"type": "string"}
         },
-        "RetryAfter": {"description": "When it is worth while to ask again, in seconds", "schema": {"type": "integer", "minimum": 1}},
+        "RetryAfter": {"description": "The recommended time until the next request, in seconds", "schema": {"type": "integer", "minimum": 1}},
         "Challenge": {"description": "`Bearer` (RFC 6750)", "schema": {"type": "string"}}
     });
     bound_tuples(description);

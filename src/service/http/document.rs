@@ -124,7 +124,8 @@ fn is_json(headers: &HeaderMap) -> bool {
 }
 
 async fn collect(mut body: Body, limit: usize) -> HandlerResult<Vec<u8>> {
-    let too_large = || Problem::new(Kind::BodyTooLarge, format!("a specification may have {} MiB", limit >> 20));
+    let too_large =
+        || Problem::new(Kind::BodyTooLarge, format!("a specification may have at most {} MiB", limit >> 20));
     let announced = usize::try_from(body.size_hint().lower()).unwrap_or(usize::MAX);
     if announced > limit {
         return Err(too_large());

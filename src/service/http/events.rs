@@ -43,8 +43,8 @@ const SILENCE: Duration = Duration::from_secs(15);
     path = "/jobs/{id}/events",
     tag = "jobs",
     params(
-        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
-        ("last-event-id" = Option<String>, Header, description = "The switches told before")
+        ("id" = String, Path, description = "The id of a job, from `Location`"),
+        ("last-event-id" = Option<String>, Header, description = "The number of switches reported before")
     ),
     responses(
         (status = 200, description = "Events `progress`, `switch` and `done`", body = ServerSentEvent, content_type = "text/event-stream"),

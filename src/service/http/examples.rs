@@ -13,7 +13,7 @@ use utoipa::ToSchema;
 /// An example in the list.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Entry {
-    /// Its name.
+    /// The name of the example.
     name: &'static str,
     /// A few words.
     title: String,
@@ -55,7 +55,7 @@ pub async fn list_examples() -> Json<Vec<Entry>> {
     get,
     path = "/examples/{name}",
     tag = "catalogue",
-    params(("name" = String, Path, description = "A name from the list")),
+    params(("name" = String, Path, description = "The name of an example in the list")),
     responses((status = 200, description = "A specification", body = specification::Document), Problem)
 )]
 pub async fn find_example(Segment(name): Segment) -> HandlerResult<impl IntoResponse> {

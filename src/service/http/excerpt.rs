@@ -73,8 +73,8 @@ mod tests {
             "from is a finite number",
             "to is a finite number",
             "every is a whole",
-            "form is not known",
-            "to is given twice",
+            "form is not a parameter",
+            "to is repeated",
         ] {
             assert!(wrong.contains(told), "{told} in {wrong}");
         }

@@ -31,7 +31,7 @@ pub struct Version {
     get,
     path = "/healthz",
     tag = "service",
-    responses((status = 200, description = "It is alive", body = Well), Problem)
+    responses((status = 200, description = "The service is alive", body = Well), Problem)
 )]
 pub async fn check_health() -> Json<Well> {
     Json(Well { status: "alive" })
@@ -45,7 +45,7 @@ pub async fn check_health() -> Json<Well> {
     get,
     path = "/readyz",
     tag = "service",
-    responses((status = 200, description = "It takes on work", body = Well), Problem)
+    responses((status = 200, description = "The service accepts jobs", body = Well), Problem)
 )]
 pub async fn check_readiness(State(shared): State<Shared>) -> HandlerResult<Json<Well>> {
     if shared.jobs.is_draining() {

@@ -27,7 +27,8 @@ pub fn refuse_other_hosts(request: &Request, options: &Options) -> HandlerResult
         return Ok(());
     }
     let detail = format!(
-        "this service does not answer to `{host}`: ask it as `{}`, or start it with `--host {host}` if that name is its own",
+        "this service does not accept the host name `{host}`: use `{}`, or start the service with `--host {host}` if \
+         that is its name",
         options.listen
     );
     Err(Problem::new(Kind::ForeignHost, detail))

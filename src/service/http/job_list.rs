@@ -49,11 +49,12 @@ pub struct JobList {
     tag = "jobs",
     params(
         ("status" = Option<String>, Query, description = "`accepted`, `running`, `successful`, `failed` or `dismissed`"),
-        ("label" = Option<String>, Query, description = "The whole label"),
-        ("limit" = Option<u64>, Query, minimum = 1, maximum = 1000, description = "Jobs a page, 100 unless told"),
-        ("cursor" = Option<String>, Query, description = "From `Link` of the page before")
+        ("label" = Option<String>, Query, description = "The complete label"),
+        ("limit" = Option<u64>, Query, minimum = 1, maximum = 1000, description = "The number of jobs per page, 100 by \
+                                                                                   default"),
+        ("cursor" = Option<String>, Query, description = "The cursor in `Link` of the previous page")
     ),
-    responses((status = 200, description = "A page; `Link` has the next", body = JobList), Problem)
+    responses((status = 200, description = "A page of jobs; `Link` has the address of the next", body = JobList), Problem)
 )]
 pub async fn list_jobs(State(shared): State<Shared>, visibility: Visibility, filter: Filter) -> Response {
     let mut jobs = shared.jobs.all();
@@ -100,7 +101,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Filter {
             limit: query
                 .checked("limit", within, |text| text.parse().ok().filter(|limit| (1..=MOST).contains(limit)))
                 .unwrap_or(DEFAULT_LIMIT),
-            cursor: query.value("cursor", "what `Link` gave"),
+            cursor: query.value("cursor", "the cursor in `Link`"),
         };
         query.end()?;
         Ok(filter)

@@ -20,8 +20,8 @@ use std::io;
     get,
     path = "/jobs/{id}",
     tag = "jobs",
-    params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
-    responses((status = 200, description = "Where the job stands", body = StatusInfo), Problem)
+    params(("id" = String, Path, description = "The id of a job, from `Location`")),
+    responses((status = 200, description = "The status of the job", body = StatusInfo), Problem)
 )]
 pub async fn find_job(State(shared): State<Shared>, JobPath(job): JobPath) -> impl IntoResponse {
     (no_store(), Json(StatusInfo::of(&job, &shared.jobs)))
@@ -34,8 +34,8 @@ pub async fn find_job(State(shared): State<Shared>, JobPath(job): JobPath) -> im
     get,
     path = "/jobs/{id}/specification",
     tag = "jobs",
-    params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
-    responses((status = 200, description = "What was posted", body = specification::Document), Problem)
+    params(("id" = String, Path, description = "The id of a job, from `Location`")),
+    responses((status = 200, description = "The specification as it was posted", body = specification::Document), Problem)
 )]
 pub async fn find_specification(
     State(shared): State<Shared>,
@@ -47,7 +47,7 @@ pub async fn find_specification(
 
 /// The problem for stored data that cannot be read; details are logged only.
 pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
-    tracing::error!(job.id = %job, %error, "what is stored of job {job} cannot be read");
+    tracing::error!(job.id = %job, %error, "the stored job {job} cannot be read");
     Problem::plain(if is_damage(error) { Kind::Damaged } else { Kind::Unreadable }).of_job(job)
 }
 
@@ -58,8 +58,8 @@ pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
     post,
     path = "/jobs/{id}/cancel",
     tag = "jobs",
-    params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
-    responses((status = 200, description = "Where the job stands", body = StatusInfo), Problem)
+    params(("id" = String, Path, description = "The id of a job, from `Location`")),
+    responses((status = 200, description = "The status of the job", body = StatusInfo), Problem)
 )]
 pub async fn cancel_job(State(shared): State<Shared>, JobPath(job): JobPath) -> HandlerResult<impl IntoResponse> {
     shared.jobs.cancel(&job).await?;
@@ -73,8 +73,8 @@ pub async fn cancel_job(State(shared): State<Shared>, JobPath(job): JobPath) -> 
     delete,
     path = "/jobs/{id}",
     tag = "jobs",
-    params(("id" = String, Path, description = "The id of a job, as `Location` gave it")),
-    responses((status = 204, description = "It is forgotten"), Problem)
+    params(("id" = String, Path, description = "The id of a job, from `Location`")),
+    responses((status = 204, description = "The job is deleted"), Problem)
 )]
 pub async fn delete_job(State(shared): State<Shared>, JobPath(job): JobPath) -> HandlerResult<StatusCode> {
     shared.jobs.forget(&job).await?;

@@ -24,7 +24,7 @@ pub struct Methods {
     path = "/methods",
     tag = "catalogue",
     responses(
-        (status = 200, description = "Problem types, methods, tableaux with their checked conditions, solvers, limits", body = serde_json::Value),
+        (status = 200, description = "Problem types, methods, tableaux with their verified conditions, solvers, limits", body = serde_json::Value),
         Problem
     )
 )]

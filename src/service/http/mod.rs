@@ -164,11 +164,14 @@ pub fn router(shared: Shared) -> Router {
 }
 
 async fn nothing_here(uri: Uri) -> Box<Problem> {
-    Problem::new(Kind::NotFound, format!("{} names nothing; /openapi.json and /docs tell what there is", uri.path()))
+    Problem::new(
+        Kind::NotFound,
+        format!("there is nothing at {}; /openapi.json and /docs list all addresses", uri.path()),
+    )
 }
 
 async fn no_such_method(method: Method, uri: Uri) -> Box<Problem> {
-    Problem::new(Kind::MethodNotAllowed, format!("{} has no {method}", uri.path()))
+    Problem::new(Kind::MethodNotAllowed, format!("{} does not allow {method}", uri.path()))
 }
 
 fn panicked(_: Box<dyn Any + Send>) -> Response {

@@ -30,14 +30,14 @@ static TEXT: LazyLock<String> = LazyLock::new(|| DESCRIPTION.to_string());
     info(
         title = "dvi",
         description = "Differential variational inequalities, solved with evidence.",
-        contact(name = "Whoever runs this service")
+        contact(name = "The operator of this service")
     ),
     components(schemas(specification::Document, Problem)),
     tags(
         (name = "solve", description = "Solve and check specifications"),
-        (name = "jobs", description = "What was accepted, from its acceptance until it is forgotten"),
-        (name = "catalogue", description = "What there is to choose from"),
-        (name = "service", description = "How the service is")
+        (name = "jobs", description = "Jobs, from their acceptance until their deletion"),
+        (name = "catalogue", description = "Methods, examples, codes, schema and guide"),
+        (name = "service", description = "The state of the service")
     )
 )]
 struct Frame;

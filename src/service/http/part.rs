@@ -4,7 +4,7 @@ use super::Shared;
 use super::jobs::unreadable;
 use super::problem::{Kind, Problem};
 use crate::jobs::{Job, Opened, Results};
-use solution::columnar::{Columns, Skeleton};
+use solution::columnar::{Columns, Members, PART, Skeleton};
 use solution::{Excerpt, ExcerptError, Selection, Solution};
 use std::io;
 
@@ -36,12 +36,16 @@ impl Part {
             }
         };
         selection.verify(&*columns)?;
+        columns.members().map_or(Ok(()), |members| members.verify())?;
         Ok(Self { columns, selection, skeleton })
     }
 
-    /// The number of values in the part.
+    /// The number of values in the part, those of the table of a sweep included if that is kept apart.
     pub fn numbers(&self) -> usize {
-        self.selection.rows.len().saturating_mul(1 + self.selection.fields.len())
+        let of_table =
+            |members: &dyn Members| members.parts().saturating_mul(PART).saturating_mul(members.head().columns.len());
+        let table = self.columns.members().map_or(0, of_table);
+        self.selection.rows.len().saturating_mul(1 + self.selection.fields.len()).saturating_add(table)
     }
 
     /// The part as a solution in memory.
@@ -49,7 +53,8 @@ impl Part {
     /// # Errors
     /// I/O errors of the disk.
     pub fn solution(&self) -> io::Result<Solution> {
-        self.skeleton.with(self.selection.block(&*self.columns, self.selection.rows)?)
+        let table = self.columns.members().map(|members| members.whole()).transpose()?;
+        self.skeleton.with(self.selection.block(&*self.columns, self.selection.rows)?, table)
     }
 }
 

@@ -31,7 +31,7 @@ impl FromRequestParts<Shared> for JobPath {
     async fn from_request_parts(parts: &mut Parts, shared: &Shared) -> Result<Self, Self::Rejection> {
         let Ok(Segment(text)) = Segment::from_request_parts(parts, shared).await;
         let Ok(id) = text.parse::<JobId>() else {
-            return Err(Problem::new(Kind::NoSuchJob, "the id of a job is a UUID, as `Location` gave it"));
+            return Err(Problem::new(Kind::NoSuchJob, "the id of a job must be a UUID, from `Location`"));
         };
         let Ok(visibility) = Visibility::from_request_parts(parts, shared).await;
         let job = shared.jobs.find(id).filter(|job| visibility.reaches(job));

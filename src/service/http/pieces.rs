@@ -5,6 +5,7 @@ use super::part::Part;
 use axum::body::{Bytes, HttpBody};
 use hyper::body::Frame;
 use solution::columnar::{JsonPieces, TablePieces};
+use solution::encodings::MembersPieces;
 use std::io;
 use std::pin::Pin;
 use std::sync::Arc;
@@ -65,6 +66,8 @@ pub enum Making {
     Json(JsonPieces),
     /// A table, in one of its formats.
     Table(TablePieces),
+    /// The table of a sweep, in one of its formats.
+    Members(Box<MembersPieces>),
 }
 
 /// A part of the results, and the state of its generation.
@@ -84,6 +87,10 @@ impl Unwritten {
         match &mut self.making {
             Making::Json(json) => json.write(&*self.part.columns, out),
             Making::Table(table) => table.write(&*self.part.columns, out),
+            Making::Members(table) => {
+                let members = self.part.columns.members().ok_or(io::ErrorKind::InvalidInput)?;
+                table.write(members, out)
+            }
         }
     }
 }

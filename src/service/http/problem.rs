@@ -47,99 +47,107 @@ macro_rules! problems {
 
 problems! {
     InvalidSpecification, "invalid-specification", BAD_REQUEST, "The specification has errors",
-        "The body is not a valid specification; `errors` lists all that is wrong with it, each with a JSON pointer.";
+        "The body is not a valid specification; `errors` lists all errors, each with a JSON pointer.";
     BadRequest, "bad-request", BAD_REQUEST, "The request could not be read",
-        "The body broke off or was not well-formed HTTP; send it again.";
-    BadQuery, "bad-query", BAD_REQUEST, "The query of the address makes no sense",
-        "A parameter is not known, is given twice or has no value that fits; `detail` names each.";
+        "The body was incomplete or not well-formed HTTP; send it again.";
+    BadQuery, "bad-query", BAD_REQUEST, "The query of the address is invalid",
+        "A parameter is unknown, repeated or has an invalid value; `detail` names each.";
     CrossSite, "cross-site", FORBIDDEN, "The request comes from a page of another site",
-        "Browsers may change something only from the service's own pages, as `Sec-Fetch-Site` or `Origin` tells.";
-    TokenRequired, "token-required", UNAUTHORIZED, "A token is asked for",
-        "The header `Authorization: Bearer TOKEN` is missing, or its token unknown or expired; `dvi token create` makes one.";
+        "Browsers may send requests that change something only from the service's own pages; `Sec-Fetch-Site` or \
+         `Origin` names another.";
+    TokenRequired, "token-required", UNAUTHORIZED, "A token is required",
+        "The header `Authorization: Bearer TOKEN` is missing, or its token is unknown or expired; `dvi token create` \
+         creates one.";
     TokensUnreadable, "tokens-unreadable", SERVICE_UNAVAILABLE, "The tokens cannot be read",
-        "The service cannot read its file of tokens, so that it knows nobody; the token of the request may be right.";
-    ScopeMissing, "scope-missing", FORBIDDEN, "The token does not allow this",
-        "Looking at jobs needs the scope `read`, everything else `submit`; `dvi token list` shows the scopes.";
+        "The service cannot read its file of tokens, so that it accepts no token; that of the request may be valid.";
+    ScopeMissing, "scope-missing", FORBIDDEN, "The token does not allow this request",
+        "Reading jobs needs the scope `read`, every other request `submit`; `dvi token list` shows the scopes.";
     NotFound, "not-found", NOT_FOUND, "There is nothing at this address",
-        "The address names no resource of this service; `GET /openapi.json` lists those there are.";
+        "The address names no resource of this service; `GET /openapi.json` lists the resources.";
     NoSuchJob, "no-such-job", NOT_FOUND, "There is no such job",
-        "No job of yours has this id: it was never given out, was deleted, or is too old to be kept.";
+        "You have no job with this id: it never existed, was deleted, or is too old to be kept.";
     NoSuchExample, "no-such-example", NOT_FOUND, "There is no such example",
-        "No example has this name; `GET /examples` lists those there are.";
-    NoSuchProblem, "no-such-problem", NOT_FOUND, "There is no such type of problem",
-        "No page has this name; `GET /problems` lists those there are.";
+        "No example has this name; `GET /examples` lists all examples.";
+    NoSuchProblem, "no-such-problem", NOT_FOUND, "There is no page with this name",
+        "No page explains this code; `GET /problems` lists all codes.";
     ResultsNotReady, "results-not-ready", NOT_FOUND, "The results are not ready",
-        "The job still waits or runs; ask again after the seconds in `Retry-After`.";
-    MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The resource has no such method",
+        "The job is waiting or running; ask again after the seconds in `Retry-After`.";
+    MethodNotAllowed, "method-not-allowed", METHOD_NOT_ALLOWED, "The resource does not allow this method",
         "The address exists but not with this method; `Allow` lists its methods.";
-    NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "No form of the answer is acceptable",
-        "Nothing in `Accept` fits; results are given as `application/json`, `text/csv`, `application/x-ndjson`, `application/vnd.apache.arrow.stream` and \
-         `image/svg+xml`, a solve also as `text/event-stream`.";
+    NotAcceptable, "not-acceptable", NOT_ACCEPTABLE, "No media type of the response is acceptable",
+        "No type in `Accept` is available; results are available as `application/json`, `text/csv`, \
+         `application/x-ndjson`, `application/vnd.apache.arrow.stream` and `image/svg+xml`, a solve also as \
+         `text/event-stream`.";
     BodyTimeout, "body-timeout", REQUEST_TIMEOUT, "The body took too long to arrive",
-        "The whole body must arrive within the bound that `--read-seconds` sets.";
-    KeyInUse, "key-in-use", CONFLICT, "The first request under this key is still being answered",
-        "A job was posted under the same `Idempotency-Key` and is not yet on the disk; send the request again.";
+        "The whole body must arrive within the time limit `--read-seconds`.";
+    KeyInUse, "key-in-use", CONFLICT, "The first request with this key is not finished",
+        "A job was posted with the same `Idempotency-Key` and is not yet on the disk; send the request again.";
     NotEnded, "not-ended", CONFLICT, "The job has not ended",
-        "Only a job that has ended can be sent to the queue again or be continued; wait for its end, or cancel it first.";
+        "Only a job that has ended can be retried or continued; wait for its end, or cancel it first.";
     AlreadySuccessful, "already-successful", CONFLICT, "The job was successful",
-        "The same specification would give the same result; `POST /jobs/{id}/continue` goes on from its end.";
+        "The same specification would give the same result; `POST /jobs/{id}/continue` continues from its end.";
     NotContinuable, "not-continuable", CONFLICT, "The job cannot be continued",
-        "The end of the job does not determine what comes after, or there is no end; solve from the start with a later `time.end`.";
+        "The state at the end does not determine the continuation, or the job has no end state; solve from the start \
+         with a later `time.end`.";
     Dismissed, "dismissed", GONE, "The job was dismissed before it started",
-        "The job was cancelled while it waited, so it has no results and will have none.";
+        "The job was cancelled while it waited, so that it has no results.";
     BodyTooLarge, "body-too-large", PAYLOAD_TOO_LARGE, "The body is too large",
-        "A specification may have as many MiB as `--body-mib` allows; give large matrices as sparse entries.";
+        "A specification is limited to `--body-mib`; write large matrices as sparse entries.";
     UnsupportedMediaType, "unsupported-media-type", UNSUPPORTED_MEDIA_TYPE, "The body is not JSON",
-        "A specification is sent as `application/json`, not compressed; curl's default type is taken for JSON.";
+        "A specification is sent as `application/json`, not compressed; curl's default type counts as JSON.";
     QueueFull, "queue-full", TOO_MANY_REQUESTS, "The queue is full",
-        "As many jobs wait as `--queue` allows; ask again after the seconds in `Retry-After`.";
-    QueueBytes, "queue-bytes", TOO_MANY_REQUESTS, "The specifications that wait are too large",
-        "What waits has as many MiB as `--queue-mib` allows; ask again after the seconds in `Retry-After`.";
+        "The number of waiting jobs has reached `--queue`; ask again after the seconds in `Retry-After`.";
+    QueueBytes, "queue-bytes", TOO_MANY_REQUESTS, "The waiting specifications are too large",
+        "The specifications of waiting jobs have reached `--queue-mib`; ask again after the seconds in `Retry-After`.";
     ClientShare, "client-share", TOO_MANY_REQUESTS, "This client's share of the queue is full",
-        "As many jobs of this client wait as `--client-share` allows; wait for one of them to end.";
-    Defect, "defect", INTERNAL_SERVER_ERROR, "The solver broke down",
-        "A fault of the solver, which ended one worker and no other job; the log has more under the id of the job.";
-    StackOverflow, "stack-overflow", INTERNAL_SERVER_ERROR, "The stack of the worker was used up",
-        "The specification is nested too deeply for the solver, which is a fault of the solver; please report it.";
-    Killed, "killed", INTERNAL_SERVER_ERROR, "The worker was ended from outside",
-        "Another process, or the kernel for want of memory, ended the worker that had this job, and no other; send it again.";
-    Overran, "overran", INTERNAL_SERVER_ERROR, "The job did not heed its deadline",
-        "The job went on after the time that it may take, without a step at which to stop, so that its worker was ended.";
+        "The number of this client's waiting jobs has reached `--client-share`; wait for one of them to end.";
+    Defect, "defect", INTERNAL_SERVER_ERROR, "The solver failed with a defect",
+        "A defect of the program ended the worker of this job, and no other job; the log has details under the id of \
+         the job.";
+    StackOverflow, "stack-overflow", INTERNAL_SERVER_ERROR, "The stack of the worker overflowed",
+        "The specification is nested too deeply, which the program should have refused; please report it.";
+    Killed, "killed", INTERNAL_SERVER_ERROR, "The worker was killed",
+        "The kernel, for lack of memory, or another process killed the worker of this job, and no other job; send it \
+         again.";
+    Overran, "overran", INTERNAL_SERVER_ERROR, "The job exceeded its deadline",
+        "The job exceeded the time limit within a single step, where it cannot stop, so that its worker was ended.";
     Internal, "internal", INTERNAL_SERVER_ERROR, "The service failed",
-        "A fault of the service and not of the request; the log has more under the id of the request or the job.";
-    BadKey, "bad-key", BAD_REQUEST, "The idempotency key makes no sense",
-        "An `Idempotency-Key` has 1 to 255 visible ASCII characters; a UUID is a good one.";
-    KeyReused, "key-reused", UNPROCESSABLE_ENTITY, "The key stands for another specification",
-        "Something else was posted under the same `Idempotency-Key`; give every specification a key of its own.";
+        "A defect of the service, not of the request; the log has details under the id of the request or the job.";
+    BadKey, "bad-key", BAD_REQUEST, "The idempotency key is invalid",
+        "An `Idempotency-Key` has 1 to 255 visible ASCII characters, for example a UUID.";
+    KeyReused, "key-reused", UNPROCESSABLE_ENTITY, "The key belongs to another specification",
+        "A different specification was posted with the same `Idempotency-Key`; use a separate key for each \
+         specification.";
     Poisoned, "poisoned", INTERNAL_SERVER_ERROR, "The job was set aside",
-        "The service ended twice while this job ran and no other did, so that it is not started again; please report its specification.";
+        "The service ended twice while only this job was running, so that it is not started again; please report its \
+         specification.";
     Unreadable, "unreadable", INTERNAL_SERVER_ERROR, "The store could not be read",
-        "What was stored is missing or of another version; the log has more under the id of the job.";
-    Damaged, "damaged", INTERNAL_SERVER_ERROR, "What was stored is damaged",
-        "What the disk gives back is not what was written, so that it is not shown; it is kept as it is, and `dvi store check` \
-         tells what else is damaged. Send the specification again.";
+        "The stored job is missing or of another version; the log has details under the id of the job.";
+    Damaged, "damaged", INTERNAL_SERVER_ERROR, "The stored job is damaged",
+        "The bytes read from the disk differ from those written, so that they are not shown; they are kept, and `dvi \
+         store check` lists all damage. Send the specification again.";
     Unwritable, "unwritable", SERVICE_UNAVAILABLE, "The store cannot be written",
-        "The disk is full, or the data folder was removed or replaced: nothing is accepted for later until there is room, or the \
-         folder is back. Jobs can be deleted meanwhile, and what is solved is kept and written then.";
+        "The disk is full, or the data folder was removed or replaced: no jobs are accepted until there is room, or \
+         the folder is restored. Meanwhile jobs can be deleted, and results are kept in memory and written afterwards.";
     NoWorkers, "no-workers", SERVICE_UNAVAILABLE, "No worker can be started",
-        "The system gives no process to solve in, for want of memory or processes; what was accepted waits until it does, and \
-         it is tried again every few seconds.";
+        "The system starts no process for the solve, for lack of memory or processes; accepted jobs wait, and the \
+         service tries again every few seconds.";
     ResultTooLarge, "result-too-large", UNPROCESSABLE_ENTITY, "The result is too large",
         "The result is larger than `--result-mib` allows; ask for fewer output times or fields.";
     TooMuchMemory, "too-much-memory", UNPROCESSABLE_ENTITY, "The solve takes too much memory",
-        "The estimate, or what the solve took, is more than `--memory-mib` allows; ask for fewer times or fields, a coarser \
-         mesh or longer steps.";
+        "The estimate or the memory of the solve exceeds `--memory-mib`; ask for fewer times or fields, a coarser mesh \
+         or longer steps.";
     CheckTime, "check-time", UNPROCESSABLE_ENTITY, "The specification takes too long to check",
-        "Checking a specification may take as long as `--wall-seconds` allows a job; use a coarser mesh or fewer bodies.";
-    ForeignHost, "foreign-host", MISDIRECTED_REQUEST, "The service is not known by this name",
-        "A service on a loopback address that asks for no tokens answers to `localhost` and its own address alone, so that no \
-         web page can reach it under a name of its own; `dvi serve --host NAME` adds a name.";
+        "The check of a specification is limited to `--wall-seconds`; use a coarser mesh or fewer bodies.";
+    ForeignHost, "foreign-host", MISDIRECTED_REQUEST, "The service does not have this host name",
+        "A service on a loopback address without tokens accepts only `localhost` and its own address as the host, so \
+         that no web page can reach it under a foreign name; `dvi serve --host NAME` adds a name.";
     BadHost, "bad-host", BAD_REQUEST, "The request does not name one host",
         "A request has exactly one `Host`, a name or an address with or without a port (RFC 9112, section 3.2).";
     TooManyStreams, "too-many-streams", SERVICE_UNAVAILABLE, "Too many streams of events are open",
-        "As many streams of events are open as `--streams` allows; ask `GET /jobs/{id}` meanwhile.";
+        "The number of open streams has reached `--streams`; ask `GET /jobs/{id}` meanwhile.";
     Draining, "draining", SERVICE_UNAVAILABLE, "The service is about to stop",
-        "The service takes on no more jobs because it has been asked to stop; ask its successor.";
+        "The service has been asked to stop and accepts no more jobs; ask its successor.";
 }
 
 /// One occurrence of a problem.
@@ -150,16 +158,16 @@ pub struct Problem {
     #[serde(rename = "type", serialize_with = "address_of")]
     #[schema(value_type = String)]
     kind: Kind,
-    /// The same few words for every occurrence.
+    /// The title, the same for every occurrence of the problem.
     title: &'static str,
-    /// The status of the answer.
+    /// The status of the response.
     status: u16,
-    /// What is to be said of this occurrence.
+    /// The cause of this occurrence.
     detail: String,
-    /// The job that it concerns.
+    /// The job that the problem concerns.
     #[serde(skip_serializing_if = "Option::is_none")]
     instance: Option<String>,
-    /// All that is wrong with a specification.
+    /// All errors of a specification.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     errors: Vec<Finding>,
     #[serde(skip)]
@@ -259,13 +267,14 @@ impl From<Fault> for Box<Problem> {
     fn from(fault: Fault) -> Self {
         match fault {
             Fault::Defect => {
-                Problem::new(Kind::Defect, "the solver broke down on this specification; please report it")
+                Problem::new(Kind::Defect, "the solver failed with a defect on this specification; please report it")
             }
             Fault::TooMuchMemory { allowed, asked, estimate } => {
-                let asked = asked.map_or(String::new(), |bytes| format!(", {} MiB at once at the last", bytes >> 20));
+                let asked =
+                    asked.map_or(String::new(), |bytes| format!(", with a last request of {} MiB", bytes >> 20));
                 let estimate =
                     estimate.map_or(String::new(), |bytes| format!("; the estimate was {} MiB", bytes >> 20));
-                let detail = format!("it took more than the {} MiB that it may{asked}{estimate}", allowed >> 20);
+                let detail = format!("the process exceeded its {} MiB of memory{asked}{estimate}", allowed >> 20);
                 Problem::new(Kind::TooMuchMemory, detail)
             }
             Fault::StackOverflow => Problem::plain(Kind::StackOverflow),

@@ -19,7 +19,7 @@ pub struct Row {
     /// The address of its page; of a refusal, the `type` of its problem.
     #[serde(rename = "type")]
     address: String,
-    /// The word that programs read.
+    /// The name of the code, for programs.
     code: &'static str,
     /// A few words.
     title: &'static str,
@@ -28,11 +28,11 @@ pub struct Row {
     status: Option<u16>,
     /// What it means.
     meaning: &'static str,
-    /// Why it occurs.
+    /// The cause.
     why: &'static str,
     /// What to do about it.
     remedy: &'static str,
-    /// Where it occurs, for example.
+    /// An example of its occurrence.
     example: &'static str,
 }
 
@@ -66,7 +66,7 @@ const FORMS: [(Form, MediaType); 3] =
     path = "/problems",
     tag = "catalogue",
     responses(
-        (status = 200, description = "A row a code", content(
+        (status = 200, description = "One row per code", content(
             (Vec<Row> = "application/json"), (String = "text/html"), (String = "text/plain")
         ), headers(("vary" = String, description = "`accept`"))),
         Problem
@@ -74,7 +74,7 @@ const FORMS: [(Form, MediaType); 3] =
 )]
 pub async fn list_problems(headers: HeaderMap) -> HandlerResult<Response> {
     let rows: Vec<Row> = explanation::pages().iter().map(Row::from).collect();
-    answer(&headers, "The codes of errors, warnings and refusals", &rows, |rows| Json(rows).into_response())
+    answer(&headers, "Codes of errors, warnings and refusals", &rows, |rows| Json(rows).into_response())
 }
 
 /// Explain a code: what it means, why it occurs, what to do, an example.
@@ -84,9 +84,9 @@ pub async fn list_problems(headers: HeaderMap) -> HandlerResult<Response> {
     get,
     path = "/problems/{code}",
     tag = "catalogue",
-    params(("code" = String, Path, description = "A code, or the last segment of a `type`; `-` stands for `_`")),
+    params(("code" = String, Path, description = "A code, or the last segment of a `type`; `-` is read as `_`")),
     responses(
-        (status = 200, description = "Its page", content(
+        (status = 200, description = "The page of the code", content(
             (Row = "application/json"), (String = "text/html"), (String = "text/plain")
         ), headers(("vary" = String, description = "`accept`"))),
         Problem

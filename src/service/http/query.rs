@@ -55,9 +55,9 @@ impl Query {
         let known = self.known.join(", ");
         for (name, _) in &self.given {
             self.wrong.push(if self.known.contains(&name.as_str()) {
-                format!("{name} is given twice")
+                format!("{name} is repeated")
             } else {
-                format!("{name} is not known here; there are {known}")
+                format!("{name} is not a parameter here; the parameters are {known}")
             });
         }
         if self.wrong.is_empty() { Ok(()) } else { Err(Problem::new(Kind::BadQuery, self.wrong.join("; "))) }

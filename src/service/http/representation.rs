@@ -13,7 +13,7 @@ use axum::http::HeaderValue;
 use axum::http::request::Parts;
 use solution::Excerpt;
 use solution::columnar::{JsonPieces, TablePieces};
-use solution::encodings::{Arrow, Csv, Lines, MembersForm, Table, write_members};
+use solution::encodings::{Arrow, Csv, Lines, MembersForm, MembersPieces, Table, write_members};
 use solution::pictures::write_svg;
 use std::io;
 use std::sync::Arc;
@@ -91,6 +91,11 @@ impl Representation {
             Err(error) => return Err(no_excerpt(shared, job, error).await),
         };
         let numbers = part.numbers();
+        if let Some(form) = self.of_members().filter(|_| part.columns.members().is_some()) {
+            let verdict = part.skeleton.verdict().map_err(|error| unreadable(id, &error))?;
+            let making = Making::Members(MembersPieces::new(form, &verdict).into());
+            return pieces(Unwritten { part, making }, numbers, id, shared);
+        }
         if let Some(form) = self.of_members().filter(|_| part.skeleton.has_table()) {
             let room = shared.room.take(part.skeleton.text().len()).await;
             let written = run_blocking(shared, job.client, large, move || members(&part, form)).await?;

@@ -40,21 +40,23 @@ const REPEATED: HeaderName = HeaderName::from_static("dvi-repeated");
     path = "/jobs/{id}/results",
     tag = "jobs",
     params(
-        ("id" = String, Path, description = "The id of a job, as `Location` gave it"),
+        ("id" = String, Path, description = "The id of a job, from `Location`"),
         ("fields" = Option<String>, Query, description = "Names, separated by commas"),
         ("from" = Option<f64>, Query, description = "The least time"),
         ("to" = Option<f64>, Query, description = "The greatest time"),
-        ("every" = Option<u64>, Query, minimum = 1, format = "uint64", description = "One in how many of the times within")
+        ("every" = Option<u64>, Query, minimum = 1, format = "uint64", description = "Keep every n-th of the times \
+                                                                                      within the interval")
     ),
     responses(
-        (status = 200, description = "The results, in the form that `Accept` asks for", content(
+        (status = 200, description = "The results, in the media type of `Accept`", content(
             (Solution = "application/json"),
             (String = "text/csv"),
             (String = "application/x-ndjson"),
             (Vec<u8> = "application/vnd.apache.arrow.stream"),
             (String = "image/svg+xml"),
-        ), headers(("dvi-trusted" = bool, description = "Whether the answer may be relied upon: `verdict.trusted` of the JSON"))),
-        (status = 304, description = "The client has them, as `If-None-Match` says"),
+        ), headers(("dvi-trusted" = bool, description = "Whether the solution is trusted: `verdict.trusted` of the \
+                                                         JSON"))),
+        (status = 304, description = "The client has these results already, by its `If-None-Match`"),
         Problem
     )
 )]

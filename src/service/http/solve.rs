@@ -38,10 +38,11 @@ use tokio::time::timeout;
     params(
         ("prefer" = Option<String>, Header, description = "`wait=N` seconds, at most 60, or `respond-async`"),
         ("idempotency-key" = Option<String>, Header, description = "The same key and body give the same job"),
-        ("cache-control" = Option<String>, Header, description = "`no-cache` has a specification solved that was solved before")
+        ("cache-control" = Option<String>, Header, description = "`no-cache` solves the specification again, even if a \
+                                                                  stored result exists")
     ),
     responses(
-        (status = 200, description = "The result, in the form that `Accept` asks for", content(
+        (status = 200, description = "The result, in the media type of `Accept`", content(
             (Solution = "application/json"),
             (String = "text/csv"),
             (String = "application/x-ndjson"),
@@ -49,10 +50,11 @@ use tokio::time::timeout;
             (String = "image/svg+xml"),
             (ServerSentEvent = "text/event-stream"),
         ), headers(
-            ("dvi-trusted" = bool, description = "Whether the answer may be relied upon: `verdict.trusted` of the JSON"),
-            ("dvi-repeated" = Option<bool>, description = "`true` where the same text was solved before: the answer is the one to that, to the byte")
+            ("dvi-trusted" = bool, description = "Whether the solution is trusted: `verdict.trusted` of the JSON"),
+            ("dvi-repeated" = Option<bool>, description = "`true` if the response is the stored result of an earlier \
+                                                           request with the same text, byte for byte")
         )),
-        (status = 202, description = "It takes longer; `Location` is the job", body = StatusInfo),
+        (status = 202, description = "The solve takes longer; `Location` is the job", body = StatusInfo),
         Problem
     )
 )]

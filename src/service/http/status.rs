@@ -31,6 +31,9 @@ pub struct StatusInfo {
     /// The part of the time horizon that is done, in per cent.
     #[schema(maximum = 100)]
     progress: u8,
+    /// The members of a sweep, where it is one: how many have rows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    members: Option<MembersDone>,
     /// Jobs that will be taken before this one.
     #[serde(skip_serializing_if = "Option::is_none")]
     queue_position: Option<usize>,
@@ -53,6 +56,15 @@ pub struct StatusInfo {
     finished: Option<Timestamp>,
     /// What can be done with it.
     links: Vec<Link>,
+}
+
+/// How far a sweep is.
+#[derive(Debug, PartialEq, Serialize, ToSchema)]
+struct MembersDone {
+    /// Members that have a row in the table.
+    done: usize,
+    /// All members.
+    of: usize,
 }
 
 #[derive(Debug, PartialEq, Serialize, ToSchema)]
@@ -124,6 +136,7 @@ impl StatusInfo {
             message,
             label: job.label.clone(),
             progress,
+            members: job.members().map(|(done, of)| MembersDone { done, of }),
             queue_position,
             attempt: job.attempt(),
             time,

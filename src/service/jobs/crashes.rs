@@ -25,7 +25,8 @@ pub fn recover(record: &mut Record, running: bool, is_alone: bool, was_short: bo
     record.crashes += u32::from(crashed);
     record.crashes_alone += u32::from(crashed && is_alone);
     record.shortages_alone += u32::from(crashed && is_alone && was_short);
-    if record.dismissed {
+    // A sweep that was dismissed ends with the rows that it has.
+    if record.dismissed && record.sweep().is_none() {
         record.ended = Some(Ended::unsolved(Ending::Dismissed));
     } else if record.shortages_alone >= MOST_SHORTAGES || record.crashes_alone >= MOST_KILLS {
         record.ended = Some(Ended::unsolved(Ending::Broken(Fault::Poisoned)));

@@ -4,6 +4,7 @@
 //! jobs.redb              for each job its row, its specification, and its results if they are short
 //! jobs.redb.damaged-TIME the damaged file that a rebuild has replaced
 //! results/ID.columns     long results
+//! results/ID.rows        the rows of a sweep that has not ended
 //! results/ID.json        long results of a version before format 3 that could not be converted to columns
 //! results.orphaned       results whose job has no row, for instance since the database was lost
 //! reserve                reserved room, so that jobs can be deleted on a full disk
@@ -182,6 +183,16 @@ impl Disk {
                 (Ended { held: Some(Held::Columns { json: *json, index: *index }), ..ended }, None)
             }
         })
+    }
+
+    /// The path of the rows of a sweep.
+    pub fn rows(&self, id: JobId) -> PathBuf {
+        self.files.rows(id)
+    }
+
+    /// Removes the rows of a sweep that has ended.
+    pub fn remove_rows(&self, id: JobId) {
+        self.files.remove_rows(id);
     }
 
     /// The path of a scratch file for the results of a job.

@@ -152,6 +152,9 @@ pub struct Ended {
     pub verdict: Option<Verdict>,
     /// The results, if there are any.
     pub held: Option<Held>,
+    /// The members of a sweep that have rows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rows: Option<usize>,
     /// The stored results differ from what was written.
     #[serde(default)]
     pub damaged: bool,
@@ -173,6 +176,7 @@ impl Ended {
             ending,
             verdict: None,
             held: None,
+            rows: None,
             damaged: false,
             repeated: false,
         }

@@ -19,6 +19,8 @@ const COLUMNS: &str = ".columns";
 const JSON: &str = ".json";
 const PART: &str = ".part";
 const SCRATCH: &str = ".scratch";
+/// The suffix of the rows of a sweep that has not ended.
+const ROWS: &str = ".rows";
 
 /// The suffixes of permanent results.
 const KINDS: [&str; 2] = [COLUMNS, JSON];
@@ -145,7 +147,7 @@ impl Files {
             return Ok(None);
         }
         let mut bytes = Vec::new();
-        let index = Fingerprint::of(&write_columns(&trajectory, &skeleton, &mut bytes)?);
+        let index = Fingerprint::of(&write_columns(&trajectory, None, &skeleton, &mut bytes)?);
         self.write(id, &bytes)?;
         Ok(Some(index))
     }
@@ -157,12 +159,24 @@ impl Files {
         }
     }
 
+    /// The path of the rows of a sweep.
+    pub fn rows(&self, id: JobId) -> PathBuf {
+        self.path(id, ROWS)
+    }
+
+    /// Removes the rows of a sweep that has ended, if there are any; a failure is logged.
+    pub fn remove_rows(&self, id: JobId) {
+        if let Err(error) = remove(&self.rows(id)) {
+            tracing::warn!(job.id = %id, %error, "a file of rows is left behind");
+        }
+    }
+
     /// Removes the results of a job, if there are any.
     ///
     /// # Errors
     /// I/O errors of the disk.
     pub fn remove(&self, id: JobId) -> io::Result<()> {
-        KINDS.iter().try_for_each(|kind| remove(&self.path(id, kind)))
+        KINDS.iter().chain([&ROWS]).try_for_each(|kind| remove(&self.path(id, kind)))
     }
 
     /// Removes unfinished and scratch files of an earlier process, and moves all other files that belong to none of
@@ -178,7 +192,7 @@ impl Files {
             let of = |kinds: &[&str]| name.to_str().and_then(|name| of_any(name, kinds));
             if of(&[PART, SCRATCH]).is_some() {
                 fs::remove_file(path)?;
-            } else if !of(&KINDS).is_some_and(|id| jobs.contains(&id)) {
+            } else if !of(&KINDS).or(of(&[ROWS])).is_some_and(|id| jobs.contains(&id)) {
                 create(orphans)?;
                 fs::rename(path, orphans.join(&name))?;
                 set_aside += 1;

@@ -9,6 +9,7 @@
 //! job waits, and a thousand jobs may wait; to let the job go on beside the others would take a process for each.
 
 use super::Client;
+use super::chunks::Chunk;
 use super::drain_rate::DrainRate;
 use super::job::Job;
 use super::queue::{FairQueue, Heavy};
@@ -51,6 +52,15 @@ pub enum Lane {
     Long,
     /// To its end, on a relief worker.
     Relief,
+}
+
+/// A job that a worker has taken.
+#[derive(Debug)]
+pub struct Taken {
+    pub job: Arc<Job>,
+    /// The chunk, if the job is a sweep that has one left.
+    pub chunk: Option<Chunk>,
+    pub lane: Lane,
 }
 
 /// The lane of a job while it runs.
@@ -108,14 +118,13 @@ impl Intake {
     /// Takes the next job for a worker, of the client with the fewest running jobs. While `workers` jobs run to their
     /// end, only jobs that have not had their first time slice are taken, and ties between clients go to the one with
     /// the least recent worker time: a few short jobs do not wait for the slices of many long ones.
-    pub fn take(&mut self) -> Option<(Arc<Job>, Lane)> {
+    pub fn take(&mut self) -> Option<Taken> {
         let (now, may_be_long) = (Instant::now(), self.long < self.workers);
         let spent = |client| if may_be_long { Duration::ZERO } else { self.spent.by(client, now) };
         let load = |client| Some((self.of.get(&client).map_or(0, |of| of.all), spent(client)));
         let job = self.queue.pop(load, |job| may_be_long || !job.has_had_slice())?;
         let lane = if may_be_long { Lane::Long } else { Lane::First };
-        self.begin(&job, lane);
-        Some((job, lane))
+        Some(self.begin(job, lane))
     }
 
     /// Whether `workers` jobs run to their end, and a job that has used up its first time slice waits whose client has
@@ -126,15 +135,14 @@ impl Intake {
     }
 
     /// Takes a job that needs relief (see [`Intake::wants_relief`]) for a relief worker.
-    pub fn relieve(&mut self) -> Option<Arc<Job>> {
+    pub fn relieve(&mut self) -> Option<Taken> {
         if !self.wants_relief() {
             return None;
         }
         let (now, of, spent) = (Instant::now(), &self.of, &self.spent);
         let load = |client| (!has_long(of, client)).then(|| spent.by(client, now));
         let job = self.queue.pop(load, |job| job.has_had_slice())?;
-        self.begin(&job, Lane::Relief);
-        Some(job)
+        Some(self.begin(job, Lane::Relief))
     }
 
     /// Whether a job may go on at the end of its first time slice; if so, counts it as one that runs to its end.
@@ -176,7 +184,28 @@ impl Intake {
         self.drain_rate.time_for(jobs, Instant::now()).unwrap_or(UNMEASURED)
     }
 
-    fn begin(&mut self, job: &Job, lane: Lane) {
+    /// Takes the next chunk of a sweep, whose job then waits for other workers to take the rest.
+    fn begin(&mut self, job: Arc<Job>, lane: Lane) -> Taken {
+        let chunk = job.chunks.as_ref().and_then(|chunks| chunks.take(self.workers));
+        self.wait_again(&job);
+        self.count(&job, lane);
+        Taken { job, chunk, lane }
+    }
+
+    /// Has the job of a sweep wait for a worker, if there are members that none has; returns whether it was put in the
+    /// queue.
+    pub fn wait_again(&mut self, job: &Arc<Job>) -> bool {
+        let queues = job
+            .chunks
+            .as_ref()
+            .is_some_and(|chunks| job.is_wanted() && !(self.draining && job.is_durable()) && chunks.queues());
+        if queues {
+            self.queue.push(job.client, Arc::clone(job));
+        }
+        queues
+    }
+
+    fn count(&mut self, job: &Job, lane: Lane) {
         self.running += 1;
         self.relieved += usize::from(lane == Lane::Relief);
         self.long += usize::from(lane == Lane::Long);

@@ -14,13 +14,14 @@
 //! method failed; a job stopped by its client is *dismissed*. All three keep the trajectory up to the stop. A running
 //! job that is parked goes back to accepted, for the next process to start.
 
+use super::chunks::Chunks;
 use super::ended::{Ended, Ending, Timing};
 use super::idempotency::Key;
 use super::{Client, Record};
 use crate::compiled::Known;
 use crate::context::Context;
 use crate::digest::Digest;
-use crate::worker::Facts;
+use crate::worker::{Facts, SweepFacts};
 use jiff::Timestamp;
 use problem::Control;
 use serde::{Deserialize, Serialize};
@@ -165,6 +166,8 @@ pub struct Job {
     pub(super) shortages_alone: u32,
     /// The size of the posted document, in bytes.
     pub(super) document_bytes: usize,
+    /// Where the members stand, if the job is a sweep that has not ended.
+    pub(super) chunks: Option<Arc<Chunks>>,
     /// The posted document, unless it is on the disk.
     pub(super) document: Option<Arc<[u8]>>,
     /// The digest of the document, once the document is to be on the disk.
@@ -189,6 +192,9 @@ pub struct Estimate {
     pub problem: Cow<'static, str>,
     /// The estimated memory, in bytes.
     pub memory: usize,
+    /// The sweep, if it is one; absent from jobs stored by earlier versions, which are solved in one piece.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<SweepFacts>,
 }
 
 /// A client's request for a solve.
@@ -211,19 +217,21 @@ pub struct Order {
 impl Job {
     /// A job admitted now, kept on the disk if it is `durable` and otherwise in memory.
     pub(super) fn new(order: Order, durable: bool) -> Self {
-        let Order { client, facts: Facts { label, horizon, problem, memory }, document, key, known, anew } = order;
+        let Order { client, facts, document, key, known, anew } = order;
+        let Facts { label, horizon, problem, memory, sweep } = facts;
         let persistence = if durable { Persistence::Storing } else { Persistence::Memory };
         Self {
             id: JobId(Uuid::now_v7()),
             client,
             label,
             horizon,
-            estimate: Some(Estimate { problem, memory }),
+            estimate: Some(Estimate { problem, memory, sweep }),
             created: Moment::now(),
             key,
             crashes: 0,
             crashes_alone: 0,
             shortages_alone: 0,
+            chunks: sweep.map(|sweep| Arc::new(Chunks::new(sweep))),
             document_bytes: document.len(),
             document: (!durable).then(|| Arc::clone(&document)),
             digest: OnceLock::new(),
@@ -236,8 +244,39 @@ impl Job {
         }
     }
 
-    /// A job that an earlier process admitted.
-    pub(super) fn recovered(id: JobId, record: Record) -> Self {
+    /// The job of a chunk of a sweep: a job of the same name and client, which no client sees.
+    pub(super) fn of_chunk(&self, document: &Arc<[u8]>) -> Self {
+        let lifecycle = Lifecycle {
+            state: State::Accepted(Some(Arc::clone(document))),
+            persistence: Persistence::Memory,
+            parked: false,
+        };
+        Self {
+            id: self.id,
+            client: self.client,
+            label: None,
+            horizon: self.horizon,
+            estimate: self.estimate.clone(),
+            created: self.created,
+            key: None,
+            crashes: self.crashes,
+            crashes_alone: 0,
+            shortages_alone: 0,
+            chunks: None,
+            document_bytes: self.document_bytes,
+            document: None,
+            digest: OnceLock::new(),
+            context: self.context.clone(),
+            solve_inline: Mutex::default(),
+            sliced: AtomicBool::new(false),
+            lifecycle: Mutex::new(lifecycle),
+            settled: Notify::new(),
+            halted: Notify::new(),
+        }
+    }
+
+    /// A job that an earlier process admitted, with the chunks of an unfinished sweep.
+    pub(super) fn recovered(id: JobId, record: Record, chunks: Option<Chunks>) -> Self {
         let Record { client, label, horizon, estimate, created, document_bytes, document, key, ended, .. } = record;
         let Record { crashes, crashes_alone, shortages_alone, .. } = record;
         let state = ended.map_or(State::Accepted(None), |ended| State::Ended(Arc::new(ended)));
@@ -252,6 +291,7 @@ impl Job {
             crashes,
             crashes_alone,
             shortages_alone,
+            chunks: chunks.map(Arc::new),
             document_bytes,
             document: None,
             digest: document.map_or_else(OnceLock::new, OnceLock::from),
@@ -293,6 +333,25 @@ impl Job {
     /// Whether the job is deleted, so that its results are not needed.
     pub(super) fn is_forgotten(&self) -> bool {
         self.lock().persistence == Persistence::Forgotten
+    }
+
+    /// Whether a worker is to take the job: it has not ended, and was not asked to stop.
+    pub(super) fn is_wanted(&self) -> bool {
+        match &self.lock().state {
+            State::Accepted(_) => true,
+            State::Running { halt, .. } => halt.is_none(),
+            State::Ended(_) => false,
+        }
+    }
+
+    /// The members of a sweep that have rows, and all; `None` if the job is no sweep.
+    pub fn members(&self) -> Option<(usize, usize)> {
+        let all = self.estimate.as_ref()?.sweep?.members;
+        let done = match &self.lock().state {
+            State::Ended(ended) => ended.rows.unwrap_or(0),
+            State::Accepted(_) | State::Running { .. } => self.chunks.as_ref().map_or(0, |chunks| chunks.rows()),
+        };
+        Some((done, all))
     }
 
     /// Whether the job is on the disk, or is about to be.
@@ -394,6 +453,7 @@ impl Job {
                 ending,
                 verdict: None,
                 held: None,
+                rows: self.chunks.as_ref().map(|chunks| chunks.rows()),
                 damaged: false,
                 repeated: false,
             },

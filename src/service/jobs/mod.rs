@@ -3,7 +3,8 @@
 //! 1. [`Jobs::submit`] puts a job in the store and in the queue, or returns the bound that is reached.
 //!    A small problem that has no other job to wait for is solved inline instead (see `solve_inline`).
 //! 2. A free [worker](crate::worker) solves the next job, chosen fairly among clients, under a deadline. A job that
-//!    exceeds its first time slice may have to release its worker, and starts again from the beginning later.
+//!    exceeds its first time slice may have to release its worker, and starts again from the beginning later. Of a
+//!    sweep, it solves the next members (see `chunks`).
 //! 3. The ended job is entered in the store, which expires the oldest results, and waiting requests are woken.
 //!
 //! [`Jobs::cancel`] and [`Jobs::forget`] bypass the queue: they work when it is full. In a durable service a job that
@@ -12,6 +13,8 @@
 mod apart;
 mod bounds;
 mod change;
+mod chunk_work;
+mod chunks;
 mod client;
 mod crashes;
 mod database;
@@ -34,6 +37,7 @@ mod queue;
 mod record;
 mod reserve;
 mod results;
+mod row_log;
 mod salvage;
 mod seal;
 mod shortage;
@@ -278,7 +282,9 @@ impl Jobs {
     /// The disk did not accept the change, so a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.take_out(job);
-        self.store.cancel(job).await
+        let cancelled = self.store.cancel(job).await;
+        self.stop_chunks(job, Halt::Dismiss).await;
+        cancelled
     }
 
     /// Cancels a job and deletes it.
@@ -288,7 +294,9 @@ impl Jobs {
     pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         self.take_out(job);
         let cancelled = self.store.cancel(job).await;
-        self.store.forget(job).await.and(cancelled)
+        let forgotten = self.store.forget(job).await;
+        self.stop_chunks(job, Halt::Dismiss).await;
+        forgotten.and(cancelled)
     }
 
     /// Deletes the jobs whose retention time has passed at `now`.
@@ -333,8 +341,8 @@ impl Jobs {
             State::Running { started, control, .. } => {
                 let (done, spent) = (control.fraction(), started.clock.elapsed());
                 let rest = spent.as_secs_f64() * (1.0 - done) / done;
-                // The wall-time limit bounds the remaining time.
-                let most = self.bounds.wall.saturating_sub(spent);
+                // The wall-time limit bounds the remaining time, but that of a sweep.
+                let most = if job.chunks.is_some() { Duration::MAX } else { self.bounds.wall.saturating_sub(spent) };
                 Duration::try_from_secs_f64(rest).unwrap_or(spent).min(most)
             }
             State::Ended { .. } => Duration::ZERO,

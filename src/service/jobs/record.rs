@@ -5,6 +5,7 @@ use super::ended::{Ended, Held};
 use super::idempotency::Key;
 use super::job::{Estimate, Halt, Job, Lifecycle, Persistence, State};
 use crate::digest::Digest;
+use crate::worker::SweepFacts;
 use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use specification::Time;
@@ -89,9 +90,13 @@ impl Job {
 impl Record {
     /// The row of `job` in its present lifecycle.
     pub fn of(job: &Job, lifecycle: &Lifecycle) -> Self {
+        // A sweep that has gone on since is not what a process died of.
+        let is_cleared = job.chunks.as_ref().is_some_and(|chunks| chunks.has_progressed());
+        let alone = |count: u32| if is_cleared { 0 } else { count };
         let (underway, dismissed) = match &lifecycle.state {
             State::Running { halt, .. } => (true, *halt == Some(Halt::Dismiss)),
-            State::Accepted(_) | State::Ended(_) => (false, false),
+            State::Accepted(_) => (false, job.chunks.as_ref().is_some_and(|chunks| chunks.is_dismissed())),
+            State::Ended(_) => (false, false),
         };
         Self {
             client: job.client,
@@ -103,12 +108,17 @@ impl Record {
             document: job.digest.get().copied(),
             key: job.key.clone(),
             crashes: job.crashes,
-            crashes_alone: job.crashes_alone,
-            shortages_alone: job.shortages_alone,
+            crashes_alone: alone(job.crashes_alone),
+            shortages_alone: alone(job.shortages_alone),
             underway,
             dismissed,
             ended: None,
         }
+    }
+
+    /// The sweep, if the job is one.
+    pub fn sweep(&self) -> Option<SweepFacts> {
+        self.estimate.as_ref()?.sweep
     }
 
     /// This row with an end.

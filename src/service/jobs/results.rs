@@ -4,7 +4,7 @@
 
 use super::spool::Backing;
 use crate::digest::{Digest, Fingerprint, Measure};
-use solution::columnar::{Columns, Skeleton, Source, Stored, write_columns};
+use solution::columnar::{Columns, PartsIndex, Skeleton, Source, Stored, write_columns, write_whole};
 use solution::{Selection, Solution, encodings};
 use std::io::{self, Write};
 use std::sync::OnceLock;
@@ -88,11 +88,36 @@ impl Results {
             Encoded::Text(json) => Ok(Self::read(json)),
             Encoded::Columns(json, skeleton) => {
                 let mut bytes = Vec::new();
-                let index = write_columns(&solution.trajectory, &skeleton, &mut bytes).map_err(|_| TooLarge)?;
+                let (trajectory, table) = (&solution.trajectory, solution.table.as_ref());
+                let index = write_columns(trajectory, table, &skeleton, &mut bytes).map_err(|_| TooLarge)?;
                 let (backing, index) = (Backing::memory(bytes), Fingerprint::of(&index));
                 Ok(Self::Columns(Long { backing, json, index }))
             }
         }
+    }
+
+    /// The results that a table of a sweep is, in `backing` from its beginning to its end, with the rest of its solution.
+    /// The table is never in memory as a whole.
+    ///
+    /// # Errors
+    /// I/O errors of the disk; [`io::ErrorKind::FileTooLarge`] if the JSON is longer than `limit` bytes.
+    pub fn of_members(backing: Backing, index: PartsIndex, skeleton: Skeleton, limit: usize) -> io::Result<Self> {
+        let (source, _) = backing.open()?;
+        let columns = Stored::of_members(source, index, skeleton);
+        let mut json = Bounded { bytes: Vec::new(), limit: limit.min(SHORT) };
+        match write_whole(&columns, columns.skeleton(), &mut json) {
+            Ok(()) => return Ok(Self::read(json.bytes)),
+            Err(error) if error.kind() != io::ErrorKind::FileTooLarge => return Err(error),
+            Err(_) => {}
+        }
+        let mut measure = io::BufWriter::with_capacity(SHORT, Measure::new(limit));
+        write_whole(&columns, columns.skeleton(), &mut measure)?;
+        measure.flush()?;
+        let (measure, _) = measure.into_parts();
+        let index = columns.index()?;
+        drop(columns);
+        let (backing, index) = (backing.append(&index)?, Fingerprint::of(&index));
+        Ok(Self::Columns(Long { backing, json: measure.fingerprint(), index }))
     }
 
     /// Results encoded before, as JSON.
@@ -181,6 +206,7 @@ impl Long {
     /// See [`Long::open`].
     pub fn verify(&self) -> io::Result<()> {
         let columns = self.open()?;
+        columns.members().map_or(Ok(()), |members| members.verify())?;
         Selection::whole(&columns).verify(&columns)
     }
 }

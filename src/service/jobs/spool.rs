@@ -49,6 +49,34 @@ impl Backing {
     }
 }
 
+impl Backing {
+    /// The results with further bytes at their end; in memory, if the disk does not accept them.
+    ///
+    /// # Errors
+    /// I/O errors of the disk.
+    pub fn append(self, bytes: &[u8]) -> io::Result<Self> {
+        match &self {
+            Self::Memory(memory) => Ok(Self::memory([memory.as_slice(), bytes].concat())),
+            Self::Scratch(scratch) => {
+                let written =
+                    OpenOptions::new().append(true).open(scratch.path()).and_then(|mut file| file.write_all(bytes));
+                match written {
+                    Ok(()) => Ok(self),
+                    Err(error) => {
+                        tracing::warn!(%error, "long results are kept in memory");
+                        let (source, length) = self.open()?;
+                        let mut memory = vec![0; usize::try_from(length).map_err(io::Error::other)?];
+                        source.read_at(0, &mut memory)?;
+                        memory.extend_from_slice(bytes);
+                        Ok(Self::memory(memory))
+                    }
+                }
+            }
+            Self::File(_) => Err(io::ErrorKind::ReadOnlyFilesystem.into()),
+        }
+    }
+}
+
 /// An open file: it stays readable even after it has been removed.
 struct OnDisk(File);
 

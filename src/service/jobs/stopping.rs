@@ -24,6 +24,8 @@ impl Jobs {
             } else if !job.halt(Halt::Park) {
                 self.take_out(&job);
                 self.store.park(&job).await;
+            } else {
+                self.stop_chunks(&job, Halt::Park).await;
             }
         }
     }

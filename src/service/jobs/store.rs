@@ -8,11 +8,13 @@
 mod healing;
 
 use super::change::Change;
+use super::chunks::Chunks;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
 use super::index::{Index, Retention};
 use super::job::{Halt, Job, JobId, Lifecycle, Persistence, State};
 use super::marks::Marks;
+use super::row_log::RowLog;
 use super::shortage::Taken;
 use super::spool::Spool;
 use super::unsaved::Unsaved;
@@ -24,7 +26,7 @@ use jiff::Timestamp;
 use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::task::spawn_blocking;
 
@@ -69,7 +71,22 @@ impl Store {
                 ended.damaged = ended.held.as_ref().is_some_and(|held| disk.verify(id, held).is_err());
             }
             let finished = record.ended.as_ref().map(|ended| (ended.finished, ended.bytes()));
-            let job = Arc::new(Job::recovered(id, record));
+            let chunks = match record.sweep() {
+                Some(facts) if record.ended.is_none() => {
+                    let log = RowLog::open(&disk.rows(id)).unwrap_or_else(|error| {
+                        tracing::error!(job.id = %id, %error, "the rows of job {id} cannot be read and are made again");
+                        RowLog::default()
+                    });
+                    Some(Chunks::restored(facts, log, record.dismissed))
+                }
+                Some(_) => {
+                    // The process ended before it had removed them.
+                    disk.remove_rows(id);
+                    None
+                }
+                None => None,
+            };
+            let job = Arc::new(Job::recovered(id, record, chunks));
             // Keys are distinct: that was checked when the jobs were admitted.
             let _ = index.insert(&job);
             match finished {
@@ -341,6 +358,32 @@ impl Store {
     /// A spool for the long results of a job.
     pub fn spool(&self, id: JobId) -> Spool {
         Spool::new(self.disk.as_ref().map(|disk| disk.scratch(id)))
+    }
+
+    /// The path of the rows of a sweep, once its job is on the disk; `None` if it is in memory.
+    pub async fn rows(&self, job: &Job) -> Option<PathBuf> {
+        let disk = self.disk.as_ref()?;
+        // The row before the file: a kill in between would leave a file without a row.
+        if job.lock().persistence == Persistence::Storing {
+            self.flush().await;
+        }
+        (job.lock().persistence == Persistence::Disk).then(|| disk.rows(job.id))
+    }
+
+    /// Removes the rows of a sweep that has ended.
+    pub fn remove_rows(&self, id: JobId) {
+        if let Some(disk) = &self.disk {
+            disk.remove_rows(id);
+        }
+    }
+
+    /// Writes the row of an unfinished job again.
+    pub async fn note_progress(&self, job: &Job) {
+        let Ok(Some(place)) = self.passage().await else { return };
+        let lifecycle = job.lock();
+        if lifecycle.is_durable() && !matches!(lifecycle.state, State::Ended(_)) {
+            place.take(Change::record(job.id, &Record::of(job, &lifecycle)), drop);
+        }
     }
 
     /// Whether the row of this job is damaged.

@@ -2,11 +2,14 @@
 
 use super::crashes::MOST_KILLS;
 use super::ended::{Ended, Ending, Fault, Held};
-use super::intake::{Lane, LaneCell};
+use super::intake::{Lane, LaneCell, Taken};
 use super::job::{Halt, Job, State};
 use super::results::{Long, Results, TooLarge};
+use super::spool::Spool;
 use super::{Jobs, is_damage};
-use crate::worker::{Death, Event, FAIR, Finished, Left, Origin, Prints, Slice, Solved, Supervisor, Task, Watch};
+use crate::worker::{
+    Death, Event, FAIR, Finished, Left, Limits, Members, Origin, Prints, Slice, Solved, Supervisor, Task, Watch,
+};
 use problem::Control;
 use solution::{Status, Verdict};
 use std::borrow::Cow;
@@ -17,6 +20,18 @@ use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 use tokio::select;
 use tracing::Instrument;
+
+/// What a worker is to solve.
+#[derive(Clone, Copy)]
+pub(super) struct Assignment<'a> {
+    pub job: &'a Job,
+    pub document: &'a [u8],
+    /// The members, if the job is a chunk of a sweep.
+    pub members: Option<&'a Members>,
+    pub limits: Limits,
+    /// Called at the end of the first time slice.
+    pub over: &'a (dyn Fn() + Sync),
+}
 
 /// The outcome of an attempt at a job.
 pub(super) enum Outcome {
@@ -38,14 +53,14 @@ impl Jobs {
             () = supervisor.ready() => {}
             () = self.dismissed() => return false,
         }
-        if let Some((job, lane)) = self.next(supervisor).await {
-            self.see_through(place, supervisor, &job, lane).await;
+        if let Some(taken) = self.next(supervisor).await {
+            self.see_to(place, supervisor, taken).await;
         }
         !self.is_dismissed.load(Relaxed)
     }
 
     /// The next job for a worker; `None` if none arrived within the idle time, or if workers have been dismissed.
-    async fn next(&self, supervisor: &mut Supervisor) -> Option<(Arc<Job>, Lane)> {
+    async fn next(&self, supervisor: &mut Supervisor) -> Option<Taken> {
         let mut arrival = pin!(self.arrival.notified());
         // Registered before the queue is read, so that an arrival in between is not missed.
         arrival.as_mut().enable();
@@ -80,8 +95,20 @@ impl Jobs {
                 self.call_relief(&intake);
                 next
             };
-            let Some(job) = next else { return true };
-            self.see_through(place, supervisor, &job, Lane::Relief).await;
+            let Some(taken) = next else { return true };
+            self.see_to(place, supervisor, taken).await;
+        }
+    }
+
+    async fn see_to(&self, place: usize, supervisor: &mut Supervisor, taken: Taken) {
+        let Taken { job, chunk, lane } = taken;
+        match &job.chunks {
+            Some(chunks) => {
+                // What is left of the sweep is for other workers.
+                self.arrival.notify_one();
+                self.see_chunk_through(place, supervisor, (&job, chunks), chunk, lane).await;
+            }
+            None => self.see_through(place, supervisor, &job, lane).await,
         }
     }
 
@@ -212,22 +239,9 @@ impl Jobs {
         let begun = Instant::now();
         let is_unwanted = || job.is_forgotten() || job.halted() == Some(Halt::Yield);
         let watch = Watch { origin, control, halted: &job.halted, is_unwanted: &is_unwanted };
-        let mut kills = 0;
-        let (finished, spool) = loop {
-            let mut spool = self.store.spool(job.id);
-            let (limits, long) = (self.limits(), &mut spool);
-            let over = || self.end_slice(job, lane);
-            let slice = (lane.get() == Lane::First).then(|| Slice { time: self.slice(), over: &over });
-            let mut task = Task { solve: true, document, limits, watch: &watch, long, yields: true, slice };
-            let finished = supervisor.perform(&mut task).await;
-            let Err(Death::Killed(signal)) = finished else { break (finished, spool) };
-            kills += 1;
-            // A worker killed from outside while there was enough memory is no evidence against the job.
-            if self.was_memory_short() || kills > MOST_KILLS || job.halted().is_some() || self.is_draining() {
-                break (finished, spool);
-            }
-            tracing::warn!(signal, "the worker of job {} was ended from outside; the job begins again", job.id);
-        };
+        let over = || self.end_slice(job, lane);
+        let assignment = Assignment { job, document, members: None, limits: self.limits(), over: &over };
+        let (finished, spool) = self.perform(supervisor, &assignment, &watch, lane).await;
         let halted = job.halted();
         let is_over = matches!(&finished, Ok(Finished::Solved(solved, _)) if solved.status != Status::Stopped);
         if halted == Some(Halt::Yield) && !is_over {
@@ -257,6 +271,8 @@ impl Jobs {
                     Left::Columns(Prints { json, index }) => {
                         Results::Columns(Long { backing: spool.end(), json, index })
                     }
+                    // It was not asked for a part of a sweep.
+                    Left::Rows(..) => return broken(Fault::Defect, "defect"),
                 };
                 Outcome::Ended(self.ended(job, ending, Some(verdict), Ok(results)).into())
             }
@@ -290,8 +306,34 @@ impl Jobs {
         }
     }
 
+    /// Has a worker solve; it begins again if the worker is killed from outside.
+    pub(super) async fn perform(
+        &self,
+        supervisor: &mut Supervisor,
+        assignment: &Assignment<'_>,
+        watch: &Watch<'_>,
+        lane: &LaneCell,
+    ) -> (Result<Finished, Death>, Spool) {
+        let Assignment { job, document, members, limits, over } = *assignment;
+        let mut kills = 0;
+        loop {
+            let mut spool = self.store.spool(job.id);
+            let slice = (lane.get() == Lane::First).then(|| Slice { time: self.slice(), over });
+            let long = &mut spool;
+            let mut task = Task { solve: true, members, document, limits, watch, long, yields: true, slice };
+            let finished = supervisor.perform(&mut task).await;
+            let Err(Death::Killed(signal)) = finished else { return (finished, spool) };
+            kills += 1;
+            // A worker killed from outside while there was enough memory is no evidence against the job.
+            if self.was_memory_short() || kills > MOST_KILLS || job.halted().is_some() || self.is_draining() {
+                return (finished, spool);
+            }
+            tracing::warn!(signal, "the worker of job {} was ended from outside; the job begins again", job.id);
+        }
+    }
+
     /// At the end of its first time slice, lets the job go on if it may, and otherwise asks it to yield.
-    fn end_slice(&self, job: &Job, lane: &LaneCell) {
+    pub(super) fn end_slice(&self, job: &Job, lane: &LaneCell) {
         job.use_up_slice();
         if self.lock().goes_on(job) {
             lane.set(Lane::Long);
@@ -331,7 +373,7 @@ impl Jobs {
     }
 
     /// The posted document of a waiting job.
-    fn posted(&self, job: &Job) -> io::Result<Arc<[u8]>> {
+    pub(super) fn posted(&self, job: &Job) -> io::Result<Arc<[u8]>> {
         match job.state() {
             State::Accepted(Some(document)) => Ok(document),
             State::Accepted(None) | State::Running { .. } | State::Ended(_) => self.store.document(job),
@@ -365,7 +407,7 @@ impl Job {
     }
 
     /// The problem type, as a label of metrics.
-    fn problem(&self) -> Cow<'static, str> {
+    pub(super) fn problem(&self) -> Cow<'static, str> {
         self.estimate.as_ref().map_or("unknown".into(), |estimate| estimate.problem.clone())
     }
 }

@@ -8,27 +8,27 @@ import { number } from "./numbers.js";
 
 const UNIQUENESS = {
   unique: ["good", "Unique", "A solution exists and is unique."],
-  locally_unique: ["good", "Unique for now", "A solution exists and is unique until it gets where the equations are not Lipschitz."],
-  exists_not_certified: ["doubt", "A solution", "A solution exists; that it is the only one is not certified."],
+  locally_unique: ["good", "Locally unique", "A solution exists and is unique up to points at which the equations are not Lipschitz."],
+  exists_not_certified: ["doubt", "A solution", "A solution exists; its uniqueness is not certified."],
   not_certified: ["doubt", "Uniqueness open", "Neither existence nor uniqueness is certified."],
-  not_unique: ["bad", "Not unique", "Solutions are not unique in general: this is one of them."],
+  not_unique: ["bad", "Not unique", "Solutions are not unique in general: one of them was computed."],
   not_analysed: ["doubt", "Not analysed", "Existence and uniqueness were not analysed."],
 };
 
 const CHECKS = {
   law_residual: ["The law holds", "complementarity, friction and impact laws, by the residual of the natural map"],
   constraint_residual: ["Constraints hold", "constraints on the active face, hidden ones included, at and between the outputs"],
-  joint_drift: ["Joints hold", "how far a joint has come apart"],
+  joint_drift: ["Joints hold", "violation of a joint"],
   energy_balance: ["Energy is balanced", "energy, work, friction, viscosity and impacts"],
   events_unproven: ["No event was missed", "steps that are not proven free of an undetected event"],
   local_error: ["Steps are accurate", "largest local error of a step, in units of atol + rtol |x|"],
   global_error: ["The end is accurate", "estimated error at the end, in units of atol + rtol |x|"],
   derivatives: ["Derivatives agree", "derivatives against a difference of two runs, in units of its uncertainty"],
-  return_residual: ["It comes back", "where the run ends against where it began, in units of atol + rtol |x|"],
-  accumulation_passed: ["Accumulations were passed closely", "how far an accumulation of events was from its limit"],
-  fit_distance: ["The minimum was reached", "how far the estimates are from the minimum that the derivatives predict, in standard errors"],
-  untrusted_members: ["Members can be relied upon", "members of the table that are not trusted"],
-  not_at_end: ["The end was reached", "time that is missing to the end"],
+  return_residual: ["The run returns to its start", "distance between the end and the start of the run, in units of atol + rtol |x|"],
+  accumulation_passed: ["Accumulations are accurate", "distance of an accumulation of events from its limit"],
+  fit_distance: ["The minimum was reached", "distance of the estimates from the minimum that the derivatives predict, in standard errors"],
+  untrusted_members: ["Members are trusted", "number of members of the table that are not trusted"],
+  not_at_end: ["The end was reached", "time from the end of the run to the requested end"],
 };
 
 const capital = (words) => `${words[0].toUpperCase()}${words.slice(1)}`;
@@ -46,7 +46,7 @@ export function claimsOf({ status, diagnostics = {}, t = [] }) {
   }
   claims.push({ light, title: told, rests: diagnostics.because ?? "", code: "uniqueness" });
   for (const [code, { value, allowed }] of Object.entries(checks)) {
-    const [title, meaning] = CHECKS[code] ?? [capital(code.replaceAll("_", " ")), "a check that this page does not know"];
+    const [title, meaning] = CHECKS[code] ?? [capital(code.replaceAll("_", " ")), "a check unknown to this page"];
     const within = value <= allowed;
     claims.push({ light: within ? "good" : "bad", title: within ? title : `${title}: no`, rests: `${meaning}: ${size(value)}, allowed ${size(allowed)}`, code });
   }
@@ -72,7 +72,7 @@ export function sentenceOf({ verdict, status, diagnostics = {} }) {
   const checks = diagnostics.checks ?? {};
   const parts = [];
   if (status !== "completed") parts.push(`The run ${String(status ?? "ended").replaceAll("_", " ")} before its end`);
-  else if (verdict && !verdict.trusted) parts.push("The end was reached, but measurements speak against the answer");
+  else if (verdict && !verdict.trusted) parts.push("The end was reached, but the solution fails checks");
   const uniqueness = UNIQUENESS[diagnostics.uniqueness]?.[1];
   if (uniqueness) parts.push(uniqueness);
   const states = diagnostics.global_error?.states;
@@ -90,7 +90,7 @@ export function sentenceOf({ verdict, status, diagnostics = {} }) {
 }
 
 const SIGNS = { good: "●", doubt: "◐", bad: "✕", unknown: "○" };
-const WORDS = { good: "holds", doubt: "not certain", bad: "speaks against the answer", unknown: "not measured" };
+const WORDS = { good: "holds", doubt: "not certain", bad: "fails", unknown: "not measured" };
 
 export function claims(run, guide) {
   const items = claimsOf(run).map(({ light, title, rests, code }) =>

@@ -16,6 +16,7 @@ export class Clock {
   #playing = false;
   #last = null;
   #told = [];
+  #ended = null; // called when playing ends
 
   constructor(root) {
     this.play = element("button", { type: "button", click: () => this.toggle() }, "Play");
@@ -30,9 +31,18 @@ export class Clock {
     root.replaceChildren(this.play, this.slider, this.speed, this.next, this.told);
   }
 
-  // Calls `listener(time)` whenever the time changes.
+  // Calls `listener(time)` whenever the time changes, until what is returned is called.
   listen(listener) {
     this.#told.push(listener);
+    return () => (this.#told = this.#told.filter((one) => one !== listener));
+  }
+
+  // Plays the whole horizon once; resolves when that has ended or was paused.
+  playThrough() {
+    this.pause();
+    this.go(this.#from);
+    this.toggle();
+    return new Promise((resolve) => (this.#ended = resolve));
   }
 
   get time() {
@@ -74,6 +84,8 @@ export class Clock {
   pause() {
     this.#playing = false;
     this.play.textContent = "Play";
+    this.#ended?.();
+    this.#ended = null;
   }
 
   nextEvent() {

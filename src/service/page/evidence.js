@@ -6,8 +6,8 @@ import { measured, number, seconds } from "./numbers.js";
 
 const UNIQUENESS = {
   unique: "a solution exists and is unique",
-  locally_unique: "a solution exists and is unique until it gets where the equations are not Lipschitz",
-  exists_not_certified: "a solution exists; it is not certified to be unique",
+  locally_unique: "a solution exists and is unique up to points at which the equations are not Lipschitz",
+  exists_not_certified: "a solution exists; its uniqueness is not certified",
   not_certified: "neither existence nor uniqueness is certified",
   not_unique: "solutions are not unique in general",
   not_analysed: "existence and uniqueness were not analysed",

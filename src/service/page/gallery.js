@@ -2,9 +2,9 @@
 
 import { element } from "./element.js";
 
-const FIELDS = ["Friction and impact", "Bodies", "Circuits", "Control and switching", "Fields over space", "Queues, traffic and prices", "Stiff and memory"];
+const FIELDS = ["Friction and impact", "Bodies", "Circuits", "Control and switching", "Fields over space", "Queues, traffic and prices", "Stiff and memory", "Fails elsewhere"];
 
-// name: [field, equations, two sentences]
+// name: [field, equations, two sentences, the public thread in which another program was reported to fail: title, address]
 const TEXTS = {
   friction_belt: [0, "m v' = -c v - k x - F,  F in [-f, f],  -(v - v_belt) F maximal", "A mass on a spring rides on a moving belt: it sticks, is torn loose, slips. Turn the speed of the belt and watch stick-slip vanish."],
   bouncing_ball: [0, "m y'' = -m g + r,  0 <= y, r >= 0,  y'+ = -e y'-", "A ball bounces infinitely often in a finite time, then rests. The impacts accumulate, and the solver passes their limit."],
@@ -51,6 +51,13 @@ const TEXTS = {
   van_der_pol: [6, "eps y' = (1 - x^2) y - x,  eps = 1e-6", "Relaxation oscillations with jumps that take a millionth of the period. An adaptive method of high order does not mind."],
   memory_abel: [6, "0 <= z, integral of (t-s)^(-1/2) z(s) - f >= 0", "What the past has left decides when the variable starts again. The kernel is singular, and its memory never ends."],
   memory_relaxation: [6, "viscoelastic supports with creep kernels", "Two supports push and relax, each no more than it can bear. Their history acts through kernels."],
+  chattering_modes: [7, "x' = -2, y' = 3/2 where x > y;  x' = 2, y' = -3 where y > x", "Elsewhere events follow each other at the surface without end, and time stands still. Here the solution slides along it at the rate -6/17 from t = 1/7.", "OpenModelica 12190", "https://github.com/OpenModelica/OpenModelica/issues/12190"],
+  charger: [7, "L i' = E - V - R i, then -V - R i until i = 0", "Elsewhere a converter hangs after some hundred switchings. Here 400 periods are solved, and the instant at which the current ends is found in each.", "OpenModelica 14545", "https://github.com/OpenModelica/OpenModelica/issues/14545"],
+  held_capsule: [7, "0 <= gap, |friction| <= mu normal: 0.44 N held by up to 16.8 N", "Elsewhere a capsule in a grip creeps down at 50 to 2300 um/s. Here it hangs still, as Coulomb's law says.", "MuJoCo 3328", "https://github.com/google-deepmind/mujoco/issues/3328"],
+  sliding_cube: [7, "m v' = -mu m g,  z = 0.05", "Elsewhere a cube launched along a plane lifts off and tumbles. Here it slides 3.67 m and comes to rest on the plane.", "Genesis 3115", "https://github.com/Genesis-Embodied-AI/genesis-world/issues/3115"],
+  lost_bounce: [7, "y'' = -g + r,  0 <= y, r >= 0,  y'+ = -y'-", "Elsewhere the sixth impact is missed, and the ball falls through the floor. Here all eight are found, each to the last digits.", "DifferentialEquations.jl 138", "https://github.com/SciML/DifferentialEquations.jl/issues/138"],
+  three_roots: [7, "x' = 3 t^2 + 12 t - 4:  roots at -6, -2, 2", "Elsewhere one of three events is found, as a step passes over the other two. Here steps are searched between their ends.", "SciPy 9228", "https://github.com/scipy/scipy/issues/9228"],
+  bounce_slope: [7, "y(1) = 5 - y(0):  slope -1", "Elsewhere the height after a bounce jumps as the height before it changes, so that gradients are wrong. Here twenty-one runs lie on one line.", "Brax 317", "https://github.com/google/brax/issues/317"],
 };
 
 // The cards of `examples`, {name, title}; `choose(name)` is called with the one that is picked.
@@ -61,17 +68,19 @@ export function gallery(examples, choose) {
     .filter(([, list]) => list.length > 0)
     .flatMap(([field, list]) => [
       element("h2", { class: "part-title" }, field),
-      element("ul", { class: "cards" }, ...list.map((example) => element("li", {}, card(example, choose)))),
+      element("ul", { class: "cards" }, ...list.map((example) => element("li", {}, ...card(example, choose)))),
     ]);
 }
 
 function card({ name, title }, choose) {
-  const [, equations, text] = TEXTS[name] ?? [0, "", ""];
-  return element(
+  const [, equations, text, thread, address] = TEXTS[name] ?? [0, "", ""];
+  const link = thread ? element("a", { class: "thread", href: address, rel: "noreferrer" }, `Reported: ${thread}`) : null;
+  const button = element(
     "button",
     { type: "button", class: "card", "data-example": name, click: () => choose(name) },
     element("b", {}, title),
     equations ? element("code", {}, equations) : null,
     text ? element("span", {}, text) : null,
   );
+  return link ? [button, link] : [button];
 }

@@ -100,6 +100,11 @@ export class Knobs {
     return this.#rows.size;
   }
 
+  // All knobs, with the ranges of their sliders.
+  get list() {
+    return [...this.#rows.values()].map(({ knob, low, high }) => ({ ...knob, low, high }));
+  }
+
   // Shows the sliders of a specification. Those that were there keep their range and their focus.
   show(specification) {
     const knobs = knobsOf(specification);

@@ -12,9 +12,11 @@ import { describe, wantsLogTime } from "./fields.js";
 import { panelsFigure, phaseFigure, png, textOf } from "./figure.js";
 import { fixesOf } from "./fixes.js";
 import { gallery } from "./gallery.js";
+import { HeatMap } from "./heatmap.js";
 import { Jobs } from "./jobs.js";
 import { Knobs } from "./knobs.js";
 import { Live } from "./live.js";
+import { canRecord, record } from "./movie.js";
 import { number, seconds } from "./numbers.js";
 import { lineAt, linesOf, rangesOf } from "./places.js";
 import { Plots, nearestTo } from "./plots.js";
@@ -43,6 +45,7 @@ const plots = new Plots(byId("plots"), byId("hover"));
 const stage = new Stage(byId("picture"), byId("stage"), byId("stagehint"), clock);
 const editor = new Editor(byId("text"), { changed: textChanged, submit: solve });
 const knobs = new Knobs(byId("knobs"), turn);
+const map = new HeatMap(byId("map"), { knobs: () => knobs.list, specification: () => lenient(editor.text), open: openCell });
 const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal });
 const jobs = new Jobs(byId("jobtable"), { open: () => toggleJobs(false), fail: tellMessage });
 
@@ -97,6 +100,7 @@ function offerKnobs(text) {
   const specification = lenient(text);
   knobs.show(specification);
   byId("sliders").hidden = knobs.count === 0;
+  map.offer(Object.keys(shown?.fields ?? {}));
 }
 
 function tellRefusal(refusal, text) {
@@ -170,6 +174,14 @@ function turn(pointer, value, done) {
     clearTimeout(pause);
     pause = setTimeout(() => checkText({ solves: false }), PAUSE);
   }
+}
+
+// The run of a cell of the map: both numbers are written, and what is solved is shown.
+function openCell(pairs) {
+  pairs.forEach(([knob, value], i) => {
+    const [pointer, written] = knob.put?.(value) ?? [knob.pointer, value];
+    turn(pointer, written, i === pairs.length - 1);
+  });
 }
 
 function showLive(answer, text) {
@@ -373,6 +385,7 @@ function draw() {
 
 function offerFields() {
   const names = Object.keys(shown?.fields ?? {});
+  map.offer(names);
   const boxes = names.map((name, i) =>
     element("label", {}, element("input", { type: "checkbox", value: name, checked: i < PANELS, change: draw }), name),
   );
@@ -427,6 +440,20 @@ function unmarked(figure) {
   const copy = figure.cloneNode(true);
   copy.querySelector(".now")?.remove();
   return copy;
+}
+
+// The picture, played once, as a film.
+async function film() {
+  const canvas = byId("stage").querySelector("canvas");
+  if (canvas === null) return tellMessage("There is no moving picture.");
+  byId("webm").disabled = true;
+  byId("webm").textContent = "Recording ...";
+  try {
+    await save(() => record(canvas, clock, getComputedStyle(document.body).backgroundColor), "film.webm");
+  } finally {
+    byId("webm").disabled = false;
+    byId("webm").textContent = "Film WebM";
+  }
 }
 
 const panelsNow = () =>
@@ -599,6 +626,8 @@ async function start() {
   byId("logtime").addEventListener("change", draw);
   byId("svg").addEventListener("click", () => save(async () => asSvg(panelsNow()), "figure.svg"));
   byId("png").addEventListener("click", () => save(() => png(panelsNow()), "figure.png"));
+  byId("webm").hidden = !canRecord();
+  byId("webm").addEventListener("click", film);
   byId("phasebox").addEventListener("toggle", drawPhase);
   byId("raw").addEventListener("toggle", showEvidence);
   for (const id of ["horizontal", "vertical", "equal"]) byId(id).addEventListener("change", drawPhase);

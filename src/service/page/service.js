@@ -19,8 +19,8 @@ export const useToken = (text) => sessionStorage.setItem("token", text);
 // What a token lacks, in the words of this page.
 const lacking = (options) =>
   (options.method ?? "GET") === "GET"
-    ? "Your token does not let you look at jobs; use another."
-    : "Your token lets you look at jobs, but not check, solve or cancel them; use another.";
+    ? "Your token does not allow reading jobs; use another."
+    : "Your token allows reading jobs, but not checking, solving or cancelling; use another.";
 
 async function ask(address, options = {}) {
   const headers = token() ? { ...options.headers, authorization: `Bearer ${token()}` } : options.headers;

@@ -24,7 +24,7 @@ export async function unpacked(letters) {
     length += value.length;
     if (length > LONGEST) {
       reader.cancel();
-      throw new RangeError("the link comes to more than 4 MiB");
+      throw new RangeError("the link would be longer than 4 MiB");
     }
     text += decoder.decode(value, { stream: true });
   }

@@ -81,7 +81,7 @@ export class Stage {
     this.#asked = controller;
     if (this.#picture === null) {
       this.#root.hidden = false;
-      this.#place.replaceChildren(element("p", { class: "hint" }, "The picture is on its way ..."));
+      this.#place.replaceChildren(element("p", { class: "hint" }, "The picture is being drawn ..."));
     }
     try {
       const answer = await solveNow(text, LONGEST, controller.signal);

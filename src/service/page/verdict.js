@@ -13,11 +13,11 @@ export function verdicts(runs) {
 
 function one(run, whose) {
   const { verdict } = run;
-  if (!verdict) return [badge("none", "?", `No verdict${whose}`, "the answer is of an earlier version of the service")];
+  if (!verdict) return [badge("none", "?", `No verdict${whose}`, "the result is from an earlier version of the service")];
   const { trusted, because, caveats } = verdict;
   const told = trusted
     ? badge("yes", "✓", `Trusted${whose}`, sentenceOf(run))
-    : badge("no", "✗", `Not trusted${whose}`, "these speak against the answer:");
+    : badge("no", "✗", `Not trusted${whose}`, "the solution fails these checks:");
   return [told, list("reasons", because.map(reason)), list("caveats", caveats.map(({ message }) => [element("span", {}, message)]))];
 }
 

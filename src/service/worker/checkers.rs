@@ -55,7 +55,16 @@ impl Checkers {
             let watch = Watch { origin: &origin, control: &control, halted: &asked.halted, is_unwanted: &is_unwanted };
             let (document, long) = (&*document, &mut io::sink());
             let finished = supervisor
-                .perform(&mut Task { solve: false, document, limits, watch: &watch, long, yields: true, slice: None })
+                .perform(&mut Task {
+                    solve: false,
+                    members: None,
+                    document,
+                    limits,
+                    watch: &watch,
+                    long,
+                    yields: true,
+                    slice: None,
+                })
                 .await;
             checkers.resting().push(supervisor);
             drop(turn);

@@ -3,7 +3,7 @@
 use super::Death;
 use super::frame::{self, Decoder};
 use super::launcher::Start;
-use super::message::{Facts, Limits, Order, Origin, Prints, Report, Solved, VERSION};
+use super::message::{Facts, Limits, Members, Order, Origin, Prints, Report, Solved, VERSION};
 use super::{Confinement, Loss};
 use problem::Control;
 use rustix::process::{Pid, setpriority_pgrp};
@@ -55,6 +55,8 @@ const EVER: Duration = Duration::from_secs(1 << 30);
 pub struct Task<'a> {
     /// Solve the document; otherwise only check it.
     pub solve: bool,
+    /// The members to solve, if the task is a part of a sweep.
+    pub members: Option<&'a Members>,
     /// The posted document.
     pub document: &'a [u8],
     /// The limits of the task.
@@ -111,6 +113,8 @@ pub enum Left {
     Text(Vec<u8>),
     /// Long results, written as columns to [`Task::long`], with their fingerprints.
     Columns(Prints),
+    /// The rows of so many of the first members of a part of a sweep, as bytes.
+    Rows(usize, Vec<u8>),
 }
 
 /// The link to a worker at the other end of two pipes.
@@ -178,12 +182,14 @@ impl Link {
     /// # Errors
     /// The worker is lost.
     pub async fn perform(&mut self, task: &mut Task<'_>) -> Result<Finished, Loss> {
-        let Task { solve, document, limits, watch, long, yields, slice } = task;
+        let Task { solve, members, document, limits, watch, long, yields, slice } = task;
         let (solve, limits) = (*solve, *limits);
         self.task += 1;
         let task = self.task;
         let origin = watch.origin.clone();
-        let order = if solve { Order::Solve { task, limits, origin } } else { Order::Check { task, limits, origin } };
+        let members = members.cloned();
+        let order =
+            if solve { Order::Solve { task, limits, origin, members } } else { Order::Check { task, limits, origin } };
         let begun = Instant::now();
         let most = limits.wall().unwrap_or(EVER).min(EVER);
         let mut end = begun + most + OVERRUN;
@@ -229,9 +235,12 @@ impl Link {
                             return Err(self.not_kept(&error).await);
                         }
                     }
-                    Ok((Report::Solved { columns, solved, progress, resident, .. }, bytes)) => {
+                    Ok((Report::Solved { columns, rows, solved, progress, resident, .. }, bytes)) => {
                         self.resident = resident;
                         progress.relay(watch.control);
+                        if let Some(rows) = rows {
+                            return Ok(Finished::Solved(solved, Left::Rows(rows, bytes)));
+                        }
                         let Some(prints) = columns else { return Ok(Finished::Solved(solved, Left::Text(bytes))) };
                         if let Err(error) = long.write_all(&bytes) {
                             return Err(self.not_kept(&error).await);

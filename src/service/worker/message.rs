@@ -28,7 +28,7 @@ use tracing::Span;
 use utoipa::ToSchema;
 
 /// The version of these messages: a worker of another version gets no orders.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 
 /// An order to a worker.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -42,6 +42,9 @@ pub enum Order {
         limits: Limits,
         /// The ids of the job, request and trace of the task.
         origin: Origin,
+        /// The members to solve, if the task is a part of a sweep.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        members: Option<Members>,
     },
     /// Check the document in the payload.
     Check {
@@ -92,12 +95,15 @@ pub enum Report {
         /// The number of the task.
         task: u64,
     },
-    /// The solve has returned; the payload is short results as JSON, or the last bytes of long ones.
+    /// The solve has returned; the payload is short results as JSON, the last bytes of long ones, or the rows of members.
     Solved {
         /// The number of the task.
         task: u64,
         /// The fingerprints of long results; `None` for short ones.
         columns: Option<Prints>,
+        /// The number of rows in the payload, if the task was a part of a sweep.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        rows: Option<usize>,
         /// The end of the solve.
         solved: Box<Solved>,
         /// The final progress.
@@ -158,6 +164,29 @@ impl Report {
             | Self::Defect { task, .. } => Some(*task),
         }
     }
+}
+
+/// Members of a sweep as one task.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Members {
+    /// The first.
+    pub first: usize,
+    /// Behind the last.
+    pub end: usize,
+    /// Why they cannot be solved, if that is known: their rows say so.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lost: Option<Lost>,
+    /// The time after which no further member is begun, in seconds.
+    pub seconds: f64,
+}
+
+/// Why a member of a sweep has no solution: the worker that had it was lost.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Lost {
+    /// The code of the error in its row.
+    pub code: String,
+    /// The same in words.
+    pub message: String,
 }
 
 /// The ids that connect the worker's log lines with those of the service.
@@ -352,6 +381,22 @@ pub struct Facts {
     pub problem: Cow<'static, str>,
     /// The estimated memory of a solve, in bytes.
     pub memory: usize,
+    /// The sweep, if it is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<SweepFacts>,
+}
+
+/// Facts of a sweep.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SweepFacts {
+    /// The number of members.
+    pub members: usize,
+    /// The wall time that its client allows, in seconds, if it is bounded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds: Option<f64>,
+    /// The numbers of the trajectory of a member that are kept.
+    #[serde(default)]
+    pub kept: usize,
 }
 
 impl Facts {
@@ -362,6 +407,11 @@ impl Facts {
             horizon: specification.time(),
             problem: specification.problem().into(),
             memory: specification.memory_bytes(),
+            sweep: specification.sweep().map(|sweep| SweepFacts {
+                members: sweep.members(),
+                seconds: specification.wall_seconds(),
+                kept: sweep.numbers_kept(),
+            }),
         }
     }
 }

@@ -27,6 +27,8 @@ pub use confinement::Confinement;
 pub use death::Death;
 pub use launcher::{Launcher, SELF, Start, program};
 pub use link::{FAIR, Finished, Left, Slice, Task, Watch};
-pub use message::{Facts, Failed, Finding, Limits, Order, Origin, Prints, Progress, Report, Solved, VERSION};
+pub use message::{
+    Facts, Failed, Finding, Limits, Lost, Members, Order, Origin, Prints, Progress, Report, Solved, SweepFacts, VERSION,
+};
 pub use solving::{Solver, serve};
 pub use supervisor::{Event, Loss, Notice, Supervisor};

@@ -2,14 +2,14 @@
 //! solves. The solver thread has a stack of fixed size, independent of the limits of the shell that started the front.
 
 use super::frame;
-use super::message::{Facts, Limits, Order, Origin, Prints, Progress, Report, Solved, VERSION};
+use super::message::{Facts, Limits, Lost, Members, Order, Origin, Prints, Progress, Report, Solved, VERSION};
 use super::{Confinement, confinement};
 use crate::digest::Fingerprint;
 use crate::jobs::{Encoded, TooLarge};
 use problem::Control;
 use solution::Solution;
 use solution::columnar::write_columns;
-use specification::Specification;
+use specification::{Specification, SweepChunk};
 use std::any::Any;
 use std::io::{self, BufWriter, Read, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -17,6 +17,9 @@ use std::sync::mpsc::{Receiver, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
+
+/// The time of a part of a sweep is at least this multiple of the time that it takes to read its specification.
+const BEGINNING: u32 = 8;
 
 /// The function that solves a specification, called by workers, and by the front for inline solves.
 pub type Solver = Arc<dyn Fn(&Specification, &Control) -> Solution + Send + Sync>;
@@ -47,13 +50,12 @@ pub fn serve(
         .spawn(move || solve_all(&*solving, &solver, &assigned))?;
     while let Some((order, document)) = frame::read(&mut input)? {
         match order {
-            Order::Solve { task, limits, origin } => {
-                let assignment = desk.begin(task, limits, origin, document, true)?;
-                assign.send(assignment).map_err(io::Error::other)?;
+            Order::Solve { task, limits, origin, members } => {
+                let assignment = desk.begin(task, limits, origin, document)?;
+                assign.send(Assignment { solve: true, members, ..assignment }).map_err(io::Error::other)?;
             }
             Order::Check { task, limits, origin } => {
-                let assignment = desk.begin(task, limits, origin, document, false)?;
-                assign.send(assignment).map_err(io::Error::other)?;
+                assign.send(desk.begin(task, limits, origin, document)?).map_err(io::Error::other)?;
             }
             Order::Look { task } => {
                 if let Some(progress) = desk.progress(task) {
@@ -89,6 +91,8 @@ struct Assignment {
     document: Vec<u8>,
     /// Solve the document; otherwise only check it.
     solve: bool,
+    /// The members to solve, if the task is a part of a sweep.
+    members: Option<Members>,
     control: Arc<Control>,
     begun: Instant,
 }
@@ -98,19 +102,13 @@ impl<W: Write> Desk<W> {
         frame::write(&mut *self.output.lock().unwrap_or_else(PoisonError::into_inner), report, bytes)
     }
 
-    fn begin(
-        &self,
-        task: u64,
-        limits: Limits,
-        origin: Origin,
-        document: Vec<u8>,
-        solve: bool,
-    ) -> io::Result<Assignment> {
+    /// Takes a document up, to be checked.
+    fn begin(&self, task: u64, limits: Limits, origin: Origin, document: Vec<u8>) -> io::Result<Assignment> {
         let begun = Instant::now();
         let control = Arc::new(within(begun, limits.wall()));
         *self.task() = Some(Task { number: task, control: Arc::clone(&control), told: 0 });
         self.report(&Report::Taken { task }, &[])?;
-        Ok(Assignment { task, limits, origin, document, solve, control, begun })
+        Ok(Assignment { task, limits, origin, document, solve: false, members: None, control, begun })
     }
 
     /// Replaces the control of the current task; the new one is stopped if the old one was.
@@ -175,7 +173,7 @@ fn solve_all<W: Write>(desk: &Desk<W>, solver: &Solver, assigned: &Receiver<Assi
 }
 
 fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io::Result<()> {
-    let Assignment { task, limits, document, solve, control, begun, .. } = assignment;
+    let Assignment { task, limits, document, solve, members, control, begun, .. } = assignment;
     let specification = match limits.read(&document, &control) {
         Ok(specification) => specification,
         Err(errors) => {
@@ -189,9 +187,23 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
         let summary = serde_json::to_vec(&specification.summary())?;
         return desk.report(&Report::Checked { task, facts, resident }, &summary);
     }
+    if members.is_some() && specification.sweep().is_none() {
+        // A part of nothing: the front does not ask for that.
+        return desk.report(&Report::Refused { task, interrupted: false }, b"[]");
+    }
+    // What it takes to begin a part of a sweep is to be a small part of what is done then.
+    let least = BEGINNING * begun.elapsed();
+    let is_part = members.is_some();
+    let specification = match members {
+        Some(members) => specification.with_chunk(chunk(members, least)),
+        None => specification,
+    };
     let estimate = specification.memory_bytes();
     if estimate > limits.memory {
         return desk.report(&Report::TooMuchMemory { task, estimate }, &[]);
+    }
+    if is_part {
+        return solve_members(desk, solver, specification, (task, limits, begun));
     }
     let asked = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
     let control = Arc::new(within(begun, asked.into_iter().chain(limits.wall()).min()));
@@ -205,7 +217,8 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
         Encoded::Text(json) => (None, json),
         Encoded::Columns(json, skeleton) => {
             let mut pieces = BufWriter::with_capacity(PIECE, Pieces { desk, task });
-            let index = Fingerprint::of(&write_columns(&solution.trajectory, &skeleton, &mut pieces)?);
+            let (trajectory, table) = (&solution.trajectory, solution.table.as_ref());
+            let index = Fingerprint::of(&write_columns(trajectory, table, &skeleton, &mut pieces)?);
             // The rest of the buffer goes with the last report.
             (Some(Prints { json, index }), pieces.into_parts().1.map_err(io::Error::other)?)
         }
@@ -213,7 +226,38 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
     let solved = Box::new(Solved::of(specification.problem(), &solution));
     let progress = desk.progress(task).unwrap_or_default();
     drop((solution, specification));
-    desk.report(&Report::Solved { task, columns, solved, progress, resident: confinement::resident() }, &rest)
+    let resident = confinement::resident();
+    desk.report(&Report::Solved { task, columns, rows: None, solved, progress, resident }, &rest)
+}
+
+/// The part of a sweep that an order asks for, which takes `least` at least.
+fn chunk(members: Members, least: Duration) -> SweepChunk {
+    let Members { first, end, lost, seconds } = members;
+    let within = Duration::try_from_secs_f64(seconds).unwrap_or_default().max(least);
+    SweepChunk { members: first..end, lost: lost.map(|Lost { code, message }| (code, message)), within: Some(within) }
+}
+
+/// Solves a part of a sweep, and sends its rows. The wall time that the client allows is that of the whole sweep, with which
+/// the front reckons.
+fn solve_members<W: Write>(
+    desk: &Desk<W>,
+    solver: &Solver,
+    specification: Specification,
+    (task, limits, begun): (u64, Limits, Instant),
+) -> io::Result<()> {
+    let control = Arc::new(within(begun, limits.wall()));
+    desk.replace(&control);
+    let solution = solver(&specification, &control);
+    let solved = Box::new(Solved::of(specification.problem(), &solution));
+    let Some(table) = solution.table else {
+        let message = "a sweep without a table".to_owned();
+        return desk.report(&Report::Defect { task, message }, &[]);
+    };
+    let (rows, bytes) = (Some(table.rows()), table.to_bytes()?);
+    let progress = desk.progress(task).unwrap_or_default();
+    drop((table, specification));
+    let resident = confinement::resident();
+    desk.report(&Report::Solved { task, columns: None, rows, solved, progress, resident }, &bytes)
 }
 
 /// A writer that sends long results in pieces.

@@ -1,6 +1,6 @@
-//! XXH64 (Y. Collet, "xxHash fast digest algorithm", version 0.1.1, seed 0): the checksum of a chunk of a column. Eight bytes a
-//! multiplication in four lanes, it is read at the speed of memory, where SHA-256 would take longer than all else of an excerpt.
-//! It tells bits that a disk has changed, and is no protection against people.
+//! XXH64 (Y. Collet, "xxHash fast digest algorithm", version 0.1.1, seed 0): the checksum of a chunk of a column. With
+//! one multiplication per eight bytes in four lanes it runs at memory speed, whereas SHA-256 would dominate the time of
+//! an excerpt. It detects bits changed by a disk, and does not protect against tampering.
 
 const P1: u64 = 0x9E37_79B1_85EB_CA87;
 const P2: u64 = 0xC2B2_AE3D_27D4_EB4F;
@@ -54,7 +54,7 @@ mod tests {
 
     #[test]
     fn published_values() {
-        // Of the reference implementation.
+        // Values of the reference implementation.
         for (text, value) in [
             ("", 0xEF46_DB37_51D8_E999),
             ("a", 0xD24E_C4F1_A98C_6E5B),

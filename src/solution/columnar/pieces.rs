@@ -1,35 +1,41 @@
-//! Answers in pieces of bounded size: JSON a column after the other, tables a row after the other. The pieces of an answer in a
-//! row are what it would be as a whole.
+//! Answers in pieces of bounded size: JSON one column after another, tables one row after another. The concatenated
+//! pieces equal the answer written as a whole.
 
-use super::{Columns, Rows, Skeleton};
+use super::{Columns, Members, Rows, Skeleton};
 use crate::encodings::Table;
 use crate::excerpt::Selection;
 use crate::{Field, Trajectory};
 use std::io::{self, Write};
 
-/// Numbers in a piece, about 64 KiB of text.
+/// Numbers per piece, about 64 KiB of text.
 const PIECE: usize = 4096;
 
-/// JSON in the making.
+/// JSON of a selection, written piece by piece.
 pub struct JsonPieces {
     selection: Selection,
     skeleton: Skeleton,
-    /// The column and the row that come next; nothing before the first.
+    /// The column and row at which the next piece begins; `None` before the first piece.
     next: Option<(usize, usize)>,
+    /// The column and the part of the table of a sweep that come next, once it has been begun.
+    of_table: Option<(usize, usize)>,
 }
 
 impl JsonPieces {
-    /// The JSON of a selection, the rest of it as in `skeleton`.
+    /// The JSON of a selection, with everything else from `skeleton`.
     pub fn new(selection: Selection, skeleton: Skeleton) -> Self {
-        Self { selection, skeleton, next: None }
+        Self { selection, skeleton, next: None, of_table: None }
     }
 
-    /// Writes the next piece; says whether there is more.
+    /// Writes the next piece and returns whether there is more.
     ///
     /// # Errors
-    /// Those of the columns and of `out`.
+    /// Errors of reading the columns and of writing to `out`.
     pub fn write(&mut self, columns: &dyn Columns, out: &mut dyn Write) -> io::Result<bool> {
         let [before, between, after] = self.skeleton.around_columns();
+        let table = columns.members().zip(Skeleton::around_table(after));
+        if let (Some((members, (_, after))), Some(next)) = (table, &mut self.of_table) {
+            return write_part(members, next, after, out);
+        }
         let (mut column, mut row) = self.next.unwrap_or_default();
         if self.next.is_none() {
             out.write_all(before.as_bytes())?;
@@ -48,7 +54,7 @@ impl JsonPieces {
                 }
                 serde_json::to_writer(&mut *out, value)?;
             }
-            // A column counts for one, so that many empty ones make more than one piece.
+            // Each column counts as at least one number, so that many empty columns are split into pieces as well.
             room = room.saturating_sub(part.len().max(1));
             row += part.len();
             if row < rows {
@@ -66,9 +72,42 @@ impl JsonPieces {
             return Ok(true);
         }
         out.write_all(b"}")?;
+        let (after, is_more) = table.map_or((after, false), |(_, (before, _))| (before, true));
         out.write_all(after.as_bytes())?;
-        Ok(false)
+        self.of_table = is_more.then_some((0, 0));
+        Ok(is_more)
     }
+}
+
+/// Writes the next part of a column of a table, and what comes `after` the last one; says whether there is more.
+fn write_part(
+    members: &dyn Members,
+    (column, part): &mut (usize, usize),
+    after: &str,
+    out: &mut dyn Write,
+) -> io::Result<bool> {
+    let Some(named) = members.head().columns.get(*column) else {
+        out.write_all(after.as_bytes())?;
+        return Ok(false);
+    };
+    if *part == 0 {
+        begin(Some((*column, &named.name)), out)?;
+    }
+    if *part < members.parts() {
+        let values = members.values(*part, *column)?;
+        for row in 0..values.len() {
+            if *part + row > 0 {
+                out.write_all(b",")?;
+            }
+            values.write_json(row, out)?;
+        }
+        *part += 1;
+    }
+    if *part >= members.parts() {
+        out.write_all(b"]")?;
+        (*column, *part) = (*column + 1, 0);
+    }
+    Ok(true)
 }
 
 /// Writes what comes before the numbers of a column: of the times, or of a field with its place and its name.
@@ -83,11 +122,11 @@ fn begin(field: Option<(usize, &str)>, out: &mut dyn Write) -> io::Result<()> {
     out.write_all(b"[")
 }
 
-/// A table in the making.
+/// A table, written piece by piece.
 pub struct TablePieces {
     selection: Selection,
     table: Box<dyn Table>,
-    /// The row that comes next.
+    /// The row at which the next piece begins.
     next: usize,
 }
 
@@ -97,10 +136,10 @@ impl TablePieces {
         Self { selection, table, next: 0 }
     }
 
-    /// Writes the next piece; says whether there is more.
+    /// Writes the next piece and returns whether there is more.
     ///
     /// # Errors
-    /// Those of the columns and of `out`.
+    /// Errors of reading the columns and of writing to `out`.
     pub fn write(&mut self, columns: &dyn Columns, out: &mut dyn Write) -> io::Result<bool> {
         let count = (PIECE / (self.selection.fields.len() + 1)).max(1);
         let rows = self.selection.rows.part(self.next, count);
@@ -120,10 +159,10 @@ impl TablePieces {
     }
 }
 
-/// Writes the JSON of all that there is.
+/// Writes the whole answer as JSON.
 ///
 /// # Errors
-/// Those of the columns and of `out`.
+/// Errors of reading the columns and of writing to `out`.
 pub fn write_whole(columns: &dyn Columns, skeleton: &Skeleton, out: &mut dyn Write) -> io::Result<()> {
     let mut pieces = JsonPieces::new(Selection::whole(columns), skeleton.clone());
     while pieces.write(columns, out)? {}
@@ -131,16 +170,16 @@ pub fn write_whole(columns: &dyn Columns, skeleton: &Skeleton, out: &mut dyn Wri
 }
 
 impl Selection {
-    /// All that there is.
+    /// Selects all rows and fields.
     pub fn whole(columns: &dyn Columns) -> Self {
         let rows = Rows { first: 0, end: columns.rows(), every: 1 };
         Self { fields: (0..columns.names().len()).collect(), rows }
     }
 
-    /// The selected fields at some rows, without events.
+    /// The selected fields at the given rows, without events.
     ///
     /// # Errors
-    /// Those of the columns.
+    /// Errors of reading the columns.
     pub fn block(&self, columns: &dyn Columns, rows: Rows) -> io::Result<Trajectory> {
         let names = columns.names();
         let field =
@@ -149,10 +188,10 @@ impl Selection {
         Ok(Trajectory { t: columns.values(0, rows)?, fields, events: Vec::new() })
     }
 
-    /// That all of it is as it was written.
+    /// Verifies the checksums of the selection.
     ///
     /// # Errors
-    /// Those of the columns.
+    /// Errors of reading the columns.
     pub fn verify(&self, columns: &dyn Columns) -> io::Result<()> {
         let all: Vec<usize> = std::iter::once(0).chain(self.fields.iter().map(|field| field + 1)).collect();
         columns.verify(&all, self.rows)

@@ -1,8 +1,8 @@
-//! A solution without its columns, as JSON: what an excerpt of it says beside the numbers.
+//! A solution without its columns, as JSON: everything in an excerpt other than the numbers.
 
 use crate::{
     Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
-    Summary, Trajectory, Verdict, Version,
+    Summary, Table, Trajectory, Verdict, Version,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
@@ -10,14 +10,17 @@ use std::borrow::Cow;
 use std::io;
 use std::ops::RangeInclusive;
 
-/// What stands between the two places where columns go.
+/// The text from the place of the times to the place of the fields, both empty.
 const EMPTY: &str = "\"trajectory\":{\"t\":[],\"fields\":{},";
 
-/// The text with the places of the columns empty.
+/// The table of a sweep whose columns are elsewhere.
+const EMPTY_TABLE: &str = "\"table\":{\"columns\":{}";
+
+/// The text with the places of the columns empty, those of the table of a sweep as well.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Skeleton(String);
 
-/// A solution whose evidence stays text.
+/// A solution whose diagnostics, table and study remain JSON text.
 #[derive(Serialize, Deserialize)]
 struct Parts<'a> {
     #[serde(default)]
@@ -52,11 +55,16 @@ struct Parts<'a> {
     study: Option<Cow<'a, RawValue>>,
 }
 
+/// A table without its columns.
+fn head_of(table: &Table) -> serde_json::Result<Box<RawValue>> {
+    serde_json::value::to_raw_value(&Table { columns: Vec::new(), ..table.head() })
+}
+
 impl Skeleton {
-    /// That of a solution.
+    /// The skeleton of a solution.
     ///
     /// # Errors
-    /// A part of the solution has no JSON form, which there is not.
+    /// Failure of serialisation, which does not occur for a valid solution.
     pub fn of(solution: &Solution) -> io::Result<Self> {
         let Solution {
             version,
@@ -90,7 +98,7 @@ impl Skeleton {
             sensitivities: sensitivities.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
-            table: table.as_ref().map(|table| evidence(serde_json::value::to_raw_value(table))).transpose()?,
+            table: table.as_ref().map(|table| evidence(head_of(table))).transpose()?,
             summary: summary.clone(),
             fit: fit.clone(),
             solution: of_static.clone(),
@@ -99,10 +107,10 @@ impl Skeleton {
         Ok(Self(serde_json::to_string(&parts)?))
     }
 
-    /// That of the JSON of a solution, and its trajectory.
+    /// Splits the JSON of a solution into its skeleton and its trajectory.
     ///
     /// # Errors
-    /// The text is another.
+    /// The text is not the JSON of a solution.
     pub fn read(json: &[u8]) -> io::Result<(Self, Trajectory)> {
         let mut parts: Parts<'_> = serde_json::from_slice(json)?;
         let events = parts.trajectory.events.clone();
@@ -110,22 +118,22 @@ impl Skeleton {
         Ok((Self(serde_json::to_string(&parts)?), trajectory))
     }
 
-    /// A text that was stored.
+    /// A skeleton from stored text.
     ///
     /// # Errors
-    /// There are no places for columns in it.
+    /// The text has no places for columns.
     pub fn of_text(text: String) -> io::Result<Self> {
         let found = text.contains(EMPTY).then_some(Self(text));
         found.ok_or_else(|| io::Error::new(io::ErrorKind::InvalidData, "a solution has a trajectory"))
     }
 
-    /// The text.
+    /// The JSON text.
     pub fn text(&self) -> &str {
         &self.0
     }
 
-    /// What stands before the times, between them and the fields, and after the fields; within a string, quotes are not
-    /// without a backslash.
+    /// The text before the times, between times and fields, and after the fields. The search cannot match within a JSON
+    /// string, whose quotes are escaped.
     pub fn around_columns(&self) -> [&str; 3] {
         let start = self.0.find(EMPTY).unwrap_or_default();
         let (times, fields) = ("\"trajectory\":{\"t\":".len(), EMPTY.len() - "{},".len());
@@ -133,7 +141,7 @@ impl Skeleton {
         [&self.0[..start + times], &self.0[between], &self.0[start + EMPTY.len() - ",".len()..]]
     }
 
-    /// The same with no events but those of a time within `times`.
+    /// The skeleton with only the events at times within `times`.
     ///
     /// # Errors
     /// The text is not that of a solution.
@@ -143,22 +151,29 @@ impl Skeleton {
         Ok(Self(serde_json::to_string(&parts)?))
     }
 
-    /// The solution with `trajectory` for its columns.
+    /// What stands before the columns of the table of a sweep and after them in a part of the text, if they are elsewhere.
+    pub fn around_table(text: &str) -> Option<(&str, &str)> {
+        let start = text.find(EMPTY_TABLE)? + EMPTY_TABLE.len() - "}".len();
+        Some(text.split_at(start))
+    }
+
+    /// The solution with `trajectory` for its columns, and the table of a sweep if that is elsewhere.
     ///
     /// # Errors
     /// The text is not that of a solution.
-    pub fn with(&self, trajectory: Trajectory) -> io::Result<Solution> {
+    pub fn with(&self, trajectory: Trajectory, table: Option<Table>) -> io::Result<Solution> {
         let solution: Solution = serde_json::from_str(&self.0)?;
         let events = solution.trajectory.events;
-        Ok(Solution { trajectory: Trajectory { events, ..trajectory }, ..solution })
+        let table = table.or(solution.table);
+        Ok(Solution { trajectory: Trajectory { events, ..trajectory }, table, ..solution })
     }
 
-    /// Whether it is the answer of a sweep. Within a string, quotes are not without a backslash.
+    /// Whether it is the answer of a sweep. The search cannot match within a JSON string, whose quotes are escaped.
     pub fn has_table(&self) -> bool {
         self.0.contains("\"table\":{\"columns\":")
     }
 
-    /// What the solution is the answer to.
+    /// The provenance of the solution.
     ///
     /// # Errors
     /// The text is not that of a solution.

@@ -1,44 +1,55 @@
-//! The stored form: written from first to last, read at any place, each chunk against its checksum.
+//! The stored form: written sequentially, read at any place, with every chunk verified against its checksum.
 
 use super::checksum::checksum;
+use super::members::{Members, PartsIndex, StoredMembers, write_parts};
 use super::{Columns, Rows, Skeleton};
-use crate::Trajectory;
+use crate::{Table, Trajectory};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The rows of a chunk, 8 KiB: what is read for a single number of it.
+/// Rows per chunk, 8 KiB: the amount read for a single number.
 const CHUNK: usize = 1024;
 
-/// The bytes of a number.
+/// Bytes per number.
 const WIDTH: usize = size_of::<f64>();
 
-/// What the bytes before it are.
+/// The index, which describes the bytes before it.
 #[derive(Serialize, Deserialize)]
 struct Index {
-    /// The number of this form.
+    /// Version number of the stored form.
     columns: u32,
     rows: usize,
     names: Vec<String>,
-    /// Of the chunks of the times, then of those of each field.
+    /// Checksums of the chunks of the times, then of those of each field.
     checksums: Vec<u64>,
+    /// The table of a sweep.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    members: Option<PartsIndex>,
     skeleton: String,
 }
 
-/// The number of the form.
-const FORM: u32 = 1;
+/// The number of the form, and that of the form without the table of a sweep.
+const FORM: u32 = 2;
+const WITHOUT_MEMBERS: u32 = 1;
 
-/// Writes `trajectory`, and the rest of its solution; gives the bytes of the index, which are the last that it wrote.
+/// Writes `trajectory`, the `table` if it is that of a sweep, and the rest of the solution; gives the bytes of the index,
+/// which are the last that it wrote.
 ///
 /// # Errors
 /// Those of `out`.
-pub fn write_columns(trajectory: &Trajectory, skeleton: &Skeleton, out: &mut impl Write) -> io::Result<Vec<u8>> {
+pub fn write_columns(
+    trajectory: &Trajectory,
+    table: Option<&Table>,
+    skeleton: &Skeleton,
+    out: &mut impl Write,
+) -> io::Result<Vec<u8>> {
     let rows = trajectory.t.len();
     let (mut checksums, mut bytes) = (Vec::new(), Vec::with_capacity(CHUNK * WIDTH));
     for column in std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values)) {
         if column.len() != rows {
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "columns have the same length"));
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, "columns must have the same length"));
         }
         for chunk in column.chunks(CHUNK) {
             bytes.clear();
@@ -48,18 +59,20 @@ pub fn write_columns(trajectory: &Trajectory, skeleton: &Skeleton, out: &mut imp
         }
     }
     let names = trajectory.fields.iter().map(|field| field.name.clone()).collect();
-    let index = Index { columns: FORM, rows, names, checksums, skeleton: skeleton.text().to_owned() };
+    let members = table.map_or(Ok(None), |table| write_parts(table, out))?;
+    let columns = if members.is_some() { FORM } else { WITHOUT_MEMBERS };
+    let index = Index { columns, rows, names, checksums, members, skeleton: skeleton.text().to_owned() };
     let index = serde_json::to_vec(&index)?;
     out.write_all(&index)?;
     Ok(index)
 }
 
-/// Bytes that can be read at any place.
+/// Bytes with random access.
 pub trait Source: Send + Sync {
-    /// Reads the bytes from `offset` on.
+    /// Reads bytes from `offset` on.
     ///
     /// # Errors
-    /// Those of the disk, or there are too few.
+    /// Errors of the disk, or too few bytes.
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()>;
 }
 
@@ -72,33 +85,56 @@ impl Source for Vec<u8> {
     }
 }
 
-/// Bytes that are shared.
+/// Shared bytes.
 impl<S: Source + ?Sized> Source for Arc<S> {
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()> {
         (**self).read_at(offset, bytes)
     }
 }
 
-/// Columns where they are stored.
+/// Columns in the stored form.
 pub struct Stored {
-    source: Box<dyn Source>,
+    source: Arc<dyn Source>,
     rows: usize,
     names: Vec<String>,
     checksums: Vec<u64>,
+    members: Option<StoredMembers>,
     skeleton: Skeleton,
 }
 
 impl Stored {
-    /// The columns in `source` under an index whose digest the caller has compared.
+    /// Opens the columns in `source` with an index whose digest the caller has verified.
     ///
     /// # Errors
-    /// It is no index.
+    /// The bytes are not a valid index.
     pub fn open(source: impl Source + 'static, index: &[u8]) -> io::Result<Self> {
-        let Index { columns, rows, names, checksums, skeleton } = serde_json::from_slice(index)?;
-        if columns != FORM || checksums.len() != (1 + names.len()) * rows.div_ceil(CHUNK) {
+        let Index { columns, rows, names, checksums, members, skeleton } = serde_json::from_slice(index)?;
+        let is_known = [FORM, WITHOUT_MEMBERS].contains(&columns);
+        if !is_known || checksums.len() != (1 + names.len()) * rows.div_ceil(CHUNK) {
             return Err(io::Error::new(io::ErrorKind::InvalidData, format!("columns of form {columns} are not known")));
         }
-        Ok(Self { source: Box::new(source), rows, names, checksums, skeleton: Skeleton::of_text(skeleton)? })
+        let source: Arc<dyn Source> = Arc::new(source);
+        let start = ((1 + names.len()) * rows * WIDTH) as u64;
+        let members = members.map(|members| StoredMembers::new(Arc::clone(&source), members, start));
+        Ok(Self { source, rows, names, checksums, members, skeleton: Skeleton::of_text(skeleton)? })
+    }
+
+    /// The table of a sweep in `source`, and the rest of its solution, which has no trajectory.
+    pub fn of_members(source: Arc<dyn Source>, index: PartsIndex, skeleton: Skeleton) -> Self {
+        let members = Some(StoredMembers::new(Arc::clone(&source), index, 0));
+        Self { source, rows: 0, names: Vec::new(), checksums: Vec::new(), members, skeleton }
+    }
+
+    /// The bytes of the index, as they stand behind the columns.
+    ///
+    /// # Errors
+    /// There are none: the index has a JSON form.
+    pub fn index(&self) -> io::Result<Vec<u8>> {
+        let members = self.members.as_ref().map(|members| members.index().clone());
+        let columns = if members.is_some() { FORM } else { WITHOUT_MEMBERS };
+        let (names, checksums) = (self.names.clone(), self.checksums.clone());
+        let skeleton = self.skeleton.text().to_owned();
+        Ok(serde_json::to_vec(&Index { columns, rows: self.rows, names, checksums, members, skeleton })?)
     }
 
     /// The solution without its columns.
@@ -106,9 +142,10 @@ impl Stored {
         &self.skeleton
     }
 
-    /// The bytes before the index.
+    /// Number of bytes before the index.
     pub fn bytes(&self) -> u64 {
-        ((1 + self.names.len()) * self.rows * WIDTH) as u64
+        let columns = ((1 + self.names.len()) * self.rows * WIDTH) as u64;
+        self.members.as_ref().map_or(columns, StoredMembers::end)
     }
 
     /// The rows of a chunk.
@@ -117,7 +154,7 @@ impl Stored {
         start..(start + CHUNK).min(self.rows)
     }
 
-    /// Reads a chunk of a column over `bytes`.
+    /// Reads a chunk of a column into `bytes`.
     fn read(&self, column: usize, chunk: usize, bytes: &mut Vec<u8>) -> io::Result<()> {
         let rows = self.chunk(chunk);
         let written = self.checksums.get(column * self.rows.div_ceil(CHUNK) + chunk);
@@ -126,11 +163,12 @@ impl Stored {
         if written == Some(&checksum(bytes)) {
             Ok(())
         } else {
-            Err(io::Error::new(io::ErrorKind::InvalidData, "a column is not as it was written"))
+            Err(io::Error::new(io::ErrorKind::InvalidData, "a column has changed since it was written"))
         }
     }
 
-    /// Calls `visit` with every chunk of a column that has one of `rows`: its bytes, and the rows among those in it.
+    /// Calls `visit` for every chunk of a column that contains some of `rows`, with its bytes and these rows relative
+    /// to the chunk.
     fn visit(&self, column: usize, rows: Rows, mut visit: impl FnMut(&[u8], Rows)) -> io::Result<()> {
         let (mut bytes, mut next, end) = (Vec::new(), rows.first, rows.end.min(self.rows));
         while next < end {
@@ -169,7 +207,7 @@ impl Columns for Stored {
     fn partition_point(&self, is_before: &dyn Fn(f64) -> bool) -> io::Result<usize> {
         let chunks: Vec<usize> = (0..self.rows.div_ceil(CHUNK)).collect();
         let (mut bytes, mut broken) = (Vec::new(), Ok(()));
-        // The first chunk whose last time is not before.
+        // The first chunk whose last time does not satisfy `is_before`.
         let found = chunks.partition_point(|&chunk| match self.read(0, chunk, &mut bytes) {
             Ok(()) => bytes.as_chunks::<WIDTH>().0.last().is_some_and(|time| is_before(f64::from_le_bytes(*time))),
             Err(error) => {
@@ -185,12 +223,16 @@ impl Columns for Stored {
         let times = bytes.as_chunks::<WIDTH>().0;
         Ok(self.chunk(found).start + times.partition_point(|time| is_before(f64::from_le_bytes(*time))))
     }
+
+    fn members(&self) -> Option<&dyn Members> {
+        self.members.as_ref().map(|members| members as &dyn Members)
+    }
 }
 
-/// A file that is too short is not what was written.
+/// Reports a file that is too short as invalid data.
 fn cut_off(error: io::Error) -> io::Error {
     match error.kind() {
-        io::ErrorKind::UnexpectedEof => io::Error::new(io::ErrorKind::InvalidData, "the end of the columns is gone"),
+        io::ErrorKind::UnexpectedEof => io::Error::new(io::ErrorKind::InvalidData, "the end of the columns is missing"),
         _ => error,
     }
 }
@@ -199,7 +241,9 @@ fn cut_off(error: io::Error) -> io::Error {
 mod tests {
     use super::super::write_whole;
     use super::*;
+    use crate::columnar::PART;
     use crate::encodings::{self, Csv};
+    use crate::{Column, Incomplete, TableProvenance, Values, Words};
     use crate::{Diagnostics, Event, EventKind, Excerpt, Field, Solution, Status, Verdict, Version};
     use std::num::NonZeroUsize;
 
@@ -235,7 +279,9 @@ mod tests {
 
     fn stored(solution: &Solution) -> (Vec<u8>, Vec<u8>) {
         let mut bytes = Vec::new();
-        let index = write_columns(&solution.trajectory, &Skeleton::of(solution).unwrap(), &mut bytes).unwrap();
+        let index =
+            write_columns(&solution.trajectory, solution.table.as_ref(), &Skeleton::of(solution).unwrap(), &mut bytes)
+                .unwrap();
         assert!(bytes.ends_with(&index));
         (bytes, index)
     }
@@ -285,6 +331,55 @@ mod tests {
         let mut table = super::super::TablePieces::new(crate::Selection::whole(&columns), Box::new(Csv));
         while table.write(&columns, &mut pieces).unwrap() {}
         assert!(whole == pieces);
+    }
+
+    #[test]
+    fn the_json_of_a_stored_table_is_that_of_the_solution() {
+        for rows in [0, 1, PART, 2 * PART + 5] {
+            let column = |name: &str, values: Values| Column { name: name.to_owned(), values };
+            let mut words = Words::default();
+            (0..rows).for_each(|row| {
+                words.push((row % 3 > 0).then_some(["", "a>\"b", "\"table\":{\"columns\":{}"][row % 3]))
+            });
+            let table = Table {
+                columns: vec![
+                    column("member", Values::Counts((0..rows as u32).collect())),
+                    column(
+                        "x",
+                        Values::Numbers(
+                            (0..rows).map(|k| if k % 7 == 0 { f64::NAN } else { -0.1 * k as f64 }).collect(),
+                        ),
+                    ),
+                    column("\"table\":{\"columns\":{}", Values::Numbers(vec![f64::NAN; rows])),
+                    column("error", Values::Words(words)),
+                    column("trusted", Values::Flags((0..rows).map(|k| k % 2 == 0).collect())),
+                ],
+                members: 3 * PART as u64,
+                failed: 0,
+                swept: Vec::new(),
+                collected: vec!["x".to_owned()],
+                times: Vec::new(),
+                provenance: TableProvenance::default(),
+            };
+            let solution = table.into_answer(3 * PART, Incomplete::CANCELLED);
+            let mut told = Vec::new();
+            encodings::write_json(&solution, &mut told).unwrap();
+            let (bytes, index) = stored(&solution);
+            let columns = Stored::open(bytes.clone(), &index).unwrap();
+            assert_eq!(columns.bytes() as usize, bytes.len() - index.len());
+            let mut json = Vec::new();
+            write_whole(&columns, columns.skeleton(), &mut json).unwrap();
+            assert!(json == told, "{rows} rows: {}", String::from_utf8_lossy(&json[..json.len().min(2000)]));
+            let members = columns.members().unwrap();
+            assert_eq!(Some(members.whole().unwrap()), solution.table);
+            members.verify().unwrap();
+            for place in (0..bytes.len() - index.len()).step_by(997) {
+                let mut flipped = bytes.clone();
+                flipped[place] ^= 1;
+                let read = Stored::open(flipped, &index).unwrap();
+                assert_eq!(read.members().unwrap().verify().unwrap_err().kind(), io::ErrorKind::InvalidData, "{place}");
+            }
+        }
     }
 
     #[test]

@@ -1,14 +1,14 @@
-//! Runs with ever smaller steps: how far each is from the last, and which of them is the answer.
+//! Runs with successively halved steps: the distance of each from the previous one, and the choice of the answer.
 
 use crate::run::{Plan, Run};
 use crate::{CheckCode, Refinement, Warning};
 use convolution::Convolution;
 
-/// The run with the least estimated error so far: beyond some number of steps rounding errors, which grow as the step to
-/// the power of the order of the kernel falls, outweigh what a smaller step gains.
+/// The run with the least estimated error so far. Beyond some number of steps, rounding errors, which grow as an
+/// inverse power of the step given by the order of the kernel, outweigh the gain of a smaller step.
 pub(super) struct Best<'a> {
     run: Run<'a>,
-    /// Its distance from the run before it; none of the first run.
+    /// The distance of this run from the previous one; `None` for the first run.
     refinement: Option<Refinement>,
     steps: usize,
 }
@@ -23,24 +23,25 @@ impl<'a> Best<'a> {
         self.refinement.as_ref().map_or(f64::INFINITY, |refinement| refinement.scaled)
     }
 
-    /// By how much it is expected to be off, for a comparison: one distance alone may be small by chance.
+    /// The estimated error, for comparison with other runs. It is infinite if it rests on a single distance, which may
+    /// be small by chance.
     pub fn rank(&self) -> f64 {
         let estimated = self.refinement.as_ref().filter(|refinement| refinement.halvings > 1);
         estimated.map_or(f64::INFINITY, |refinement| refinement.scaled)
     }
 
-    /// The run, with the estimate taken into its evidence, where the last run that was made had `last` steps.
+    /// Returns the run with the estimate added to its evidence; `last` is the number of steps of the last run.
     pub fn judged(mut self, agrees: bool, last: usize) -> Run<'a> {
         let (scaled, steps) = (self.scaled(), self.steps);
         let diagnostics = &mut self.run.diagnostics;
         let message = || match &self.refinement {
             None => format!("the run with {steps} steps is the only one: there was none to compare it with"),
             Some(_) if steps < last => format!(
-                "the run with {steps} steps differs least from that with half as many, by {scaled:.1e} tolerances in the mean \
-                 over time; with more, up to {last}, rounding errors grow: a larger `rtol` can be reached"
+                "the run with {steps} steps differs least from the one with half as many, by {scaled:.1e} tolerances \
+                 in the mean over time; with more steps, up to {last}, rounding errors grow: choose a larger `rtol`"
             ),
             Some(_) => format!(
-                "the run with {steps} steps is the last that is made; it still differs from that with half as many by \
+                "the run with {steps} steps is the last one; it still differs from the one with half as many by \
                  {scaled:.1e} tolerances in the mean over time"
             ),
         };
@@ -53,18 +54,18 @@ impl<'a> Best<'a> {
     }
 }
 
-/// A run with which the next is compared.
+/// A run to compare the next one with.
 pub(super) struct Coarse {
-    /// Of each variable, the values at the ends of the steps.
+    /// The values of each variable at the ends of the steps.
     ends: Vec<Vec<f64>>,
-    /// How far each was from the run before it.
+    /// The distance of each variable from the previous run.
     distances: Option<Vec<f64>>,
-    /// How often in a row the largest of these distances has grown.
+    /// Number of consecutive runs in which the largest distance has grown.
     growths: u32,
 }
 
-/// Halvings in a row that bring runs further apart before rounding errors are held to blame: one alone may be a feature of
-/// the solution that only the last run resolves.
+/// Number of consecutive halvings with growing distances after which rounding errors are assumed: a single one may be
+/// due to a feature of the solution that only the last run resolves.
 const GROWTHS: u32 = 2;
 
 impl Coarse {
@@ -73,19 +74,19 @@ impl Coarse {
         Self { ends, distances: None, growths: 0 }
     }
 
-    /// This run as the one that came after `before`, with its distances from that.
+    /// This run as the successor of `before`, with its distances from it.
     pub fn after(self, before: Option<Self>, distances: Option<Vec<f64>>) -> Self {
         let grown = |before: &Self| Some(largest(distances.as_ref()?) > largest(before.distances.as_ref()?));
         let growths = before.filter(|before| grown(before) == Some(true)).map_or(0, |before| before.growths + 1);
         Self { distances, growths, ..self }
     }
 
-    /// Whether smaller steps make it worse.
+    /// Whether smaller steps increase the error.
     pub fn diverges(&self) -> bool {
         self.growths >= GROWTHS
     }
 
-    /// How far the run with twice the steps is from this one, with the distances as such.
+    /// The refinement from this run to one with twice the steps, and the distances of the variables.
     pub fn refined(&self, fine: &Self, plan: &Plan, rtol: f64, atol: &[f64], halvings: i32) -> (Refinement, Vec<f64>) {
         let mean = |coarse: &[f64], fine: &[f64]| {
             let pairs = coarse.iter().zip(fine.iter().skip(1).step_by(2));

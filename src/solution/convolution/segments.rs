@@ -1,6 +1,6 @@
-//! Runs by segments between located switches: each with a tenth of the tolerance of the one before and elements at most half
-//! as long, until two agree in the mean over time and in the number of their switches. The last is the answer then; where no two
-//! agree it is the one that differs least from the run before it, unless a uniform mesh does better.
+//! Runs by segments between located switches. Each run has a tenth of the tolerance of the previous one and elements at
+//! most half as long, until two runs agree in the mean over time and in the number of switches. The last is then the
+//! answer; if no two agree, it is the one that differs least from its predecessor, unless a uniform mesh is better.
 
 use super::failure;
 use crate::run::{Plan, Run, Stepper, ending};
@@ -12,19 +12,19 @@ use convolution::{Activity, SegmentSettings, Segments};
 use models::ConvolutionModel;
 use problem::{Control, Dvi};
 
-/// Runs before it is given up.
+/// Most runs.
 const RUNS: usize = 4;
-/// The first tolerance of an element against that of the run, and the factor from run to run.
+/// The tolerance of the first run relative to the requested one, and the factor from run to run.
 const FIRST: f64 = 0.1;
 const NEXT: f64 = 0.1;
 
-/// Why another method is needed, and the best of the runs, if two were made.
+/// The reason for another method, and the best of the runs, if there were two.
 pub(super) struct Unsettled {
     pub why: String,
     pub best: Option<Solution>,
 }
 
-/// The answer, unless no two runs agree.
+/// Integrates by segments; an error if no two runs agree.
 pub(super) fn integrate(
     model: &ConvolutionModel,
     plan: &Plan,
@@ -87,7 +87,7 @@ pub(super) fn integrate(
     Err(unsettled(format!("{RUNS} runs, each with a tenth of the tolerance of the last, did not agree"), best))
 }
 
-/// What is known before the run.
+/// The diagnostics known before the run.
 pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnostics {
     let mut diagnostics = Diagnostics {
         method: "convolution",
@@ -97,7 +97,7 @@ pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnos
     };
     let left_out = &mut diagnostics.left_out;
     left_out.push("convolution quadrature: it needs steps of one length".to_owned());
-    left_out.push("variational inequality: between switches equations hold".to_owned());
+    left_out.push("variational inequality: between switches there are only equations".to_owned());
     if model.forcing.structure().moving.is_empty() {
         left_out.push("new bounds: they are constant".to_owned());
     } else {
@@ -106,11 +106,12 @@ pub(super) fn describe(model: &ConvolutionModel, analysis: &Analysis) -> Diagnos
     diagnostics
 }
 
-/// A run with the names that its columns go by.
+/// A run with the names of its columns.
 struct SegmentedRun<'p> {
     segments: Segments<'p>,
     names: &'p [String],
-    /// The elements told; the first is made at once, since `z` at the start is that of its functions.
+    /// Number of elements reported. The first is computed immediately, since `z` at the start comes from its basis
+    /// functions.
     told: usize,
     start: f64,
     ends: Vec<f64>,
@@ -187,7 +188,7 @@ impl Stepper for SegmentedRun<'_> {
 
     fn values(&mut self, t: f64, out: &mut [f64]) {
         if self.segments.outputs(t, out).is_err() {
-            // What is not finite between two nodes has no say here: what was found at the nodes is told.
+            // A value between two nodes that is not finite is ignored: report the values at the nodes.
             out[..self.names.len()].copy_from_slice(&self.ends);
         }
     }
@@ -212,19 +213,20 @@ impl Stepper for SegmentedRun<'_> {
         let Segments { rejected, proven, open, .. } = self.segments;
         diagnostics.steps = Steps { accepted: self.told as u64, rejected, ..Steps::default() };
         diagnostics.screening = Some(Screening { proven, undecided: open, missed: 0 });
-        // What holds behind a switch is a face on which the variables may have to be impulses, where the order is above one.
+        // After a switch, with a kernel of order above one, variables on the new face may have to be impulses, which is
+        // not examined.
         let doubted = if self.order > 1.0 { self.switches } else { 0 };
         diagnostics.checks.record(CheckCode::EventsUnproven, doubted as f64, 0.0, || {
             format!(
-                "{doubted} switches of a kernel of order {} lead to faces that are not proven to be right: above order one a \
-                 variable that is held may have to be an impulse; a `step` asks for a uniform mesh to compare with",
+                "{doubted} switches of a kernel of order {} lead to faces that are not verified: above order one a \
+                 variable at its bound may have to be an impulse; set a `step` to compare with a uniform mesh",
                 self.order
             )
         });
         diagnostics.checks.record(CheckCode::EventsUnproven, open as f64, 0.0, || {
             format!(
-                "{open} steps are not proven free of switches, and one that comes and goes within a step would not be seen; a \
-                 smaller `max_step` may help"
+                "{open} steps are not proven free of switches, and one that begins and ends within a step would not be \
+                 seen; a smaller `max_step` may help"
             )
         });
     }

@@ -1,8 +1,8 @@
-//! The streaming form of Arrow's interprocess communication (`application/vnd.apache.arrow.stream`): a schema, record
-//! batches of columns of doubles, none of them null, and the mark of the end.
+//! The streaming format of Arrow's interprocess communication (`application/vnd.apache.arrow.stream`): a schema, record
+//! batches of non-null columns of doubles, and the end-of-stream marker.
 //!
-//! The metadata of the schema hold the verdict: `dvi.trusted` is `true` or `false`, `dvi.verdict` the whole of it as JSON; and as
-//! `dvi.provenance` what the answer is to.
+//! The metadata of the schema contain the verdict: `dvi.trusted` is `true` or `false`, `dvi.verdict` the whole verdict
+//! as JSON; `dvi.provenance` identifies the specification that was solved.
 
 use super::Table;
 use crate::{Provenance, Trajectory, Verdict};
@@ -22,15 +22,15 @@ pub struct Arrow {
 }
 
 impl Arrow {
-    /// A stream of an answer on which this is the verdict.
+    /// A stream with the given verdict in its metadata.
     pub fn with(verdict: &Verdict) -> Self {
-        // Every number of a verdict is finite, so that it has a JSON form.
+        // Every number of a verdict is finite, so that serialisation cannot fail.
         let json = serde_json::to_string(verdict).unwrap_or_default();
         let metadata = [("dvi.trusted", verdict.trusted.to_string()), ("dvi.verdict", json)];
         Self { metadata: metadata.map(|(key, value)| (key.to_owned(), value)).into(), begun: None }
     }
 
-    /// The same, with what the answer is to.
+    /// Adds the provenance to the metadata.
     #[must_use]
     pub fn of(mut self, provenance: Option<&Provenance>) -> Self {
         if let Some(json) = provenance.and_then(|provenance| serde_json::to_string(provenance).ok()) {
@@ -39,12 +39,12 @@ impl Arrow {
         self
     }
 
-    /// The metadata of its schema.
+    /// The metadata of the schema.
     pub fn metadata(&self) -> &HashMap<String, String> {
         &self.metadata
     }
 
-    /// Hands on what has been written.
+    /// Flushes the bytes written so far to `out`.
     fn pass_on(&mut self, out: &mut dyn Write) -> io::Result<()> {
         let Some((_, writer)) = &mut self.begun else { return Ok(()) };
         let written = writer.get_mut();

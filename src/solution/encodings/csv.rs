@@ -1,4 +1,4 @@
-//! CSV (RFC 4180, lines ended by a line feed): the header `t,name,...`, then a row a time.
+//! CSV (RFC 4180, with lines ended by a line feed): the header `t,name,...`, then one row per time.
 
 use super::Table;
 use crate::Trajectory;
@@ -38,7 +38,7 @@ impl Table for Csv {
     }
 }
 
-/// A field of text, quoted where RFC 4180, section 2, asks for it.
+/// Writes a text field, quoted where RFC 4180, section 2, requires it.
 pub(super) fn write_text(text: &str, out: &mut (impl Write + ?Sized)) -> io::Result<()> {
     if text.contains(['"', ',', '\n', '\r']) {
         write!(out, "\"{}\"", text.replace('"', "\"\""))

@@ -1,4 +1,4 @@
-//! JSON lines (`application/x-ndjson`): a row a time, `{"t":...,"name":...}`, each an object on a line of its own.
+//! JSON lines (`application/x-ndjson`): one object `{"t":...,"name":...}` per time, each on its own line.
 
 use super::Table;
 use crate::Trajectory;

@@ -1,65 +1,157 @@
-//! The table of a sweep in the forms of others: CSV, JSON lines, an Arrow stream. What is missing is nothing in CSV, null in the
-//! others.
+//! The table of a sweep in other formats: CSV, JSON lines, an Arrow stream. Missing values are empty in CSV, null in
+//! the others.
 
 use super::csv::write_text;
-use crate::{Solution, Table, Values, Verdict};
-use arrow_array::{ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray, UInt32Array};
+use crate::columnar::Members;
+use crate::{Column, Solution, Table, Values, Verdict};
+use arrow_array::types::Float64Type;
+use arrow_array::{ArrayRef, BooleanArray, FixedSizeListArray, Float64Array, RecordBatch, StringArray, UInt32Array};
 use arrow_ipc::writer::StreamWriter;
 use arrow_schema::{ArrowError, DataType, Field, Schema};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 use std::collections::HashMap;
 use std::io::{self, Write};
-use std::ops::Range;
 use std::sync::Arc;
-
-/// Rows of a batch of an Arrow stream.
-const BATCH: usize = 1 << 14;
 
 /// A form of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MembersForm {
-    /// A header, and a row a member.
+    /// CSV: a header, and one row per member.
     Csv,
-    /// An object a member, each on a line.
+    /// JSON lines: one object per member.
     Lines,
-    /// A stream of record batches.
+    /// Arrow: a stream of record batches.
     Arrow,
 }
 
 /// Writes the table of a sweep.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_members(solution: &Solution, form: MembersForm, out: &mut impl Write) -> io::Result<()> {
     let Some(table) = &solution.table else { return Ok(()) };
-    match form {
-        MembersForm::Csv => write_csv(table, out),
-        MembersForm::Lines => write_lines(table, out),
-        MembersForm::Arrow => write_arrow(table, &solution.verdict, out),
+    let mut pieces = MembersPieces::new(form, &solution.verdict);
+    while pieces.write(table, out)? {}
+    Ok(())
+}
+
+/// The table of a sweep in the making, a part of its rows at a time.
+pub struct MembersPieces {
+    form: MembersForm,
+    /// Whether the answer is trusted, and the verdict as JSON.
+    verdict: (bool, String),
+    /// The part that comes next.
+    part: usize,
+    arrow: Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>,
+}
+
+impl MembersPieces {
+    /// The table of an answer on which this is the verdict.
+    pub fn new(form: MembersForm, verdict: &Verdict) -> Self {
+        // Every number of a verdict is finite, so that it has a JSON form.
+        let verdict = (verdict.trusted, serde_json::to_string(verdict).unwrap_or_default());
+        Self { form, verdict, part: 0, arrow: None }
+    }
+
+    /// Writes the next piece; says whether there is more.
+    ///
+    /// # Errors
+    /// Those of the table and of `out`.
+    pub fn write(&mut self, members: &dyn Members, out: &mut dyn Write) -> io::Result<bool> {
+        let is_first = self.part == 0;
+        let rows = if self.part < members.parts() { members.part(self.part)? } else { members.head().head() };
+        self.part += 1;
+        let is_last = self.part >= members.parts();
+        match self.form {
+            MembersForm::Csv => {
+                if is_first {
+                    write_header(&rows, out)?;
+                }
+                write_csv(&rows, out)?;
+            }
+            MembersForm::Lines => write_lines(&rows, out)?,
+            MembersForm::Arrow => {
+                if is_first {
+                    self.begin_arrow(&rows)?;
+                }
+                if let Some((schema, writer)) = &mut self.arrow {
+                    if rows.rows() > 0 {
+                        let columns = rows.columns.iter().map(|column| array(&column.values)).collect();
+                        let batch = RecordBatch::try_new(Arc::clone(schema), columns).map_err(broken)?;
+                        writer.write(&batch).map_err(broken)?;
+                    }
+                    if is_last {
+                        writer.finish().map_err(broken)?;
+                    }
+                    let written = writer.get_mut();
+                    out.write_all(written)?;
+                    written.clear();
+                }
+            }
+        }
+        Ok(!is_last)
+    }
+
+    fn begin_arrow(&mut self, table: &Table) -> io::Result<()> {
+        let provenance = &table.provenance;
+        let metadata: HashMap<String, String> = [
+            ("dvi.trusted", self.verdict.0.to_string()),
+            ("dvi.verdict", self.verdict.1.clone()),
+            ("dvi.program", provenance.version.clone()),
+            ("dvi.features", provenance.features.clone()),
+            ("dvi.digest", provenance.digest.clone()),
+            ("dvi.members", table.members.to_string()),
+            ("dvi.times", serde_json::to_string(&table.times).unwrap_or_default()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into();
+        let field = |column: &Column| {
+            let kind = match &column.values {
+                Values::Numbers(_) => DataType::Float64,
+                Values::Counts(_) => DataType::UInt32,
+                Values::Flags(_) => DataType::Boolean,
+                Values::Words(_) => DataType::Utf8,
+                Values::Lists(lists) => {
+                    let length = i32::try_from(lists.length()).unwrap_or(i32::MAX);
+                    DataType::new_fixed_size_list(DataType::Float64, length, true)
+                }
+            };
+            Field::new(&column.name, kind, true)
+        };
+        let fields: Vec<Field> = table.columns.iter().map(field).collect();
+        let schema = Arc::new(Schema::new_with_metadata(fields, metadata));
+        let writer = StreamWriter::try_new(Vec::new(), &schema).map_err(broken)?;
+        self.arrow = Some((schema, writer));
+        Ok(())
     }
 }
 
-fn write_csv(table: &Table, out: &mut impl Write) -> io::Result<()> {
+fn write_header(table: &Table, out: &mut dyn Write) -> io::Result<()> {
     for (k, column) in table.columns.iter().enumerate() {
         if k > 0 {
             out.write_all(b",")?;
         }
         write_text(&column.name, out)?;
     }
-    out.write_all(b"\n")?;
+    out.write_all(b"\n")
+}
+
+fn write_csv(table: &Table, out: &mut dyn Write) -> io::Result<()> {
     for row in 0..table.rows() {
         for (k, column) in table.columns.iter().enumerate() {
             if k > 0 {
                 out.write_all(b",")?;
             }
-            if column.values.is_missing(row) {
-                continue;
-            }
             match &column.values {
-                Values::Numbers(values) => serde_json::to_writer(&mut *out, &values[row])?,
-                Values::Counts(values) => serde_json::to_writer(&mut *out, &values[row])?,
-                Values::Flags(values) => serde_json::to_writer(&mut *out, &values[row])?,
+                values if values.is_missing(row) => {}
                 Values::Words(words) => write_text(words.get(row).unwrap_or_default(), out)?,
+                Values::Lists(_) => {
+                    // A list of JSON in quotes: CSV has no lists.
+                    let mut list = Vec::new();
+                    column.values.write_json(row, &mut list)?;
+                    write_text(&String::from_utf8_lossy(&list), out)?;
+                }
+                values => values.write_json(row, out)?,
             }
         }
         out.write_all(b"\n")?;
@@ -67,7 +159,7 @@ fn write_csv(table: &Table, out: &mut impl Write) -> io::Result<()> {
     Ok(())
 }
 
-fn write_lines(table: &Table, out: &mut impl Write) -> io::Result<()> {
+fn write_lines(table: &Table, out: &mut dyn Write) -> io::Result<()> {
     for row in 0..table.rows() {
         serde_json::to_writer(&mut *out, &Row { table, row })?;
         out.write_all(b"\n")?;
@@ -88,60 +180,33 @@ impl Serialize for Row<'_> {
             match &column.values {
                 values if values.is_missing(self.row) => line.serialize_value(&None::<f64>)?,
                 Values::Numbers(values) => line.serialize_value(&values[self.row])?,
-                Values::Counts(values) => line.serialize_value(&values[self.row])?,
+                Values::Counts(values) => line.serialize_value(&values.get(self.row))?,
                 Values::Flags(values) => line.serialize_value(&values[self.row])?,
                 Values::Words(words) => line.serialize_value(&words.get(self.row))?,
+                Values::Lists(lists) => {
+                    line.serialize_value(&lists.numbers(self.row).map(|list| list.collect::<Vec<_>>()))?;
+                }
             }
         }
         line.end()
     }
 }
 
-fn write_arrow(table: &Table, verdict: &Verdict, out: &mut impl Write) -> io::Result<()> {
-    let provenance = &table.provenance;
-    let metadata: HashMap<String, String> = [
-        ("dvi.trusted", verdict.trusted.to_string()),
-        // Every number of a verdict is finite, so that it has a JSON form.
-        ("dvi.verdict", serde_json::to_string(verdict).unwrap_or_default()),
-        ("dvi.program", provenance.version.clone()),
-        ("dvi.features", provenance.features.clone()),
-        ("dvi.digest", provenance.digest.clone()),
-        ("dvi.members", table.members.to_string()),
-    ]
-    .map(|(key, value)| (key.to_owned(), value))
-    .into();
-    let fields: Vec<Field> = table
-        .columns
-        .iter()
-        .map(|column| {
-            let kind = match &column.values {
-                Values::Numbers(_) => DataType::Float64,
-                Values::Counts(_) => DataType::UInt32,
-                Values::Flags(_) => DataType::Boolean,
-                Values::Words(_) => DataType::Utf8,
-            };
-            Field::new(&column.name, kind, true)
-        })
-        .collect();
-    let schema = Arc::new(Schema::new_with_metadata(fields, metadata));
-    let mut writer = StreamWriter::try_new(&mut *out, &schema).map_err(broken)?;
-    for first in (0..table.rows()).step_by(BATCH) {
-        let rows = first..(first + BATCH).min(table.rows());
-        let columns = table.columns.iter().map(|column| array(&column.values, rows.clone())).collect();
-        writer.write(&RecordBatch::try_new(Arc::clone(&schema), columns).map_err(broken)?).map_err(broken)?;
-    }
-    writer.finish().map_err(broken)
-}
-
-fn array(values: &Values, rows: Range<usize>) -> ArrayRef {
+fn array(values: &Values) -> ArrayRef {
+    let rows = 0..values.len();
     match values {
         Values::Numbers(_) => Arc::new(rows.map(|row| values.number(row)).collect::<Float64Array>()),
         Values::Counts(counts) => {
-            let of = |row: usize| counts.get(row).copied().filter(|_| !values.is_missing(row));
+            let of = |row: usize| counts.get(row).filter(|_| !values.is_missing(row));
             Arc::new(rows.map(of).collect::<UInt32Array>())
         }
         Values::Flags(flags) => Arc::new(rows.map(|row| flags.get(row).copied()).collect::<BooleanArray>()),
         Values::Words(words) => Arc::new(rows.map(|row| words.get(row)).collect::<StringArray>()),
+        Values::Lists(lists) => {
+            let length = i32::try_from(lists.length()).unwrap_or(i32::MAX);
+            let of = rows.map(|row| lists.numbers(row).map(|list| list.collect::<Vec<_>>()));
+            Arc::new(FixedSizeListArray::from_iter_primitive::<Float64Type, _, _>(of, length))
+        }
     }
 }
 
@@ -152,7 +217,7 @@ fn broken(error: ArrowError) -> io::Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Column, TableProvenance, Words};
+    use crate::{TableProvenance, Words};
     use arrow_array::Array;
     use arrow_ipc::reader::StreamReader;
 
@@ -162,9 +227,9 @@ mod tests {
         [None, Some("a, \"b\"")].iter().for_each(|word| words.push(*word));
         let table = Table {
             columns: vec![
-                column("member", Values::Counts(vec![0, 1])),
+                column("member", Values::Counts([0, 1].into_iter().collect())),
                 column("x", Values::Numbers(vec![f64::NAN, 0.5])),
-                column("n", Values::Counts(vec![u32::MAX, 3])),
+                column("n", Values::Counts([u32::MAX, 3].into_iter().collect())),
                 column("trusted", Values::Flags(vec![true, false])),
                 column("error", Values::Words(words)),
             ],
@@ -172,6 +237,7 @@ mod tests {
             failed: 0,
             swept: vec![],
             collected: vec![],
+            times: vec![],
             provenance: TableProvenance { digest: "abc".to_owned(), ..TableProvenance::default() },
         };
         Solution { table: Some(table), ..Solution::default() }

@@ -1,14 +1,14 @@
-//! A solution in the forms of others. Numbers in text are the shortest decimals that read back to the same double, the
-//! same digits everywhere.
+//! Formats of a solution. Numbers in text are the shortest decimals that read back as the same double, identical on
+//! every machine.
 //!
-//! - JSON: one object, columns as arrays. It alone has events and diagnostics.
+//! - JSON: one object, with columns as arrays. Only this format contains events and diagnostics.
 //! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow].
 //!
-//! The answer of a sweep is a table of its own, with words and with what is missing ([`write_members`]).
+//! The answer of a sweep is a separate table, which may have texts and missing values ([`write_members`]).
 //!
-//! The verdict stands in JSON right after `status`, and in the metadata of an Arrow schema. CSV (RFC 4180) has no comments, and
-//! each of the JSON lines is a row: readers of data frames would take anything else for data. There the header `Dvi-Trusted` of
-//! the service and the exit code of the program say it.
+//! JSON has the verdict right after `status`, and Arrow in the metadata of its schema. CSV (RFC 4180) has no comments,
+//! and each of the JSON lines is a row, so readers of data frames would take anything else for data. For these formats
+//! the verdict is in the header `Dvi-Trusted` of the service and in the exit code of the program.
 
 mod arrow;
 mod csv;
@@ -18,7 +18,7 @@ mod members;
 pub use arrow::Arrow;
 pub use csv::Csv;
 pub use lines::Lines;
-pub use members::{MembersForm, write_members};
+pub use members::{MembersForm, MembersPieces, write_members};
 
 use super::{Solution, Trajectory};
 use std::io::{self, Write};
@@ -27,45 +27,45 @@ use std::ops::Range;
 /// Writes the whole solution as one JSON object.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_json(solution: &Solution, out: &mut impl Write) -> io::Result<()> {
     serde_json::to_writer(out, solution).map_err(io::Error::from)
 }
 
-/// Reads a solution that [`write_json`] wrote; its diagnostics are left out.
+/// Reads a solution written by [`write_json`]; its diagnostics are not read.
 ///
 /// # Errors
-/// The text is another.
+/// The text is not the JSON of a solution.
 pub fn read_json(text: &[u8]) -> io::Result<Solution> {
     serde_json::from_slice(text).map_err(io::Error::from)
 }
 
-/// A table in the making: its beginning, its rows in order, its end.
+/// A table format: its beginning, its rows in order, its end.
 pub trait Table: Send {
-    /// Writes what comes before the rows of `trajectory`.
+    /// Writes the text before the rows of `trajectory`.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of writing to `out`.
     fn begin(&mut self, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()>;
 
-    /// Writes the rows of those `times`, which there are.
+    /// Writes the rows with the indices `times`, which must exist.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of writing to `out`.
     fn rows(&mut self, trajectory: &Trajectory, times: Range<usize>, out: &mut dyn Write) -> io::Result<()>;
 
-    /// Writes what comes after them.
+    /// Writes the text after the rows.
     ///
     /// # Errors
-    /// Those of `out`.
+    /// Errors of writing to `out`.
     fn end(&mut self, out: &mut dyn Write) -> io::Result<()>;
 }
 
-/// Writes a trajectory as a table, on from row `next`, where nothing is before the first: one piece, of about as many
-/// numbers as `PIECE`. The row to go on from, while there is more.
+/// Writes one piece of a trajectory as a table, from row `next` on, with about `PIECE` numbers; row 0 is preceded by
+/// the beginning of the table. Returns the row at which to continue, if there is more.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_piece(
     table: &mut dyn Table,
     trajectory: &Trajectory,
@@ -87,13 +87,13 @@ pub fn write_piece(
     Ok(None)
 }
 
-/// Numbers in a piece of a table, about 64 KiB of text.
+/// Numbers per piece of a table, about 64 KiB of text.
 const PIECE: usize = 4096;
 
 /// Writes a trajectory as a table.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()> {
     let mut next = Some(0);
     while let Some(row) = next {

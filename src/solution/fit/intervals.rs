@@ -1,47 +1,51 @@
-//! What data say of parameters that were fitted to them: covariance, 95 % intervals, and what they leave open.
+//! Uncertainty of fitted parameters: covariance, 95 % confidence intervals, and combinations that the data do not
+//! determine.
 //!
-//! With residuals in standard deviations `s` of the data the covariance is that of the linear problem at the minimum,
-//! `s^2 (J'J)^-1`. Where the standard deviations are not given `s^2` is the loss over the degrees of freedom, and intervals
-//! are Student's. For Huber's loss `s^2 = K^2 [sum psi^2/(m - p)]/[mean psi']^2`, `K = 1 + (p/m) var(psi')/(mean psi')^2`
-//! (Huber and Ronchetti 2009, equation 7.81).
+//! With residuals in units of the standard deviations of the data, the covariance is that of the linear problem at the
+//! minimum, `s^2 (J'J)^-1`, with `s = 1`. If the standard deviations are unknown, `s^2` is the loss divided by the
+//! degrees of freedom, and the intervals follow Student's distribution. For Huber's loss,
+//! `s^2 = K^2 [sum psi^2/(m - p)]/[mean psi']^2` with `K = 1 + (p/m) var(psi')/(mean psi')^2` (Huber and Ronchetti
+//! 2009, equation 7.81).
 //!
-//! Singular values are those of `J diag(size)/s`, `size` that of each parameter: the inverse of one is the standard error of
-//! its combination of relative changes. Where it is zero to the accuracy of `J` that combination is not determined.
+//! The singular values are those of `J diag(size)/s`, with the magnitude `size` of each parameter: the inverse of a
+//! singular value is the standard error of its combination of relative changes. A combination with a singular value of
+//! zero, to the accuracy of `J`, is not determined.
 
 use super::least_squares::{LeastSquares, Loss, Minimum};
 use nalgebra::DMatrix;
 
-/// Many times the iterations that any singular value decomposition takes.
+/// The iteration limit of singular value decompositions, far above the number that any of them takes.
 pub const ITERATIONS: usize = 10_000;
-/// The part of a direction that is none: to the accuracy of singular vectors.
+/// The component of a singular vector below which it counts as zero: the accuracy of singular vectors.
 const PART: f64 = 1e-6;
-/// The probability of an interval.
+/// The confidence level of the intervals.
 const CONFIDENCE: f64 = 0.95;
-/// The value of a normal variable beyond which, on either side, 5 % are.
+/// The two-sided 5 % quantile of the standard normal distribution.
 const NORMAL: f64 = 1.959_963_984_540_054;
-/// The degrees of freedom from which on Student's distribution is the normal one to four digits.
+/// The degrees of freedom above which Student's distribution is the normal distribution to four digits.
 const MANY: usize = 20_000;
-/// The value that a normal variable exceeds once in a thousand times.
+/// The 0.999 quantile of the standard normal distribution.
 const RARE: f64 = 3.090;
 
-/// Of all parameters, in order.
+/// The uncertainty of all parameters, in order.
 #[derive(Clone, Debug)]
 pub struct Intervals {
-    /// Standard errors; none of what is not determined, or held by a bound.
+    /// Standard errors; `None` for parameters that the data do not determine or that are at a bound.
     pub sd: Vec<Option<f64>>,
-    /// Half the width of an interval, in standard errors.
+    /// Half the width of a confidence interval, in standard errors.
     pub width: f64,
-    /// Their covariance.
+    /// The covariance matrix of the parameters; `None` like the standard errors.
     pub covariance: Vec<Vec<Option<f64>>>,
-    /// Of the parameters that are free, falling.
+    /// The singular values of the scaled Jacobian, over the free parameters, decreasing.
     pub singular_values: Vec<f64>,
-    /// The combinations of relative changes that are not determined, one part for each parameter.
+    /// The combinations of relative changes that the data do not determine, with one coefficient per parameter.
     pub undetermined: Vec<Vec<f64>>,
-    /// The parameters that a bound holds.
+    /// Whether each parameter is held at a bound.
     pub held: Vec<bool>,
 }
 
-/// Of a minimum; parameters have these sizes.
+/// The uncertainty of the parameters at a minimum, with the magnitudes `size` of the parameters; `None` if the singular
+/// value decomposition fails.
 pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) -> Option<Intervals> {
     let here = &minimum.residuals;
     let (m, p) = here.jacobian.shape();
@@ -65,7 +69,7 @@ pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) ->
     let mut sd = vec![None; p];
     let (mut singular_values, mut undetermined) = (Vec::new(), Vec::new());
     if !free.is_empty() {
-        // Rows of zeros, so that there is a singular value for each parameter.
+        // Zero rows are appended, so that there is a singular value for each parameter.
         let rows = m.max(free.len());
         let matrix = matrix.resize(rows, free.len(), 0.0);
         let mut svd = matrix.try_svd(false, true, f64::EPSILON, ITERATIONS)?;
@@ -87,7 +91,8 @@ pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) ->
     Some(Intervals { sd, width, covariance, singular_values, undetermined, held })
 }
 
-/// A basis of the rows with as few parts as they have: each has a parameter that no other has, whose part is one.
+/// Reduces the rows to a sparse basis of their span by Gauss-Jordan elimination: each row has a leading parameter,
+/// which no other row contains. Coefficients are scaled to a largest magnitude of one.
 fn combinations(rows: &DMatrix<f64>, free: &[usize], p: usize) -> Vec<Vec<f64>> {
     let mut rows = rows.clone();
     for i in 0..rows.nrows() {
@@ -116,14 +121,14 @@ fn combinations(rows: &DMatrix<f64>, free: &[usize], p: usize) -> Vec<Vec<f64>> 
     (0..rows.nrows()).map(of).collect()
 }
 
-/// The value of Student's variable beyond which, on either side, 5 % are: the root of its distribution for whole degrees of
+/// The two-sided 5 % quantile of Student's distribution, by bisection on its distribution function for whole degrees of
 /// freedom (Abramowitz and Stegun 1972, 26.7.3 and 26.7.4).
 fn student(freedoms: usize) -> f64 {
     if freedoms > MANY {
         return NORMAL;
     }
     let (mut low, mut high) = (0.0, std::f64::consts::FRAC_PI_2);
-    // The angle whose tangent is t over the root of the degrees of freedom.
+    // Bisection on the angle whose tangent is the quantile divided by the square root of the degrees of freedom.
     loop {
         let middle = 0.5 * (low + high);
         if middle <= low || middle >= high {
@@ -133,7 +138,7 @@ fn student(freedoms: usize) -> f64 {
     }
 }
 
-/// The probability that Student's variable is within `tan(angle) sqrt(freedoms)` of zero.
+/// The probability that the magnitude of a variable of Student's distribution is below `tan(angle) sqrt(freedoms)`.
 fn within(angle: f64, freedoms: usize) -> f64 {
     let (sin, cos) = angle.sin_cos();
     let is_odd = freedoms % 2 == 1;
@@ -148,8 +153,8 @@ fn within(angle: f64, freedoms: usize) -> f64 {
     if is_odd { std::f64::consts::FRAC_2_PI * (angle + sin * sum) } else { sin * sum }
 }
 
-/// Whether a sum of squares of so many standard normal variables would be larger once in a thousand times only (Wilson and
-/// Hilferty 1931).
+/// Whether `squares` exceeds the 0.999 quantile of the chi-squared distribution, by the cube-root approximation (Wilson
+/// and Hilferty 1931).
 pub fn is_too_large(squares: f64, freedoms: usize) -> bool {
     let part = 2.0 / (9.0 * freedoms as f64);
     freedoms > 0 && ((squares / freedoms as f64).cbrt() - (1.0 - part)) / part.sqrt() > RARE
@@ -162,7 +167,7 @@ mod tests {
     #[test]
     fn student_has_the_values_of_tables() {
         for (freedoms, value) in [
-            // Roots of the incomplete beta function in 30 digits; the first is tan(0.475 pi).
+            // From the inverse of the incomplete beta function in 30 digits; the first is tan(0.475 pi).
             (1, 12.706_204_736_174_7),
             (2, 4.302_652_729_749_464),
             (5, 2.570_581_835_636_314),
@@ -177,8 +182,9 @@ mod tests {
 
     #[test]
     fn a_sum_of_squares_is_too_large_beyond_its_quantile() {
-        // The 0.999 quantiles of chi squared: 29.588 for 10 degrees of freedom, 149.449 for 100. The cube root is normal to a
-        // hundredth of the quantile for ten, and better for more.
+        // The 0.999 quantiles of the chi-squared distribution: 29.588 for 10 degrees of freedom, 149.449 for 100. The
+        // approximation has an error of at most a hundredth of the quantile for 10 degrees of freedom, and less for
+        // more.
         assert!(is_too_large(29.9, 10) && !is_too_large(29.3, 10));
         assert!(is_too_large(149.6, 100) && !is_too_large(149.2, 100));
     }

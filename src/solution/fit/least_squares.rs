@@ -1,49 +1,51 @@
-//! Nonlinear least squares within bounds by the method of Levenberg and Marquardt: with residuals `r(p)`, weights `w` and the
-//! Jacobian `J`, scaled by `D` to columns of length one (Moré 1978, *The Levenberg-Marquardt algorithm*, section 6),
+//! Nonlinear least squares within bounds by the Levenberg-Marquardt method: a step `d` from the parameters `p` solves,
+//! with the residuals `r(p)`, their weights `W`, the Jacobian `J` and the scaling `D` of its columns to length one
+//! (Moré 1978, *The Levenberg-Marquardt algorithm*, section 6),
 //!
 //! ```text
 //! (D^-1 J' W J D^-1 + lambda I) D d = -D^-1 J' W r,    p+ = P(p + d)
 //! ```
 //!
-//! over the parameters that are free: those that are not at a bound which the gradient pushes them against (Kanzow, Yamashita
-//! and Fukushima 2004, *Levenberg-Marquardt methods for constrained nonlinear equations with strong local convergence
-//! properties*). The damping follows the ratio of what a step gained to what was predicted (Nielsen 1999, *Damping parameter in
-//! Marquardt's method*). Huber's loss enters by its weights `psi(r)/r` (Huber and Ronchetti 2009, section 7.8).
+//! over the free parameters, which are those not held at a bound by the gradient; `P` projects onto the bounds (Kanzow,
+//! Yamashita and Fukushima 2004, *Levenberg-Marquardt methods for constrained nonlinear equations with strong local
+//! convergence properties*). The damping `lambda` follows the ratio of the actual to the predicted decrease of the loss
+//! (Nielsen 1999, *Damping parameter in Marquardt's method*). Huber's loss enters through the weights `psi(r)/r` (Huber
+//! and Ronchetti 2009, section 7.8).
 
 use super::intervals::ITERATIONS;
 use nalgebra::{DMatrix, DVector, Dyn, SVD};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// The most evaluations from one start.
+/// The largest number of evaluations from one starting point.
 const MOST_RUNS: u64 = 100;
-/// The damping at the start, in parts of the scaled matrix, whose diagonal is one.
+/// The initial damping, relative to the diagonal of the scaled normal matrix, which is one.
 const DAMPING: f64 = 1e-3;
-/// The part of the damping that is left at least where a step gained what was predicted: undamped steps converge fast.
+/// The least factor of the damping after a step with the predicted gain: small, since undamped steps converge fast.
 const LESS: f64 = 0.1;
-/// The damping at which steps are shorter than rounding.
+/// The damping above which steps are shorter than rounding errors.
 const MOST_DAMPING: f64 = 1e20;
 /// The distance to the minimum, in standard errors of the parameters, at which the search ends.
 const CLOSE: f64 = 1e-8;
-/// The distance at which estimates still are those of the minimum.
+/// The distance to the minimum, in standard errors, up to which estimates are accepted.
 const ALLOWED: f64 = 1e-2;
-/// The part of what inexact residuals make of the distance to which the search goes on: at that of the tolerance itself their
-/// errors, which are alike at points that are close, do not show yet.
+/// The search continues until the distance is this fraction of the uncertainty due to errors of the residuals. These
+/// errors are nearly equal at nearby points, so that they do not disturb the search before.
 const BELOW_NOISE: f64 = 1e-2;
-/// The part of its least value by which a loss may be wrong, as a sum of many terms.
+/// The relative rounding error of a loss, a sum of many terms.
 const ROUNDING: f64 = 1e-14;
-/// Huber's bound on residuals, in standard deviations, for an efficiency of 95 % where errors are normal (Huber and Ronchetti
-/// 2009, section 4.5).
+/// The residual, in standard deviations, above which Huber's loss is linear; its efficiency is 95 % for normal errors
+/// (Huber and Ronchetti 2009, section 4.5).
 const HUBER: f64 = 1.345;
 
-/// What is made as small as it can be: the sum of `rho` over all residuals.
+/// The loss to be minimised: the sum of `rho(r)` over all residuals `r`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Loss {
-    /// `r^2`.
+    /// `rho(r) = r^2`.
     #[default]
     Squares,
-    /// `r^2` up to `1.345 sd`, and beyond as its tangent, so that single values that are far off count little.
+    /// `rho(r) = r^2` up to `1.345 sd`, and its tangent beyond, so that outliers have little weight.
     Huber,
 }
 
@@ -63,12 +65,12 @@ impl Loss {
         }
     }
 
-    /// Whether a residual counts in full.
+    /// Whether `rho` is quadratic at a residual.
     pub fn is_quadratic(self, r: f64) -> bool {
         self == Self::Squares || r.abs() <= HUBER
     }
 
-    /// The sum over all residuals.
+    /// The loss: the sum of `rho` over all residuals.
     pub fn of(self, residuals: &DVector<f64>) -> f64 {
         residuals.iter().map(|r| self.rho(*r)).sum()
     }
@@ -79,57 +81,59 @@ impl Loss {
 pub struct Residuals {
     /// `r`, in standard deviations of the data.
     pub values: DVector<f64>,
-    /// `J`, a column for each parameter.
+    /// The Jacobian `J`, with a column for each parameter.
     pub jacobian: DMatrix<f64>,
-    /// How exact the residuals are, in the same unit: the root of the sum of squares.
+    /// The Euclidean norm of the errors of the residuals, in the same unit.
     pub noise: f64,
 }
 
-/// Where a search ended.
+/// The end of a search.
 #[derive(Clone, Debug)]
 pub struct Minimum {
     /// The parameters.
     pub point: Vec<f64>,
-    /// What is there.
+    /// The residuals at `point`.
     pub residuals: Residuals,
-    /// Its loss.
+    /// The loss at `point`.
     pub loss: f64,
     /// The distance to the minimum that the linear problem predicts, in standard errors.
     pub distance: f64,
-    /// The distance that accuracy allows.
+    /// The largest accepted distance, at the accuracy of the residuals.
     pub allowed: f64,
-    /// Evaluations that it took.
+    /// The number of evaluations of the residuals.
     pub runs: u64,
 }
 
-/// The problem.
+/// A least-squares problem with bounds.
 #[derive(Clone, Copy, Debug)]
 pub struct LeastSquares<'a> {
-    /// The bounds, which may be infinite.
+    /// The lower bounds of the parameters, possibly infinite.
     pub lower: &'a [f64],
-    /// See `lower`.
+    /// The upper bounds of the parameters, possibly infinite.
     pub upper: &'a [f64],
     /// The loss.
     pub loss: Loss,
-    /// Whether residuals are in units of standard deviations that are known; else these are as large as the residuals are.
+    /// Whether residuals are in units of known standard deviations; otherwise the standard deviation is estimated from
+    /// the residuals.
     pub is_scaled: bool,
-    /// Singular values of the scaled matrix below this part of the largest are zero.
+    /// Singular values of the scaled matrix below this fraction of the largest count as zero.
     pub rank: f64,
 }
 
-/// The linear problem at a point, over the parameters that are free.
+/// The linearised problem at a point, over the free parameters.
 struct Linear {
     free: Vec<usize>,
-    /// The lengths of the columns.
+    /// The lengths of the weighted columns of `J`: the diagonal of `D`.
     scale: Vec<f64>,
     svd: SVD<f64, Dyn, Dyn>,
-    /// `U' W^(1/2) r`.
+    /// `U' W^(1/2) r`, with the left singular vectors `U`.
     right: DVector<f64>,
 }
 
 impl LeastSquares<'_> {
-    /// Searches from a point within the bounds. `evaluate` gives nothing where a point has no residuals; `goes_on` is asked
-    /// before each evaluation.
+    /// Searches a minimum from `start`, a point within the bounds with the residuals `first`. `evaluate` returns `None`
+    /// at a point without residuals; the search ends when `goes_on` returns false, which is called before each
+    /// evaluation.
     pub fn minimise(
         &self,
         start: Vec<f64>,
@@ -158,7 +162,7 @@ impl LeastSquares<'_> {
             runs += 1;
             let there = evaluate(&next, runs);
             let gain = there.as_ref().map_or(f64::NAN, |there| loss - self.loss.of(&there.values));
-            // What the linear problem predicts of the step within the bounds.
+            // The decrease of the loss that the linear problem predicts for the projected step.
             let change = &here.jacobian * DVector::from_column_slice(&moved);
             let terms = here.values.iter().zip(change.iter());
             let predicted: f64 = terms.map(|(r, d)| -(2.0 * self.loss.psi(*r) * d + self.weight(*r) * d * d)).sum();
@@ -171,7 +175,7 @@ impl LeastSquares<'_> {
                     damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).max(LESS);
                     growth = 2.0;
                 }
-                // What is left of the way is within the errors of the residuals.
+                // The predicted decrease is below the errors of the residuals.
                 Some(_) if predicted <= (here.noise * here.noise).max(ROUNDING * loss) && distance <= allowed => {
                     return Minimum { point, residuals: here, loss, distance, allowed, runs };
                 }
@@ -187,7 +191,7 @@ impl LeastSquares<'_> {
         if r == 0.0 { 1.0 } else { self.loss.psi(r) / r }
     }
 
-    /// Whether a parameter is at a bound that the gradient pushes it against.
+    /// Whether a parameter is at a bound, and the loss decreases beyond it.
     pub fn is_held(&self, k: usize, point: &[f64], here: &Residuals) -> bool {
         let column = here.jacobian.column(k);
         let slope: f64 = column.iter().zip(here.values.iter()).map(|(j, r)| j * self.loss.psi(*r)).sum();
@@ -211,7 +215,7 @@ impl LeastSquares<'_> {
         Some(Linear { free, scale, svd, right })
     }
 
-    /// The point after a step of the linear problem with this damping.
+    /// The point after a damped step of the linear problem, projected onto the bounds.
     fn step(&self, linear: &Linear, point: &[f64], damping: f64) -> Vec<f64> {
         let Linear { free, scale, svd, right } = linear;
         let damped = svd.singular_values.zip_map(right, |sigma, right| -sigma * right / (sigma * sigma + damping));
@@ -225,7 +229,7 @@ impl LeastSquares<'_> {
         next
     }
 
-    /// The length of the undamped step in standard errors, over the directions that the data determine.
+    /// The length of the undamped step in standard errors, in the directions that the data determine.
     fn distance(&self, linear: &Option<Linear>, here: &Residuals, loss: f64) -> f64 {
         let Some(Linear { svd, right, .. }) = linear else { return 0.0 };
         let least = self.rank * svd.singular_values.max();
@@ -233,7 +237,7 @@ impl LeastSquares<'_> {
         parts.map(|(_, right)| right * right).sum::<f64>().sqrt() / self.unit(here, loss)
     }
 
-    /// The standard deviation of a residual.
+    /// The standard deviation of a residual: 1 if known, otherwise estimated from the loss.
     pub fn unit(&self, here: &Residuals, loss: f64) -> f64 {
         let freedoms = here.values.len().saturating_sub(here.jacobian.ncols()).max(1);
         if self.is_scaled { 1.0 } else { (loss / freedoms as f64).sqrt().max(f64::MIN_POSITIVE) }
@@ -274,7 +278,7 @@ mod tests {
 
     #[test]
     fn a_bound_holds_where_the_minimum_is_beyond_it() {
-        // On p_1 <= 1/2 the minimum of Rosenbrock's function is at (1/2, 1/4).
+        // The minimum of Rosenbrock's function on p_1 <= 1/2 is at (1/2, 1/4).
         let at = |p: &[f64]| rosenbrock(p);
         let found = search(&[-1.2, 0.4], [-2.0, 0.5], Loss::Squares, at);
         assert!((found.point[0] - 0.5).abs() < 1e-12 && (found.point[1] - 0.25).abs() < 1e-5, "{found:?}");
@@ -282,7 +286,7 @@ mod tests {
 
     #[test]
     fn one_value_that_is_far_off_moves_hubers_mean_by_its_bound_alone() {
-        // The mean m of 9 zeros and one value far off: 9 m = 1.345.
+        // Huber's estimate m of the mean of 9 zeros and one outlier satisfies 9 m = 1.345.
         let at = |p: &[f64]| {
             let values = (0..10).map(|k| p[0] - if k == 0 { 1e3 } else { 0.0 }).collect();
             (values, vec![1.0; 10])

@@ -1,16 +1,16 @@
-//! An axis: which part of the real line is shown, in which power of ten, with ticks at round numbers.
+//! An axis: the interval of the real line that it shows, its power of ten, and ticks at round numbers.
 //!
-//! Ticks stand at multiples of 1, 2 or 5 times a power of ten (P. S. Heckbert, "Nice numbers for graph labels",
-//! Graphics Gems, 1990). What is far from one is shown in units of `10^e` with `e` a multiple of three, which also keeps
-//! every intermediate number between overflow and underflow, whatever the values.
+//! Ticks are at multiples of 1, 2 or 5 times a power of ten (P. S. Heckbert, "Nice numbers for graph labels", Graphics
+//! Gems, 1990). Values far from one are shown in units of `10^e` with `e` a multiple of three, which also keeps every
+//! intermediate number clear of overflow and underflow, whatever the values.
 
-/// A span this small beside the values in it is taken for none: it is rounding, and its labels would be all digits.
+/// A span this small relative to the values counts as rounding: its labels would consist of digits only.
 const LEAST_RELATIVE_SPAN: f64 = 1e-9;
 
-/// The part of a step by which a tick may lie beyond the end.
+/// Fraction of a step by which a tick may lie beyond the end.
 const ROUNDING: f64 = 1e-6;
 
-/// Decimal exponents of values that are shown as they are.
+/// Decimal exponents of values that are shown without a unit.
 const PLAIN: std::ops::RangeInclusive<i32> = -1..=4;
 
 /// An interval of the real line, in units of `10^exponent`.
@@ -21,17 +21,17 @@ pub struct Axis {
     exponent: i32,
 }
 
-/// A mark on an axis.
+/// A tick of an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tick {
-    /// Where on the axis: 0 at its low end, 1 at its high end.
+    /// Position on the axis: 0 at its low end, 1 at its high end.
     pub fraction: f64,
-    /// What is written at it.
+    /// The label.
     pub label: String,
 }
 
 impl Axis {
-    /// The axis that shows all finite `values`, with `margin` times their span left free at both ends.
+    /// An axis over all finite `values`, extended at both ends by `margin` times their span.
     pub fn spanning(values: impl IntoIterator<Item = f64>, margin: f64) -> Self {
         let finite = values.into_iter().filter(|value| value.is_finite());
         let (low, high) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
@@ -48,17 +48,17 @@ impl Axis {
         Self { low, high, exponent }
     }
 
-    /// Where `value` is: 0 at the low end, 1 at the high end.
+    /// The position of `value`: 0 at the low end, 1 at the high end.
     pub fn fraction(&self, value: f64) -> f64 {
         self.place(scaled(value, self.exponent))
     }
 
-    /// The unit of the labels, where it is not one: `×10⁻³`.
+    /// The unit of the labels, such as `×10⁻³`, unless it is one.
     pub fn unit(&self) -> Option<String> {
         (self.exponent != 0).then(|| format!("×10{}", raised(self.exponent)))
     }
 
-    /// Ticks at round numbers, in order: `about` so many steps from end to end, at most half as many again.
+    /// Ticks at round numbers in order, with about `about` intervals and at most half as many again.
     pub fn ticks(&self, about: usize) -> Vec<Tick> {
         let wanted = (self.high - self.low) / about.max(1) as f64;
         let power = wanted.log10().floor();
@@ -70,7 +70,7 @@ impl Axis {
             _ => (10.0 * base, power + 1.0),
         };
         let decimals = (-power).max(0.0) as usize;
-        // The ends of an axis are round numbers more often than not, and 0.3 / 0.1 < 3.
+        // The ends of an axis are often round numbers, and in floating point 0.3 / 0.1 < 3.
         let first = (self.low / step - ROUNDING).ceil() as i64;
         let last = (self.high / step + ROUNDING).floor() as i64;
         let tick = |multiple: i64| {
@@ -85,14 +85,14 @@ impl Axis {
     }
 }
 
-/// An exponent as it is written: `⁻³`.
+/// An exponent in superscript: `⁻³`.
 pub fn raised(exponent: i32) -> String {
     const SUPERSCRIPTS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let digits = exponent.to_string();
     digits.chars().map(|c| c.to_digit(10).map_or('⁻', |digit| SUPERSCRIPTS[digit as usize])).collect()
 }
 
-/// The exponent of the unit in which `largest` is best read.
+/// The exponent of the unit for values up to `largest`.
 fn exponent(largest: f64) -> i32 {
     if largest == 0.0 {
         return 0;
@@ -101,7 +101,7 @@ fn exponent(largest: f64) -> i32 {
     if PLAIN.contains(&exponent) { 0 } else { exponent.div_euclid(3) * 3 }
 }
 
-/// `value / 10^exponent`, in two halves, each of which is a double even where the whole is not.
+/// `value / 10^exponent` in two factors, each of which is finite even if the whole power is not.
 fn scaled(value: f64, exponent: i32) -> f64 {
     let half = exponent / 2;
     value * 10f64.powi(-half) * 10f64.powi(half - exponent)

@@ -1,49 +1,74 @@
-//! Curves on two axes in powers of ten: a line for each, with a mark at each of its points.
+//! Curves on two logarithmic axes: one line per curve, with a mark at each point.
 
 use super::elements::{line, plain, text};
-use super::legend::{Legend, hollow, mark, polyline};
+use super::legend::{Legend, cross, hollow, mark, polyline, whisker};
 use super::thinning::Point;
 use super::{LARGE_CHARACTERS, LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
-/// Where the names are, and where the axes begin where these are in one row.
+/// Vertical position of the names, and of the top of the axes below a single row of names.
 const NAMES: f64 = 56.0;
 const TOP: f64 = 70.0;
-/// From the upper end of the axes to the lower, and on to the end of the picture.
+/// Height of the axes, and of the foot below them.
 const HEIGHT: f64 = 330.0;
 const FOOT: f64 = 60.0;
 /// The size of a mark.
 const RADIUS: f64 = 3.5;
-/// Decades that have room for a label each.
+/// Room above the axes for the crosses of runs without an answer.
+pub(super) const CROSSES: f64 = 14.0;
+/// Most decades with a label each.
 const MOST_LABELS: i32 = 10;
 
-/// A line of a picture.
+/// A curve with its marks.
+#[derive(Clone, Debug, Default)]
 pub struct Curve {
-    /// What it is.
+    /// The name in the legend.
     pub name: String,
-    /// Its points, both coordinates above zero.
+    /// The points; both coordinates are positive.
     pub points: Vec<Point>,
-    /// Those of its points whose marks are hollow: the answers are not trusted.
+    /// The points with hollow marks: their answers are not trusted.
     pub untrusted: Vec<Point>,
+    /// The abscissae of runs without an answer, each a cross above the axes.
+    pub lost: Vec<f64>,
+    /// The least and the largest abscissa of repeats, with the ordinate that they share.
+    pub spread: Vec<(f64, f64, f64)>,
 }
 
 impl Curve {
-    /// The mark of each point, the `k`-th curve's, where `place` puts it.
-    pub(super) fn marks(&self, k: usize, radius: f64, place: impl Fn(Point) -> Point) -> Group {
-        self.points.iter().fold(Group::new(), |group, point| {
+    /// The line, the spread and the marks of the `k`-th curve; crosses stand at the height `above`.
+    pub(super) fn drawn(&self, k: usize, radius: f64, (x, y): (&Decades, &Decades), above: f64) -> Group {
+        let place = |&(a, b): &Point| (x.place(a), y.place(b));
+        let shown: Vec<Point> = self.points.iter().map(place).collect();
+        let mut group = Group::new().add(polyline(&shown, k));
+        for &(least, largest, ordinate) in &self.spread {
+            let at = y.place(ordinate);
+            group = group.add(whisker((x.place(least), at), (x.place(largest), at), k));
+        }
+        for point in &self.points {
             let shape = if self.untrusted.contains(point) { hollow } else { mark };
-            group.add(shape(place(*point), k, radius))
-        })
+            group = group.add(shape(place(point), k, radius));
+        }
+        self.lost.iter().fold(group, |group, &at| group.add(cross((x.place(at), above), k, radius)))
+    }
+
+    /// All abscissae.
+    pub(super) fn abscissae(&self) -> impl Iterator<Item = f64> {
+        let spread = self.spread.iter().flat_map(|&(least, largest, _)| [least, largest]);
+        self.points.iter().map(|point| point.0).chain(self.lost.iter().copied()).chain(spread)
     }
 }
 
-/// What is said of hollow marks; nothing where all are full.
-pub(super) fn told_of_marks<'a>(mut curves: impl Iterator<Item = &'a Curve>) -> &'static str {
-    if curves.any(|curve| !curve.untrusted.is_empty()) { "hollow marks: answers that are not trusted" } else { "" }
+/// The meaning of hollow marks and crosses, where there are any.
+pub(super) fn told_of_marks<'a>(curves: impl Iterator<Item = &'a Curve> + Clone) -> String {
+    let hollow =
+        curves.clone().any(|curve| !curve.untrusted.is_empty()).then_some("hollow marks: answers that are not trusted");
+    let lost =
+        curves.clone().any(|curve| !curve.lost.is_empty()).then_some("crosses at the top: runs without an answer");
+    hollow.into_iter().chain(lost).collect::<Vec<_>>().join("; ")
 }
 
-/// An axis in powers of ten, from pixel to pixel.
+/// A logarithmic axis between two pixel positions.
 pub(super) struct Decades {
     pub low: i32,
     pub high: i32,
@@ -52,7 +77,7 @@ pub(super) struct Decades {
 }
 
 impl Decades {
-    /// All decades of the values.
+    /// An axis over all decades of the values.
     pub fn spanning(values: impl Iterator<Item = f64>, from: f64, to: f64) -> Self {
         let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x), b.max(x)));
         let (low, high) = if low <= high { (low, high) } else { (1.0, 1.0) };
@@ -72,14 +97,14 @@ impl Decades {
     }
 }
 
-/// The picture of curves: `below` says what the ordinate is, `abscissa` what the abscissa is.
+/// Draws the curves; `below` describes the ordinate, `abscissa` the abscissa.
 pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: &str) -> String {
-    let all = || curves.iter().flat_map(|curve| &curve.points);
-    let x = Decades::spanning(all().map(|point| point.0), LEFT, RIGHT);
+    let x = Decades::spanning(curves.iter().flat_map(Curve::abscissae), LEFT, RIGHT);
     let legend = Legend::new(curves.iter().map(|curve| curve.name.as_str()), LEFT, RIGHT);
-    let top = TOP + legend.extra();
+    let lost = if curves.iter().any(|curve| !curve.lost.is_empty()) { CROSSES } else { 0.0 };
+    let top = TOP + legend.extra() + lost;
     let floor = top + HEIGHT;
-    let y = Decades::spanning(all().map(|point| point.1), floor, top);
+    let y = Decades::spanning(curves.iter().flat_map(|curve| &curve.points).map(|point| point.1), floor, top);
     let title = plain(title, LINE_CHARACTERS);
     let class = if title.chars().count() > LARGE_CHARACTERS { "long title" } else { "title" };
     let mut picture = Document::new()
@@ -102,9 +127,7 @@ pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: 
             picture.add(line("grid", (at, top), (at, floor))).add(text(power(decade), "middle", at, floor + 18.0));
     }
     for (k, curve) in curves.iter().enumerate() {
-        let place = |point: Point| (x.place(point.0), y.place(point.1));
-        let shown: Vec<Point> = curve.points.iter().copied().map(place).collect();
-        picture = picture.add(polyline(&shown, k)).add(curve.marks(k, RADIUS, place));
+        picture = picture.add(curve.drawn(k, RADIUS, (&x, &y), top - 0.6 * CROSSES));
     }
     picture
         .add(legend.drawn(NAMES))
@@ -114,7 +137,7 @@ pub fn double_logarithmic(curves: &[Curve], title: &str, below: &str, abscissa: 
         .to_string()
 }
 
-/// `10⁻³`.
+/// A power of ten as text: `10⁻³`.
 pub(super) fn power(decade: i32) -> String {
     format!("10{}", super::axis::raised(decade))
 }

@@ -1,5 +1,5 @@
-//! The few shapes that pictures are made of. Places are written to a tenth of a pixel: that is more than an eye
-//! can see, and less than the last digits in which machines differ.
+//! The basic shapes of pictures. Positions are rounded to a tenth of a pixel: finer than the eye can see, and coarser
+//! than the digits in which machines differ.
 
 use super::thinning::Point;
 use svg::node::element::{Line, Text};
@@ -10,12 +10,12 @@ pub fn line(class: &str, from: Point, to: Point) -> Line {
     ends.set("x2", tenths(to.0)).set("y2", tenths(to.1)).set("class", class)
 }
 
-/// A text that starts at `(x, y)`, or ends there if it is of the class `end`.
+/// A text that starts at `(x, y)`, or ends there if its class is `end`.
 pub fn text(content: impl Into<String>, class: &str, x: f64, y: f64) -> Text {
     Text::new(content).set("x", tenths(x)).set("y", tenths(y)).set("class", class)
 }
 
-/// What a user wrote, as XML 1.0 (section 2.2) can hold it, cut to `most` characters.
+/// A user's text, restricted to the characters of XML 1.0 (section 2.2) and cut to `most` characters.
 pub fn plain(written: &str, most: usize) -> String {
     let allowed = |c: char| if c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}') { '\u{fffd}' } else { c };
     let mut rest = written.chars().map(allowed);
@@ -27,7 +27,7 @@ pub fn plain(written: &str, most: usize) -> String {
     text
 }
 
-/// To a tenth of a pixel, and never `-0`.
+/// Rounds to a tenth of a pixel, without `-0`.
 pub fn tenths(pixels: f64) -> f64 {
     (pixels * 10.0).round() / 10.0 + 0.0
 }

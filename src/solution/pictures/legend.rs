@@ -1,34 +1,34 @@
-//! How lines are told apart: by six colours, then by dashes and the shape of their marks, and what says so beside them.
+//! Styles that distinguish lines, six colours and then dashes and mark shapes, and the legend that explains them.
 
 use super::elements::{plain, tenths, text};
 use super::thinning::Point;
 use svg::node::element::{Group, Path, Polyline, TSpan, Text};
 
-/// Colours that are told apart.
+/// Number of distinct colours.
 pub const COLOURS: usize = 6;
 
-/// A mark of each round of the colours, in text. After the last they begin anew.
+/// The mark of each round of colours, as text. After the last, the marks repeat.
 const SHAPES: [&str; 3] = ["●", "■", "▲"];
 
-/// Room in pixels for a mark with what is around it, and for characters of a wide typeface: the widest, and others.
+/// Widths in pixels of a mark with its surroundings, and of the widest and of other characters of a wide typeface.
 const MARK: f64 = 38.0;
 const WIDE: f64 = 13.0;
 const CHARACTER: f64 = 7.6;
 
-/// From one row of a legend to the next.
+/// Height of a row of the legend.
 pub const ROW: f64 = 20.0;
 
-/// Characters of a name.
+/// Most characters of a name.
 const NAME: usize = 44;
 
-/// The names of the lines, as many in a row as there is room for from `left` to `right`.
+/// The names of the lines, in rows that fit between `left` and `right`.
 pub struct Legend<'a> {
     rows: Vec<Vec<(usize, &'a str)>>,
     left: f64,
 }
 
 impl<'a> Legend<'a> {
-    /// Breaks the rows.
+    /// Breaks the names into rows.
     pub fn new(names: impl Iterator<Item = &'a str>, left: f64, right: f64) -> Self {
         let (mut rows, mut at) = (vec![Vec::new()], left);
         for (k, name) in names.enumerate() {
@@ -43,19 +43,19 @@ impl<'a> Legend<'a> {
         Self { rows, left }
     }
 
-    /// The height of all rows but the first, in pixels.
+    /// The height in pixels of all rows but the first.
     pub fn extra(&self) -> f64 {
         ROW * (self.rows.len() - 1) as f64
     }
 
-    /// The rows, the first on the line `y`.
+    /// Draws the rows, the first one at height `y`.
     pub fn drawn(&self, y: f64) -> Group {
         let rows = self.rows.iter().enumerate();
         rows.fold(Group::new(), |group, (k, row)| group.add(names(row, NAME, self.left, y + ROW * k as f64)))
     }
 }
 
-/// Names in a row, each after the mark of its line and cut to `most` characters.
+/// Draws one row of names, each after the mark of its line and cut to `most` characters.
 pub fn names(row: &[(usize, &str)], most: usize, x: f64, y: f64) -> Text {
     row.iter().enumerate().fold(text("", "name", x, y), |names, (place, &(k, name))| {
         let mark = TSpan::new(SHAPES[round(k)]).set("class", colour("mark", k));
@@ -64,9 +64,9 @@ pub fn names(row: &[(usize, &str)], most: usize, x: f64, y: f64) -> Text {
     })
 }
 
-/// The `k`-th line.
+/// Draws the `k`-th line.
 pub fn polyline(points: &[Point], k: usize) -> Polyline {
-    // A line of one point has no length: drawn twice, its round ends make a dot.
+    // A line of one point has no length: with the point repeated, its round ends make a dot.
     let again = if let [only] = points { Some(only) } else { None };
     let mut shown = String::new();
     for (x, y) in points.iter().chain(again) {
@@ -80,14 +80,27 @@ pub fn polyline(points: &[Point], k: usize) -> Polyline {
     Polyline::new().set("class", class).set("points", shown)
 }
 
-/// A mark on the `k`-th line at `(x, y)`, with the area of a disc of the radius `r`.
+/// A mark of the `k`-th line at `(x, y)`, with the area of a disc of radius `r`.
 pub fn mark(place: Point, k: usize, r: f64) -> Path {
     Path::new().set("class", colour("mark", k)).set("d", shape(place, k, r))
 }
 
-/// The same, of which the outline alone is in the colour of the line.
+/// A hollow mark of the `k`-th line, with its outline in the colour of the line.
 pub fn hollow(place: Point, k: usize, r: f64) -> Path {
     Path::new().set("class", format!("hollow {}", colour("line", k))).set("d", shape(place, k, r))
+}
+
+/// A cross in the colour of the `k`-th line.
+pub fn cross((x, y): Point, k: usize, r: f64) -> Path {
+    let (low, high, left, right) = (tenths(y + r), tenths(y - r), tenths(x - r), tenths(x + r));
+    let strokes = format!("M{left},{low}L{right},{high}M{left},{high}L{right},{low}");
+    Path::new().set("class", format!("cross {}", colour("line", k))).set("d", strokes)
+}
+
+/// A thin line in the colour of the `k`-th line.
+pub fn whisker(from: Point, to: Point, k: usize) -> Path {
+    let [a, b, c, d] = [from.0, from.1, to.0, to.1].map(tenths);
+    Path::new().set("class", format!("whisker {}", colour("line", k))).set("d", format!("M{a},{b}L{c},{d}"))
 }
 
 fn shape((x, y): Point, k: usize, r: f64) -> String {

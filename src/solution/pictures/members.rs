@@ -1,6 +1,6 @@
-//! The table of a sweep as a picture: over one name a line for each number that was collected; over two names, on a grid, a map
-//! of the first number, or of modes, if a word was collected; over more, parallel coordinates (A. Inselberg, "The plane with parallel
-//! coordinates", 1985).
+//! The table of a sweep as a picture. Over one name: a line for each collected number. Over two names on a grid: a map
+//! of the first collected number, or of modes if a mode word was collected. Over more names: parallel coordinates (A.
+//! Inselberg, "The plane with parallel coordinates", 1985).
 
 use super::axis::{Axis, Tick};
 use super::elements::{line, plain, tenths, text};
@@ -11,30 +11,30 @@ use crate::{Solution, Table, Values};
 use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
-/// Where the names are, and the upper end of the axes where they are in one row.
+/// Vertical position of the names, and of the top of the axes below a single row of names.
 const NAMES: f64 = 56.0;
 const TOP: f64 = 72.0;
-/// From the upper end of the axes to the lower, and on to the end of the picture.
+/// Height of the axes, and of the foot below them.
 const HEIGHT: f64 = 360.0;
 const FOOT: f64 = 62.0;
 const TICKS: usize = 8;
-/// Numbers with a line each.
+/// Most numbers with a line each.
 const MOST_LINES: usize = 6;
-/// Modes with a colour each; those that are met less often share one.
+/// Most modes with a colour each; rarer modes share one.
 const MOST_MODES: usize = 11;
-/// Lines of a picture in parallel coordinates.
+/// Most lines in parallel coordinates.
 const MOST_PARALLEL: usize = 2000;
-/// Points up to which each has a mark.
+/// Most points with a mark each.
 const MARKED: usize = 60;
-/// Room for the scale of a map, and for words of modes.
+/// Widths of the colour scale of a map, and of the mode words.
 const SCALE: f64 = 96.0;
 const WORDS: f64 = 210.0;
-/// Characters of a word of modes: its beginning, by which those that are met first are told apart.
+/// Most characters of a mode word; the first modes are what distinguishes them.
 const WORD: usize = 28;
-/// Steps of the scale that are drawn.
+/// Number of steps in the drawn colour scale.
 const STEPS: usize = 48;
 
-/// The picture of the table.
+/// Draws the table.
 pub fn members(solution: &Solution, table: &Table, label: Option<&str>) -> String {
     let drawn = match (table.swept.as_slice(), grid(table)) {
         ([only], _) => lines(table, only),
@@ -50,7 +50,7 @@ pub fn members(solution: &Solution, table: &Table, label: Option<&str>) -> Strin
         remarks.push(format!("{} failed", table.failed));
     }
     if !solution.verdict.trusted {
-        remarks.push("not all are trusted".to_owned());
+        remarks.push("some are not trusted".to_owned());
     }
     remarks.extend(below);
     Document::new()
@@ -67,15 +67,15 @@ pub fn members(solution: &Solution, table: &Table, label: Option<&str>) -> Strin
         .to_string()
 }
 
-/// What stands between title and remarks.
+/// The drawing between title and remarks.
 struct Drawn {
     group: Group,
-    /// The height of the rows of names but the first.
+    /// Height of the rows of names except the first.
     extra: f64,
     below: Option<String>,
 }
 
-/// Two axes with their ticks and the names of what is on them.
+/// Two axes with ticks and labels.
 struct Frame {
     x: Axis,
     y: Axis,
@@ -119,7 +119,7 @@ impl Frame {
     }
 }
 
-/// The columns that were collected and have numbers.
+/// The collected columns that contain numbers.
 fn collected(table: &Table) -> Vec<(&str, &Values)> {
     let of =
         |name: &'_ String| Some((table.collected.iter().find(|known| *known == name)?.as_str(), table.column(name)?));
@@ -160,15 +160,15 @@ fn lines(table: &Table, over: &str) -> Drawn {
     Drawn { group, extra: legend.extra(), below: None }
 }
 
-/// The values of two names that were swept on a grid, in order.
+/// The sorted values of two names that were swept on a grid.
 struct Grid<'t> {
     names: [&'t str; 2],
     values: [Vec<f64>; 2],
-    /// The row of the table at each place, the second name varying fastest.
+    /// The row of the table at each grid point; the second name varies fastest.
     rows: Vec<Option<usize>>,
 }
 
-/// The grid on which a table is, if it is.
+/// The grid of a table with two swept names, if it has one.
 fn grid(table: &Table) -> Option<Grid<'_>> {
     let [a, b] = table.swept.as_slice() else { return None };
     let columns = [table.column(a)?, table.column(b)?];
@@ -179,7 +179,7 @@ fn grid(table: &Table) -> Option<Grid<'_>> {
         values
     });
     let places = values[0].len().checked_mul(values[1].len())?;
-    // Points that were drawn at random have as many values as members.
+    // Random points have as many values as members.
     if values.iter().any(|values| values.len() < 2) || places as u64 > table.members {
         return None;
     }
@@ -224,7 +224,7 @@ fn map(table: &Table, grid: &Grid<'_>) -> Drawn {
     Drawn { group, extra: 0.0, below: colours.below() }
 }
 
-/// The ends of cells about values in order: the middles between them, and as far beyond the first and the last.
+/// Boundaries of cells around sorted values: the midpoints between them, and equally far beyond the first and the last.
 fn edges(values: &[f64]) -> Vec<f64> {
     let middle = |pair: &[f64]| pair[0] + 0.5 * (pair[1] - pair[0]);
     let inner: Vec<f64> = values.windows(2).map(middle).collect();
@@ -234,7 +234,7 @@ fn edges(values: &[f64]) -> Vec<f64> {
 }
 
 fn cell(from: Point, to: Point, colour: &str) -> Rectangle {
-    // A hair wider than it is, so that there is no gap between neighbours.
+    // Slightly wider, to close the gaps between neighbours.
     Rectangle::new()
         .set("x", tenths(from.0))
         .set("y", tenths(from.1))
@@ -251,7 +251,7 @@ enum Colours<'t> {
         axis: Axis,
         ends: (f64, f64),
     },
-    /// Modes by how many members have them.
+    /// Modes, the most frequent first.
     Modes {
         name: &'t str,
         values: &'t Values,
@@ -277,7 +277,7 @@ impl<'t> Colours<'t> {
             });
             modes[place].1 += 1;
         }
-        // The sort is stable: among those met as often, the first met comes first.
+        // The sort is stable: of equally frequent modes, the first to occur comes first.
         modes.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
         let others = modes.len().saturating_sub(MOST_MODES);
         modes.truncate(MOST_MODES);
@@ -297,7 +297,7 @@ impl<'t> Colours<'t> {
         }
     }
 
-    /// What says which colour is which, on from a corner.
+    /// Draws the colour scale or the list of modes, from its upper left corner.
     fn scale(&self, group: Group, left: f64, top: f64) -> Group {
         match self {
             Self::Numbers { axis, name, .. } => {
@@ -333,14 +333,14 @@ impl<'t> Colours<'t> {
 
     fn below(&self) -> Option<String> {
         let Self::Modes { modes, others, .. } = self else { return None };
-        Some(format!("{} words of modes", modes.len() + others))
+        Some(format!("{} different mode words", modes.len() + others))
     }
 }
 
-/// The colour of what is met less often than all that have one.
+/// The colour shared by the rarer modes.
 const OTHER: &str = "#9198a1";
 
-/// The colour of the mode in place `k`: Okabe and Ito's, then lighter ones.
+/// The colour of mode number `k`: those of Okabe and Ito, then lighter ones.
 fn hue(k: usize) -> String {
     const HUES: [&str; MOST_MODES] = [
         "#0072b2", "#e69f00", "#009e73", "#d55e00", "#56b4e9", "#cc79a7", "#f0e442", "#7fb8d8", "#f2cf80", "#80ceb9",
@@ -349,8 +349,8 @@ fn hue(k: usize) -> String {
     HUES[k % HUES.len()].to_owned()
 }
 
-/// A colour from dark blue to yellow whose lightness grows evenly (viridis; S. van der Walt and N. Smith 2015), between nine of its
-/// colours.
+/// A colour from dark blue to yellow with uniformly increasing lightness (viridis; S. van der Walt and N. Smith 2015),
+/// interpolated between nine of its colours.
 fn shade(part: f64) -> String {
     const NINE: [[f64; 3]; 9] = [
         [68.0, 1.0, 84.0],
@@ -369,7 +369,7 @@ fn shade(part: f64) -> String {
     format!("#{:02x}{:02x}{:02x}", mixed(0), mixed(1), mixed(2))
 }
 
-/// A vertical axis for each name that was swept and each number that was collected, and a line for each member.
+/// Draws a vertical axis for each swept name and each collected number, and a line for each member.
 fn parallel(table: &Table) -> Drawn {
     let swept = table.swept.iter().filter_map(|name| Some((name.as_str(), table.column(name)?)));
     let axes: Vec<(&str, &Values, Axis)> = swept
@@ -402,6 +402,6 @@ fn parallel(table: &Table) -> Drawn {
         let name = axis.unit().map_or_else(|| plain(name, 16), |unit| format!("{} {unit}", plain(name, 16)));
         group = group.add(text(name, "middle", x(k), TOP + HEIGHT + 20.0));
     }
-    let below = (every > 1).then(|| format!("one in {every} is drawn"));
+    let below = (every > 1).then(|| format!("one member in {every} is drawn"));
     Drawn { group, extra: 0.0, below }
 }

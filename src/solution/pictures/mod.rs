@@ -1,8 +1,8 @@
-//! A solution as a picture, in SVG: its fields over time, one below the other on one time axis, each on a scale of its
-//! own (small multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4).
+//! Pictures of a solution in SVG: its fields over time in panels below each other, with a common time axis and separate
+//! ordinates (small multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4).
 //!
-//! Up to eight fields have a panel each. More are sorted by magnitude and share panels with their likes. Switches of the
-//! active face and changes of contacts are fine vertical marks. The picture is light or dark as its reader prefers.
+//! Up to eight fields have a panel each. More fields are sorted by magnitude and share panels. Switches of the active
+//! face and contact events are fine vertical lines. The picture is light or dark according to the reader's preference.
 
 mod axis;
 mod double_logarithmic;
@@ -23,30 +23,30 @@ use svg::Document;
 use svg::node::element::{Rectangle, Style, Title};
 
 pub use double_logarithmic::{Curve, double_logarithmic};
-pub use overview::overview;
+pub use overview::{Arrangement, LARGE, SMALL, Words, overview};
 pub use work_precision::{curves, work_precision};
 
 const MOST_PANELS: usize = 8;
 const WIDTH: f64 = 760.0;
 const LEFT: f64 = 68.0;
 const RIGHT: f64 = WIDTH - 24.0;
-/// Room for the title.
+/// Height of the title.
 const TITLE: f64 = 44.0;
-/// Room for the labels of the time axis and for what is said below it.
+/// Height of the labels of the time axis and the remarks below it.
 const FOOT: f64 = 58.0;
-/// Ticks of the time axis.
+/// Number of ticks of the time axis.
 const TIME_TICKS: usize = 10;
-/// Pixels between two switches that are told apart.
+/// Least distance in pixels between two switches that are drawn separately.
 const APART: f64 = 2.0;
-/// Characters that fit into a line, and into one of the large type of titles.
+/// Number of characters that fit into a line, and into a line in the large type of titles.
 const LINE_CHARACTERS: usize = 80;
 const LARGE_CHARACTERS: usize = 60;
 
-/// Writes the picture of a solution, under its label; that of a study shows error against run time, that of a sweep its
+/// Writes the picture of a solution, under its label. For a study it shows error against run time, for a sweep its
 /// table.
 ///
 /// # Errors
-/// Those of `out`.
+/// Errors of writing to `out`.
 pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write) -> io::Result<()> {
     if let Some(study) = &solution.study {
         return writeln!(out, "{}", study.picture);
@@ -59,7 +59,7 @@ pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write)
     let mut stage = Stage { t: &trajectory.t, axis, left: LEFT, right: RIGHT, switches: Vec::new() };
     stage.switches = switches(solution, &stage);
     let panels = if trajectory.t.is_empty() { Vec::new() } else { panels(&trajectory.fields) };
-    // Few panels are high, many are low; the whole stays within a screen.
+    // A few panels are high, many are low, so that the whole picture fits on a screen.
     let height = (60.0 + 240.0 / panels.len().max(1) as f64).round();
     let floor = TITLE + panels.len() as f64 * (HEADING + height);
 
@@ -93,7 +93,7 @@ pub fn write_svg(solution: &Solution, label: Option<&str>, out: &mut impl Write)
     writeln!(out, "{picture}")
 }
 
-/// The fields of each panel.
+/// Distributes the fields over panels.
 fn panels(fields: &[Field]) -> Vec<Vec<&Field>> {
     let mut fields: Vec<&Field> = fields.iter().take(MOST_PANELS * MOST_LINES).collect();
     let lines = fields.len().div_ceil(MOST_PANELS).max(1);
@@ -107,7 +107,7 @@ fn magnitude(field: &Field) -> f64 {
     field.values.iter().fold(0.0, |largest, value| value.abs().max(largest))
 }
 
-/// Where switches lie, those that an eye cannot tell apart as one.
+/// Positions of the switches, with those too close to distinguish merged.
 fn switches(solution: &Solution, stage: &Stage<'_>) -> Vec<f64> {
     let events = solution.trajectory.events.iter();
     let within = events.filter(|event| (0.0..=1.0).contains(&stage.axis.fraction(event.t)));
@@ -117,7 +117,7 @@ fn switches(solution: &Solution, stage: &Stage<'_>) -> Vec<f64> {
     places
 }
 
-/// What the lines do not say.
+/// The remarks below the picture.
 fn remarks(solution: &Solution, panels: &[Vec<&Field>]) -> String {
     let mut remarks = Vec::new();
     if let (Some(error), Status::Failed | Status::Stopped) = (&solution.error, solution.status) {

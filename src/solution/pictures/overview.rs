@@ -1,83 +1,133 @@
-//! Error against run time of many systems at one glance: a small panel for each on the same axes in powers of ten (small
-//! multiples: E. R. Tufte, "Envisioning Information", 1990, chapter 4), so that one may be held against another.
+//! Errors of many runs at one glance: panels on the same axes in powers of ten (small multiples: E. R. Tufte, "Envisioning
+//! Information", 1990, chapter 4), so that one may be compared with another.
 
-use super::double_logarithmic::{Curve, Decades, power, told_of_marks};
+use super::double_logarithmic::{CROSSES, Curve, Decades, power, told_of_marks};
 use super::elements::{line, plain, tenths, text};
-use super::legend::{Legend, polyline};
-use super::thinning::Point;
+use super::legend::Legend;
 use super::{LEFT, LINE_CHARACTERS, RIGHT, WIDTH};
 use svg::Document;
 use svg::node::element::{Group, Rectangle, Style, Title};
 
-const COLUMNS: usize = 4;
-/// Where the first panel begins, and how high the panels and what is between them are.
-const TOP: f64 = 84.0;
-const HEIGHT: f64 = 92.0;
-const BETWEEN: f64 = 26.0;
+/// The base line of the title and of the first row of the legend, and room from there to the names of the first panels.
+const TITLE: f64 = 30.0;
+const LEGEND: f64 = 54.0;
+const NAMES: f64 = 44.0;
+const BETWEEN: f64 = 30.0;
 const GAP: f64 = 14.0;
 const FOOT: f64 = 64.0;
-/// The size of a mark.
-const RADIUS: f64 = 2.0;
-/// Decades from one line of the grid to the next.
-const EVERY: i32 = 4;
+/// The width of a character of the name of a panel.
+const CHARACTER: f64 = 6.6;
+/// Room for a label on either axis, in pixels.
+const LABEL: f64 = 30.0;
+
+/// The arrangement of panels.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrangement {
+    /// Panels in a row.
+    pub columns: usize,
+    /// The height of the axes of a panel, in pixels.
+    pub height: f64,
+    /// The radius of a mark.
+    pub radius: f64,
+}
+
+/// Many small panels.
+pub const SMALL: Arrangement = Arrangement { columns: 4, height: 92.0, radius: 2.0 };
+/// Few large panels.
+pub const LARGE: Arrangement = Arrangement { columns: 2, height: 190.0, radius: 3.0 };
+
+/// The words of a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct Words<'a> {
+    /// The title, for readers of screens, and shown where it is not said above the picture.
+    pub title: &'a str,
+    /// Whether the title is shown.
+    pub titled: bool,
+    /// The ordinate of all panels.
+    pub ordinate: &'a str,
+    /// The abscissa of all panels.
+    pub abscissa: &'a str,
+}
 
 /// The picture: `panels` have their names and curves, the curves of all panels mean the same in the same order.
-pub fn overview(panels: &[(&str, Vec<Curve>)], title: &str, below: &str, abscissa: &str) -> String {
-    let width = (RIGHT - LEFT - GAP * (COLUMNS - 1) as f64) / COLUMNS as f64;
-    let all = || panels.iter().flat_map(|(_, curves)| curves).flat_map(|curve| &curve.points);
-    let x = Decades::spanning(all().map(|point| point.0), 0.0, width);
-    let y = Decades::spanning(all().map(|point| point.1), HEIGHT, 0.0);
-    let rows = panels.len().div_ceil(COLUMNS);
-    let floor = TOP + rows as f64 * (HEIGHT + BETWEEN) - BETWEEN;
+pub fn overview(panels: &[(&str, Vec<Curve>)], words: Words<'_>, arrangement: Arrangement) -> String {
+    let Arrangement { columns, height, .. } = arrangement;
+    let columns = columns.min(panels.len()).max(1);
+    let width = (RIGHT - LEFT - GAP * (columns - 1) as f64) / columns as f64;
+    let curves = || panels.iter().flat_map(|(_, curves)| curves);
+    let x = Decades::spanning(curves().flat_map(Curve::abscissae), 0.0, width);
+    let y = Decades::spanning(curves().flat_map(|curve| &curve.points).map(|point| point.1), height, 0.0);
+    let lost = if curves().any(|curve| !curve.lost.is_empty()) { CROSSES } else { 0.0 };
+    let shift = if words.titled { 0.0 } else { LEGEND - TITLE };
+    let names = panels.first().map_or(&[][..], |(_, curves)| curves).iter().map(|curve| curve.name.as_str());
+    let legend = Legend::new(names, LEFT, RIGHT);
+    let top = LEGEND - shift + legend.extra() + NAMES + lost;
+    let row = height + BETWEEN + lost;
+    let floor = top + panels.len().div_ceil(columns) as f64 * row - BETWEEN - lost;
     let mut picture = Document::new()
         .set("viewBox", (0.0, 0.0, WIDTH, floor + FOOT))
         .set("width", WIDTH)
         .set("height", floor + FOOT)
         .set("role", "img")
-        .add(Title::new(title))
+        .add(Title::new(words.title))
         .add(Style::new(include_str!("style.css")))
         .add(Rectangle::new().set("class", "paper").set("width", "100%").set("height", "100%").set("rx", 8))
-        .add(text(plain(title, LINE_CHARACTERS), "title", LEFT, 30.0));
-    if let Some((_, curves)) = panels.first() {
-        let legend = Legend::new(curves.iter().map(|curve| curve.name.as_str()), LEFT, RIGHT);
-        picture = picture.add(legend.drawn(54.0));
+        .add(legend.drawn(LEGEND - shift));
+    if words.titled {
+        picture = picture.add(text(plain(words.title, LINE_CHARACTERS), "title", LEFT, TITLE));
     }
     for (k, (name, curves)) in panels.iter().enumerate() {
-        let (left, top) = ((k % COLUMNS) as f64 * (width + GAP), (k / COLUMNS) as f64 * (HEIGHT + BETWEEN));
-        let lowest = k + COLUMNS >= panels.len();
-        let place = format!("translate({}, {})", tenths(LEFT + left), tenths(TOP + top));
-        picture = picture.add(panel(name, curves, (&x, &y), (k % COLUMNS == 0, lowest)).set("transform", place));
+        let (left, down) = ((k % columns) as f64 * (width + GAP), (k / columns) as f64 * row);
+        let lowest = k + columns >= panels.len();
+        let place = format!("translate({}, {})", tenths(LEFT + left), tenths(top + down));
+        let last = k % columns == columns - 1 || k + 1 == panels.len();
+        let group = panel(name, curves, (&x, &y), (k % columns == 0, lowest, last), (arrangement.radius, lost));
+        picture = picture.add(group.set("transform", place));
     }
     picture
-        .add(text(plain(below, LINE_CHARACTERS), "faint", LEFT, floor + 42.0))
-        .add(text(abscissa, "faint end", RIGHT, floor + 42.0))
-        .add(text(told_of_marks(panels.iter().flat_map(|(_, curves)| curves)), "faint", LEFT, floor + 58.0))
+        .add(text(plain(words.ordinate, LINE_CHARACTERS), "faint", LEFT, top - lost - 22.0))
+        .add(text(words.abscissa, "faint end", RIGHT, floor + 38.0))
+        .add(text(told_of_marks(curves()), "faint", LEFT, floor + 54.0))
         .to_string()
 }
 
-/// A panel with its origin at the upper left; labels only where it is the first of its row, or the last of its column.
-fn panel(name: &str, curves: &[Curve], (x, y): (&Decades, &Decades), (first, lowest): (bool, bool)) -> Group {
-    let grid =
-        |axis: &Decades| (axis.low..=axis.high).filter(|decade| decade.rem_euclid(EVERY) == 0).collect::<Vec<i32>>();
-    let mut group = Group::new().add(text(plain(name, 24), "", 0.0, -6.0));
-    for decade in grid(y) {
+/// A panel with its origin at the upper left; labels only where it is the first of its row, or the last of its column, and none
+/// that would run into the panel to its right.
+fn panel(
+    name: &str,
+    curves: &[Curve],
+    (x, y): (&Decades, &Decades),
+    (first, lowest, last): (bool, bool, bool),
+    (radius, lost): (f64, f64),
+) -> Group {
+    let mut group = Group::new().add(text(plain(name, (x.to / CHARACTER) as usize), "", 0.0, -6.0 - lost));
+    for decade in grid(y, 0.6 * LABEL) {
         let at = y.place(10f64.powi(decade));
         group = group.add(line("grid", (0.0, at), (x.to, at)));
         if first {
             group = group.add(text(power(decade), "end", -6.0, at + 4.0));
         }
     }
-    for decade in (x.low..=x.high).filter(|decade| decade.rem_euclid(2) == 0) {
+    for decade in grid(x, LABEL) {
         let at = x.place(10f64.powi(decade));
         group = group.add(line("grid", (at, 0.0), (at, y.from)));
-        if lowest {
+        if lowest && (last || at < x.to - 0.5 * LABEL) {
             group = group.add(text(power(decade), "middle", at, y.from + 16.0));
         }
     }
-    for (k, curve) in curves.iter().enumerate() {
-        let place = |point: Point| (x.place(point.0), y.place(point.1));
-        let shown: Vec<Point> = curve.points.iter().copied().map(place).collect();
-        group = group.add(polyline(&shown, k)).add(curve.marks(k, RADIUS, place));
+    for (k, curve) in curves.iter().enumerate().filter(|(_, curve)| !curve.points.is_empty() || !curve.lost.is_empty())
+    {
+        group = group.add(curve.drawn(k, radius, (x, y), -0.6 * lost));
     }
     group
+}
+
+/// Decades that are at least `room` pixels apart, at multiples of 1, 2, 4, ..
+fn grid(axis: &Decades, room: f64) -> Vec<i32> {
+    let decade = (axis.to - axis.from).abs() / f64::from(axis.high - axis.low);
+    let mut every = 1;
+    while f64::from(every) * decade < room && every < axis.high - axis.low {
+        every *= 2;
+    }
+    (axis.low..=axis.high).filter(|decade| decade.rem_euclid(every) == 0).collect()
 }

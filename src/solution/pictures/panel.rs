@@ -1,4 +1,4 @@
-//! One panel: the lines of a few fields of like magnitude over the time axis that all panels share.
+//! One panel: the lines of a few fields of similar magnitude, over the common time axis.
 
 use super::axis::Axis;
 use super::elements::{line, text};
@@ -7,44 +7,44 @@ use super::thinning::thin;
 use crate::Field;
 use svg::node::element::Group;
 
-/// Lines in a panel.
+/// Most lines in a panel.
 pub const MOST_LINES: usize = COLOURS;
 
-/// Room for names above the lines, in pixels.
+/// Height of the names above the lines, in pixels.
 pub const HEADING: f64 = 26.0;
 
-/// Characters that fit into the heading beside the marks of the lines.
+/// Number of characters that fit into the heading beside the marks of the lines.
 const HEADING_CHARACTERS: usize = 78;
 
-/// Room for a tick, in pixels; a high panel has no more of them for it.
+/// Height per tick, in pixels, and the largest number of ticks of a high panel.
 const TICK: f64 = 30.0;
 const MOST_TICKS: usize = 5;
 
-/// Free space above and below the lines, as a part of their span.
+/// Free space above and below the lines, relative to their span.
 const MARGIN: f64 = 0.08;
 
-/// What all panels share: the time axis and where it lies.
+/// The common parts of all panels: the time axis and its position.
 pub struct Stage<'a> {
     /// The times of the values.
     pub t: &'a [f64],
-    /// Their axis.
+    /// The time axis.
     pub axis: Axis,
-    /// Its low end, in pixels.
+    /// Position of the low end of the time axis, in pixels.
     pub left: f64,
-    /// Its high end, in pixels.
+    /// Position of the high end of the time axis, in pixels.
     pub right: f64,
-    /// The switches, in pixels from the left of the picture.
+    /// Positions of the switches, in pixels from the left of the picture.
     pub switches: Vec<f64>,
 }
 
 impl Stage<'_> {
-    /// Where the time `t` lies, in pixels from the left of the picture.
+    /// Position of the time `t`, in pixels from the left of the picture.
     pub fn x(&self, t: f64) -> f64 {
         self.left + self.axis.fraction(t) * (self.right - self.left)
     }
 }
 
-/// Draws `fields` with their heading from `top` on, the lines `height` pixels high; the first line has the colour
+/// Draws `fields` with their heading from `top` on; the lines are `height` pixels high, and the first has colour number
 /// `colour`.
 pub fn panel(stage: &Stage<'_>, fields: &[&Field], top: f64, height: f64, colour: usize) -> Group {
     let axis = Axis::spanning(fields.iter().flat_map(|field| field.values.iter().copied()), MARGIN);

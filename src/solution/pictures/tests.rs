@@ -28,7 +28,7 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
     }
 }
 
-/// Draws, reads the picture back and gives it to `look`.
+/// Draws a solution, parses the picture and passes it to `look`.
 #[track_caller]
 fn drawn<T>(solution: &Solution, label: Option<&str>, look: impl FnOnce(Node<'_, '_>) -> T) -> T {
     let mut picture = Vec::new();
@@ -55,7 +55,7 @@ fn count(picture: Node<'_, '_>, class: &str) -> usize {
     picture.descendants().filter(|node| node.attribute("class") == Some(class)).count()
 }
 
-/// All that is written in the picture.
+/// All text in the picture.
 fn words(picture: Node<'_, '_>) -> String {
     picture.descendants().filter(Node::is_text).filter_map(|node| node.text()).collect::<Vec<_>>().join("|")
 }
@@ -87,7 +87,7 @@ fn many_fields_share_panels_with_their_likes_and_the_rest_is_counted() {
     drawn(&solution(vec![0.0, 1.0], columns(20)), None, |picture| {
         assert_eq!((lines(picture).len(), count(picture, "name")), (20, 7));
         let tops: Vec<f64> = lines(picture).iter().map(|line| line[0].1).collect();
-        // The first panel: of the four fields of 10^12, three.
+        // The first panel has three of the four fields of 10^12.
         assert!(tops[0] == tops[1] && tops[1] == tops[2] && tops[2] < tops[3], "{tops:?}");
     });
     drawn(&solution(vec![0.0, 1.0], columns(200)), None, |picture| {

@@ -1,13 +1,13 @@
-//! Error against run time, both in powers of ten: a line for each series, a mark for each run. The better a method, the
-//! further to the lower left its line.
+//! Error against run time on logarithmic axes: a line for each series, a mark for each run. The better a method, the
+//! further its line is to the lower left.
 
 use super::double_logarithmic::{Curve, double_logarithmic};
-use crate::{Series, StudyRun};
+use crate::{Series, Status, StudyRun};
 
-/// Errors below this are rounding, and shown at it.
+/// Errors below this value are rounding, and drawn at it.
 const LEAST_ERROR: f64 = 1e-17;
 
-/// The picture of a study: errors at the end, relative, against run times in seconds.
+/// Draws a study: relative errors at the end against run times in seconds.
 pub fn work_precision<'a>(
     series: impl IntoIterator<Item = &'a Series>,
     label: Option<&str>,
@@ -17,13 +17,20 @@ pub fn work_precision<'a>(
     double_logarithmic(&curves(series), label.unwrap_or("Error against run time"), &below, "run time in s")
 }
 
-/// The runs of each series that have an error.
+/// The runs of each series: a mark for each that has an error, a cross for each that did not reach the end.
 pub fn curves<'a>(series: impl IntoIterator<Item = &'a Series>) -> Vec<Curve> {
     let point = |run: &StudyRun| Some((run.wall_seconds.max(1e-9), run.error_at_end?.max(LEAST_ERROR)));
     let curve = |series: &Series| Curve {
         name: series.method.clone(),
         points: series.runs.iter().filter_map(point).collect(),
         untrusted: series.runs.iter().filter(|run| run.trusted == Some(false)).filter_map(point).collect(),
+        lost: series
+            .runs
+            .iter()
+            .filter(|run| run.status != Status::Completed)
+            .map(|run| run.wall_seconds.max(1e-9))
+            .collect(),
+        spread: Vec::new(),
     };
     series.into_iter().map(curve).collect()
 }

@@ -1,10 +1,11 @@
-//! Columns as JSON: an object of lists by name, in which a missing value is null.
+//! Columns as JSON: an object of lists by name, with null for missing values.
 
-use super::{Column, MISSING, Values, Words};
+use super::{Column, Counts, Lists, MISSING, Values, Words};
 use serde::de::{Error, MapAccess, SeqAccess, Visitor};
 use serde::ser::{SerializeMap, SerializeSeq};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fmt;
+use std::io::{self, Write};
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ArrayBuilder, ObjectBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
@@ -16,8 +17,8 @@ pub(super) fn schema_of_columns() -> Schema {
     columns
         .additional_properties(Some(AdditionalProperties::RefOr(RefOr::T(Schema::Array(list.build())))))
         .description(Some(
-            "By name: `member`, from zero; what was swept; what was collected; `status`, `trusted`, `error`, `steps`, `switches`, \
-             `residual`, `warnings`. A value that is missing is null.",
+            "The columns by name: `member`, from zero; the swept names; the collected values; `status`, `trusted`, \
+             `error`, `steps`, `switches`, `residual`, `warnings`. A missing value is null.",
         ))
         .into()
 }
@@ -54,9 +55,26 @@ impl<'de> Visitor<'de> for ColumnsVisitor {
         }
         let rows = columns.first().map_or(0, |column| column.values.len());
         if columns.iter().any(|column| column.values.len() != rows) {
-            return Err(A::Error::custom("the columns are not of one length"));
+            return Err(A::Error::custom("the columns must have the same length"));
         }
         Ok(columns)
+    }
+}
+
+impl Values {
+    /// Writes the value in a row, null where there is none.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn write_json(&self, row: usize, out: &mut dyn Write) -> io::Result<()> {
+        match self {
+            Self::Flags(values) => serde_json::to_writer(out, &values.get(row))?,
+            Self::Words(words) => serde_json::to_writer(out, &words.get(row))?,
+            Self::Counts(values) => serde_json::to_writer(out, &values.get(row).filter(|value| *value != MISSING))?,
+            Self::Numbers(_) => serde_json::to_writer(out, &self.number(row))?,
+            Self::Lists(lists) => serde_json::to_writer(out, &lists.numbers(row).map(List::of))?,
+        }
+        Ok(())
     }
 }
 
@@ -70,8 +88,8 @@ impl Serialize for Values {
                 }
             }
             Self::Counts(values) => {
-                for value in values {
-                    list.serialize_element(&Some(*value).filter(|value| *value != MISSING))?;
+                for value in values.iter() {
+                    list.serialize_element(&Some(value).filter(|value| *value != MISSING))?;
                 }
             }
             Self::Flags(values) => {
@@ -82,6 +100,11 @@ impl Serialize for Values {
             Self::Words(words) => {
                 for row in 0..words.places.len() {
                     list.serialize_element(&words.get(row))?;
+                }
+            }
+            Self::Lists(lists) => {
+                for row in 0..lists.len() {
+                    list.serialize_element(&lists.numbers(row).map(List::of))?;
                 }
             }
         }
@@ -95,9 +118,20 @@ impl<'de> Deserialize<'de> for Values {
     }
 }
 
+/// The numbers of a list.
+#[derive(Serialize)]
+#[serde(transparent)]
+struct List(Vec<Option<f64>>);
+
+impl List {
+    fn of(numbers: impl Iterator<Item = Option<f64>>) -> Self {
+        Self(numbers.collect())
+    }
+}
+
 struct ValuesVisitor;
 
-/// One value as it is written: whole numbers without a point are counts.
+/// One value as written: a whole number without a decimal point is a count.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Value {
@@ -105,13 +139,14 @@ enum Value {
     Count(u32),
     Number(f64),
     Word(String),
+    List(Vec<Option<f64>>),
 }
 
 impl<'de> Visitor<'de> for ValuesVisitor {
     type Value = Values;
 
     fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str("numbers, words or truths, or null")
+        formatter.write_str("numbers, texts, booleans or null")
     }
 
     fn visit_seq<A: SeqAccess<'de>>(self, mut access: A) -> Result<Values, A::Error> {
@@ -128,9 +163,10 @@ impl<'de> Visitor<'de> for ValuesVisitor {
             let values = found.get_or_insert_with(|| {
                 let mut values = match &value {
                     Value::Flag(_) => Values::Flags(Vec::new()),
-                    Value::Count(_) => Values::Counts(Vec::new()),
+                    Value::Count(_) => Values::Counts(Counts::default()),
                     Value::Number(_) => Values::Numbers(Vec::new()),
                     Value::Word(_) => Values::Words(Words::default()),
+                    Value::List(list) => Values::Lists(Lists::new(list.len())),
                 };
                 (0..missing).for_each(|_| values.push_number(None));
                 values
@@ -141,6 +177,10 @@ impl<'de> Visitor<'de> for ValuesVisitor {
                 (Values::Numbers(values), Value::Number(value)) => values.push(value),
                 (Values::Numbers(values), Value::Count(value)) => values.push(f64::from(value)),
                 (Values::Words(words), Value::Word(word)) => words.push(Some(&word)),
+                (Values::Lists(lists), Value::List(list)) if list.len() == lists.length() => {
+                    let list: Vec<f64> = list.into_iter().map(|value| value.unwrap_or(f64::NAN)).collect();
+                    lists.push(&list);
+                }
                 _ => return Err(A::Error::custom("a column has values of one kind")),
             }
         }

@@ -1,11 +1,11 @@
-//! The components of a circuit as they are written.
+//! The components of a circuit as the user writes them.
 
 use crate::expression::Expression;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// A component between two nodes. Its voltage is that of the first node above the second; its current runs through it
-/// from the first to the second.
+/// A component between two nodes. Its voltage is the potential of the first node minus that of the second; its current
+/// is positive from the first node through the component to the second.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Component {
@@ -15,19 +15,19 @@ pub enum Component {
     Capacitor(Capacitor),
     /// `v = L i'`.
     Inductor(Inductor),
-    /// `v` is given.
+    /// Prescribed voltage `v`.
     VoltageSource(VoltageSource),
-    /// `i` is given.
+    /// Prescribed current `i`.
     CurrentSource(CurrentSource),
-    /// An ideal diode from anode to cathode: `0 <= i`, `v <= forward_volts`, and one of them an equality.
+    /// An ideal diode from anode to cathode: `i >= 0`, `v <= forward_volts`, and at least one holds with equality.
     Diode(Diode),
-    /// An ideal diode that also conducts backwards, at `v = -breakdown_volts`.
+    /// An ideal diode that also conducts in reverse, at `v = -breakdown_volts`.
     Zener(Zener),
-    /// An ideal switch: `v = 0` where it is closed, `i = 0` where it is open.
+    /// An ideal switch: `v = 0` while it is closed, `i = 0` while it is open.
     Switch(Switch),
-    /// An ideal operational amplifier: `v(inputs) = 0`, or the output at a limit.
+    /// An ideal operational amplifier: zero voltage between the inputs, or the output at a limit.
     OpAmp(OpAmp),
-    /// An ideal comparator: the output is high or low, as its inputs say.
+    /// An ideal comparator: the output is high or low, by the sign of the voltage between the inputs.
     Comparator(Comparator),
     /// An ideal transformer: `v_primary = ratio v_secondary`, `i_secondary = -ratio i_primary`.
     Transformer(Transformer),
@@ -37,11 +37,11 @@ pub enum Component {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Resistor {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
-    /// The nodes it is between.
+    /// The two nodes that it connects.
     pub nodes: (String, String),
-    /// Its resistance, above 0.
+    /// Resistance, above 0.
     pub ohms: Expression,
 }
 
@@ -49,13 +49,13 @@ pub struct Resistor {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Capacitor {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
-    /// The nodes it is between.
+    /// The two nodes that it connects.
     pub nodes: (String, String),
-    /// Its capacitance, above 0.
+    /// Capacitance, above 0.
     pub farads: Expression,
-    /// Its voltage at the start. Default 0, or in a loop of capacitors and voltage sources what the others say.
+    /// Initial voltage. Default 0; in a loop of capacitors and voltage sources, the value that the others imply.
     pub volts: Option<Expression>,
 }
 
@@ -63,13 +63,13 @@ pub struct Capacitor {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Inductor {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
-    /// The nodes it is between.
+    /// The two nodes that it connects.
     pub nodes: (String, String),
-    /// Its inductance, above 0.
+    /// Inductance, above 0.
     pub henries: Expression,
-    /// Its current at the start. Default 0, or where inductors and current sources alone meet what the others say.
+    /// Initial current. Default 0; in a cut set of inductors and current sources, the value that the others imply.
     pub amperes: Option<Expression>,
 }
 
@@ -77,13 +77,14 @@ pub struct Inductor {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VoltageSource {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
-    /// Its positive and its negative node.
+    /// Positive node, then negative node.
     pub nodes: (String, String),
-    /// Its voltage, in `t`, or in voltages `v(node)`, `v(component)` and currents `i(component)` as well: a controlled source.
+    /// Voltage, as an expression in `t`, and for a controlled source also in voltages `v(node)`, `v(component)` and
+    /// currents `i(component)`.
     pub volts: Expression,
-    /// The least and the largest voltage: beyond them it stays there.
+    /// Minimum and maximum voltage, at which the source saturates.
     pub limits: Option<(Expression, Expression)>,
 }
 
@@ -91,13 +92,14 @@ pub struct VoltageSource {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentSource {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
-    /// The node that it takes the current from, and the one that it gives it to.
+    /// The node that the current is drawn from, then the node that it is delivered to.
     pub nodes: (String, String),
-    /// Its current, in `t`, or in voltages `v(node)`, `v(component)` and currents `i(component)` as well: a controlled source.
+    /// Current, as an expression in `t`, and for a controlled source also in voltages `v(node)`, `v(component)` and
+    /// currents `i(component)`.
     pub amperes: Expression,
-    /// The least and the largest current: beyond them it stays there.
+    /// Minimum and maximum current, at which the source saturates.
     pub limits: Option<(Expression, Expression)>,
 }
 
@@ -105,11 +107,11 @@ pub struct CurrentSource {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Diode {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
     /// Anode and cathode.
     pub nodes: (String, String),
-    /// The voltage across it where it conducts, not negative. Default 0.
+    /// Forward voltage while it conducts, not negative. Default 0.
     pub forward_volts: Option<Expression>,
 }
 
@@ -117,13 +119,13 @@ pub struct Diode {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Zener {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
     /// Anode and cathode.
     pub nodes: (String, String),
-    /// The voltage across it where it conducts forwards, not negative. Default 0.
+    /// Forward voltage while it conducts forwards, not negative. Default 0.
     pub forward_volts: Option<Expression>,
-    /// The voltage from cathode to anode where it conducts backwards, above 0.
+    /// Breakdown voltage, from cathode to anode, at which it conducts in reverse; above 0.
     pub breakdown_volts: Expression,
 }
 
@@ -131,20 +133,21 @@ pub struct Zener {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Switch {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
-    /// The nodes it is between.
+    /// The two nodes that it connects.
     pub nodes: (String, String),
-    /// Closed where this expression is not negative: in `t`, as in `sin(2*pi*f*t)`, or in voltages `v(node)`, `v(component)` and
-    /// currents `i(component)` as well, as in `v(control) - sawtooth(t, period)`.
+    /// The switch is closed while this expression is not negative: an expression in `t`, as in `sin(2*pi*f*t)`, or also
+    /// in voltages `v(node)`, `v(component)` and currents `i(component)`, as in `v(control) - sawtooth(t, period)`.
     pub closed: Expression,
-    /// What it holds while it is open, above 0: at this voltage an arc conducts, as where it breaks the current of an
-    /// inductor. Of a switch that `t` alone decides, which must have it; others hold any voltage.
+    /// Withstand voltage of the open switch, above 0: at this voltage an arc conducts, as when the switch interrupts
+    /// the current of an inductor. Required where `closed` depends on `t` alone; not allowed otherwise, since a switch
+    /// controlled by voltages and currents withstands any voltage.
     pub withstand_volts: Option<Expression>,
-    /// Of a switch that voltages and currents decide: it closes where `closed` rises to this, and opens where it falls to minus
-    /// this. Not negative. Default 0.
+    /// Hysteresis of a switch controlled by voltages and currents: it closes when `closed` rises to this value, and
+    /// opens when it falls to minus this value. Not negative. Default 0.
     pub hysteresis: Option<Expression>,
-    /// Whether it is closed before the start, where hysteresis leaves that open. Default false.
+    /// Whether it is closed at the start, if hysteresis leaves that undetermined. Default false.
     #[serde(default)]
     pub initially: bool,
 }
@@ -153,13 +156,13 @@ pub struct Switch {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OpAmp {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
-    /// The inputs, `+` and `-`, which take no current.
+    /// The inputs, `+` and `-`, which draw no current.
     pub inputs: (String, String),
-    /// The output, and the node that its voltage is above.
+    /// The output node, and the node that its voltage is measured against.
     pub nodes: (String, String),
-    /// The least and the largest voltage of the output. Default none.
+    /// Minimum and maximum output voltage. Default: unlimited.
     pub limits: Option<(Expression, Expression)>,
 }
 
@@ -167,20 +170,20 @@ pub struct OpAmp {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Comparator {
-    /// Its name, which no other component and no node has.
+    /// Name, different from that of every other component and node.
     pub name: String,
-    /// The inputs, `+` and `-`, which take no current.
+    /// The inputs, `+` and `-`, which draw no current.
     pub inputs: (String, String),
-    /// The output, and the node that its voltage is above.
+    /// The output node, and the node that its voltage is measured against.
     pub nodes: (String, String),
-    /// The voltage of the output where the first input is below the second. Default 0.
+    /// Output voltage while the first input is below the second. Default 0.
     pub low: Option<Expression>,
-    /// That where it is above, larger. Default 1.
+    /// Output voltage while the first input is above the second; above `low`. Default 1.
     pub high: Option<Expression>,
-    /// The output goes high where the first input rises this far above the second, in volts, and low where it falls this far
-    /// below. Not negative. Default 0.
+    /// Hysteresis in volts: the output goes high when the first input rises this far above the second, and low when it
+    /// falls this far below. Not negative. Default 0.
     pub hysteresis: Option<Expression>,
-    /// Whether it is high before the start, where hysteresis leaves that open. Default false.
+    /// Whether the output is high at the start, if hysteresis leaves that undetermined. Default false.
     #[serde(default)]
     pub initially: bool,
 }
@@ -189,18 +192,19 @@ pub struct Comparator {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Transformer {
-    /// Its name, which no other component and no node has. Its currents are `i(name.primary)` and `i(name.secondary)`.
+    /// Name, different from that of every other component and node. The winding currents are `i(name.primary)` and
+    /// `i(name.secondary)`.
     pub name: String,
-    /// The nodes of the primary winding.
+    /// The nodes of the primary winding, the dotted end first.
     pub primary: (String, String),
-    /// The nodes of the secondary winding; the first ones have the dots.
+    /// The nodes of the secondary winding, the dotted end first.
     pub secondary: (String, String),
-    /// The turns of the primary winding over those of the secondary; not 0.
+    /// Turns of the primary winding divided by turns of the secondary; not 0.
     pub ratio: Expression,
 }
 
 impl Component {
-    /// Its key in the document.
+    /// The key of the component in the document.
     pub(super) fn key(&self) -> &'static str {
         match self {
             Self::Resistor(_) => "resistor",
@@ -217,7 +221,7 @@ impl Component {
         }
     }
 
-    /// Its name.
+    /// The name of the component.
     pub(super) fn name(&self) -> &str {
         match self {
             Self::Resistor(Resistor { name, .. })
@@ -234,7 +238,7 @@ impl Component {
         }
     }
 
-    /// The pairs of nodes it is between, one an element.
+    /// The pairs of nodes that the component connects, one pair per element.
     pub(super) fn nodes(&self) -> Vec<&(String, String)> {
         match self {
             Self::Resistor(Resistor { nodes, .. })
@@ -251,7 +255,7 @@ impl Component {
         }
     }
 
-    /// The nodes that it looks at without a current.
+    /// The input nodes, whose voltage is sensed without drawing current.
     pub(super) fn inputs(&self) -> Option<&(String, String)> {
         match self {
             Self::OpAmp(OpAmp { inputs, .. }) | Self::Comparator(Comparator { inputs, .. }) => Some(inputs),

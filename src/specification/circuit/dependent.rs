@@ -1,5 +1,6 @@
-//! What voltages and currents decide: the laws of controlled sources, amplifiers, comparators and switches, read once the
-//! voltages and currents of the circuit are known as terms.
+//! Laws of elements controlled by voltages and currents: controlled sources, amplifiers, comparators, transformers and
+//! switches. They are lowered once the voltages and currents of the circuit are known as expressions in its states and
+//! variables.
 
 use super::faults::Names;
 use super::lowering::Circuit;
@@ -9,31 +10,31 @@ use crate::ordered::Ordered;
 use expression::Node;
 use models::circuit::{Dependent, DependentLaw, Element, Equations, Law, System};
 
-/// What the value of an element follows, as it is written.
+/// The controlling quantity of an element, as the user writes it.
 #[derive(Clone, Debug)]
 pub(super) enum Drive<'a> {
-    /// An expression of its component at this key.
+    /// An expression under this key of the component.
     Expression { key: &'static str, expression: &'a Expression, bounds: [Option<Node>; 2] },
-    /// A switch or comparator.
+    /// The sign of a voltage or an expression, for a switch or a comparator.
     Comparison { of: Compared<'a>, hysteresis: Option<Node>, begins: bool, limits: [Node; 2] },
-    /// The voltage between two nodes, made zero.
+    /// The voltage between two nodes, which the element drives to zero (operational amplifier).
     Zero { between: (usize, usize), bounds: [Option<Node>; 2] },
-    /// The voltage of a winding of a transformer, a multiple of that between the nodes of the other one.
+    /// The voltage of a transformer winding, `factor` times the voltage between the nodes of the other winding.
     WindingVoltage { other: (usize, usize), factor: Node },
-    /// The current of a winding, minus a multiple of that of the other element.
+    /// The current of a transformer winding, `-factor` times the current of the other winding's element.
     WindingCurrent { other: usize, factor: Node },
 }
 
-/// What is compared with zero.
+/// The quantity whose sign is taken.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Compared<'a> {
-    /// What closes a switch.
+    /// The expression `closed` of a switch.
     Closed(&'a Expression),
-    /// The voltage between two nodes.
+    /// The voltage between the inputs of a comparator.
     Between((usize, usize)),
 }
 
-/// The laws of all elements that are driven, each by its place among the elements.
+/// Lowers the laws of all controlled elements; each drive comes with the index of its element.
 pub(super) fn laws(
     circuit: &Circuit<'_>,
     drives: &[(usize, Drive<'_>)],
@@ -98,7 +99,7 @@ pub(super) fn laws(
     laws
 }
 
-/// Reports what expressions name that no circuit of these components has.
+/// Reports names in expressions that do not exist in the circuit.
 pub(super) fn check_names(
     circuit: &Circuit<'_>,
     drives: &[(usize, Drive<'_>)],
@@ -122,8 +123,8 @@ pub(super) fn check_names(
     }
 }
 
-/// A resistance of the size of those in a circuit: the mean of its resistors; where it has none, of what its coils and
-/// capacitors make; where it has not both, one ohm.
+/// A resistance scale for the circuit: the mean of its resistors; without resistors, `sqrt(L/C)` of its mean inductance
+/// and capacitance; without those, 1 ohm.
 fn scale(elements: &[Element]) -> f64 {
     let mean = |size: &dyn Fn(&Law) -> Option<f64>| {
         let sizes: Vec<f64> = elements.iter().filter_map(|element| size(&element.law)).collect();

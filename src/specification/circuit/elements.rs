@@ -1,4 +1,4 @@
-//! The elements that a component is, with its numbers, and what they follow if that is not time alone.
+//! From a component to its elements: their numbers, and the drives of those that are not controlled by time alone.
 
 use super::components::*;
 use super::dependent::{Compared, Drive};
@@ -12,7 +12,7 @@ use models::circuit::{Element, Law, Quantity, Terms};
 use std::collections::HashMap;
 
 impl<'a> Circuit<'a> {
-    /// The elements of a component, with what they follow if that is not time alone.
+    /// Appends the elements of a component, and the drives of those that are not controlled by time alone.
     pub(super) fn elements(
         &self,
         (component, swapped): (usize, bool),
@@ -22,7 +22,7 @@ impl<'a> Circuit<'a> {
         lowering: &mut Lowering,
     ) {
         let k = elements.len();
-        // A node that is not there was reported.
+        // An unknown node has been reported already.
         let of = |(a, b): &(String, String)| [a, b].map(|name| nodes.get(name.as_str()).copied().unwrap_or(0)).into();
         let place = |law: Law, at: &(String, String)| Element { nodes: of(at), law };
         let (above, any) = (Some((0.0, false)), None);
@@ -56,12 +56,12 @@ impl<'a> Circuit<'a> {
             }
             Component::Switch(switch) => {
                 if switch.withstand_volts.is_some() {
-                    let detail = "a switch that voltages and currents decide holds any voltage while it is open";
+                    let detail = "a switch controlled by voltages and currents withstands any voltage while it is open";
                     self.report(
                         k,
                         "conflict",
                         detail,
-                        "no `withstand_volts`, and a way for the current of an inductor, such as a diode",
+                        "no `withstand_volts`, and a path for the current of each inductor, such as a diode",
                         lowering,
                     );
                 }
@@ -114,7 +114,7 @@ impl<'a> Circuit<'a> {
                     );
                 }
                 let (primary_law, secondary_law) = match swapped {
-                    // v_1 = n v_2 and i_2 = -n i_1, else v_2 = v_1/n and i_1 = -i_2/n.
+                    // `swapped`: v_1 = n v_2 and i_2 = -n i_1; otherwise v_2 = v_1/n and i_1 = -i_2/n.
                     true => {
                         drives.push((k, Drive::WindingVoltage { other: of(secondary), factor: ratio }));
                         drives.push((k + 1, Drive::WindingCurrent { other: k, factor: ratio }));
@@ -138,7 +138,7 @@ impl<'a> Circuit<'a> {
     fn timed_switch(&self, k: usize, switch: &Switch, terms: &mut Terms, lowering: &mut Lowering) -> Law {
         let closed = self.node(k, "closed", &switch.closed, lowering);
         if switch.hysteresis.is_some() {
-            let detail = "`closed` of this switch depends on time alone";
+            let detail = "`closed` of this switch depends only on time";
             self.report(k, "conflict", detail, "no `hysteresis`, or voltages and currents in `closed`", lowering);
         }
         let Some(withstand) = &switch.withstand_volts else {
@@ -146,7 +146,7 @@ impl<'a> Circuit<'a> {
                 k,
                 "missing_key",
                 "`withstand_volts` is missing",
-                "what the switch holds while it is open, in volts",
+                "the voltage that the open switch withstands, in volts",
                 lowering,
             );
             return Law::DependentSwitch;
@@ -156,7 +156,7 @@ impl<'a> Circuit<'a> {
         Law::Switch { closed, withstand: value }
     }
 
-    /// A constant as a term.
+    /// A constant as a graph node; `otherwise` is its default.
     fn constant(
         &self,
         k: usize,
@@ -177,7 +177,7 @@ impl<'a> Circuit<'a> {
         Some(node.unwrap_or_else(|| lowering.graph.constant(value)))
     }
 
-    /// The least and the largest value of a source.
+    /// The lower and the upper limit of a source.
     fn limits(&self, k: usize, given: Option<&(Expression, Expression)>, lowering: &mut Lowering) -> [Option<Node>; 2] {
         let Some((low, high)) = given else { return [None; 2] };
         let limits = [low, high].map(|limit| self.constant(k, "limits", Some(limit), 0.0, lowering));
@@ -193,7 +193,7 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// A constant, above a least value or, if told so, equal to it.
+    /// A constant above the lower bound `least.0`, or equal to it if `least.1` is true.
     fn value(
         &self,
         k: usize,
@@ -225,7 +225,7 @@ impl<'a> Circuit<'a> {
     }
 }
 
-/// What a member of a component says of it.
+/// The quantity of an element that a key of its component sets.
 fn quantity(key: &str) -> Quantity {
     match key {
         "volts" | "amperes" => Quantity::Start,

@@ -1,22 +1,22 @@
-//! What is wrong with a circuit, in the words of its components.
+//! Faults of a circuit as error messages, in the names of its components.
 
 use crate::error::SpecificationError;
 use crate::wording::abridged;
 use models::circuit::Fault;
 
-/// The names in a circuit, and where its components stand.
+/// The names in a circuit, and the pointers to its components.
 pub(super) struct Names<'a> {
-    /// The elements.
+    /// The name of each element.
     pub components: Vec<String>,
     pub nodes: Vec<&'a str>,
-    /// The pointer to a component.
+    /// The JSON pointer to an element's component.
     pub pointer: &'a dyn Fn(usize) -> String,
-    /// The pointer to all of them.
+    /// The JSON pointer to the whole list or netlist.
     pub whole: String,
 }
 
 impl Names<'_> {
-    /// The error that tells a fault.
+    /// Describes a fault as a specification error.
     pub fn error(&self, fault: &Fault) -> SpecificationError {
         let first = |elements: &[usize]| elements.first().map_or_else(|| self.whole.clone(), |&k| (self.pointer)(k));
         match fault {
@@ -30,13 +30,14 @@ impl Names<'_> {
                 .expected("a component from each part of the circuit to the node `0`")
             }
             Fault::SourceLoop(elements) => {
-                let detail = format!("{} form a loop of voltage sources alone", self.list(elements));
+                let detail = format!("{} form a loop of voltage sources without other components", self.list(elements));
                 SpecificationError::new(first(elements), "source_loop", detail)
                     .expected("a resistor in the loop: without it the current is not determined")
             }
             Fault::SwitchLoop(elements) => {
                 let detail = format!(
-                    "{} form a loop of voltage sources, capacitors and switches alone: a short circuit when it closes",
+                    "{} form a loop of only voltage sources, capacitors and switches: a short circuit when the \
+                     switches close",
                     self.list(elements)
                 );
                 SpecificationError::new(first(elements), "switch_loop", detail)
@@ -44,7 +45,7 @@ impl Names<'_> {
             }
             Fault::SourceCutSet(elements) => {
                 let detail = format!(
-                    "{} are current sources that alone connect two parts of the circuit: a cut set",
+                    "{} are current sources and the only connection of two parts of the circuit: a cut set",
                     self.list(elements)
                 );
                 SpecificationError::new(first(elements), "source_cut_set", detail)
@@ -106,7 +107,7 @@ impl Names<'_> {
     }
 }
 
-/// Names in a row, until there are too many.
+/// Joins quoted names, showing at most `SHOWN` of them.
 fn list<'a>(names: impl Iterator<Item = &'a str>) -> String {
     const SHOWN: usize = 12;
     let mut names = names.map(|name| format!("`{}`", abridged(name)));

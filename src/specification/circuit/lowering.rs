@@ -1,4 +1,4 @@
-//! From components with names to the elements of a circuit.
+//! From named components to the elements of a circuit.
 
 use super::components::{Component, Transformer};
 use super::dependent;
@@ -17,7 +17,7 @@ use models::circuit::Terms;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// The name of ground.
+/// The name of the ground node.
 pub(super) const GROUND: &str = "0";
 
 impl Written for CircuitProblem {
@@ -66,13 +66,13 @@ impl Written for CircuitProblem {
     }
 }
 
-/// Components, with where they stand.
+/// The components, with their places in the document.
 pub(super) struct Circuit<'a> {
     pub(super) components: &'a [Component],
-    /// The component of each element.
+    /// The component index of each element.
     pub(super) owners: Vec<usize>,
     place: Pointer<'a>,
-    /// The line of each in a netlist.
+    /// The line of each component, if they come from a netlist.
     pub(super) lines: Option<&'a [usize]>,
 }
 
@@ -83,7 +83,7 @@ impl<'a> Circuit<'a> {
         Self { components, owners, place, lines }
     }
 
-    /// The model, with what is remarked of how its netlist is read.
+    /// Builds the model; `remarks` are warnings about how the netlist was read.
     fn model(
         &self,
         (definitions, remarks): (&Ordered<Expression>, &[String]),
@@ -111,8 +111,8 @@ impl<'a> Circuit<'a> {
             pointer: &|k| self.at(k),
             whole: self.place.to_string(),
         };
-        // Either winding of a transformer may be the source of a voltage, and the circuit says which of them can be: those that
-        // cannot as they are first taken are taken the other way round.
+        // Either winding of a transformer may act as the voltage source, depending on the loops of the circuit. Start
+        // with one choice, and swap the transformers at which the equations fail.
         let mut swapped = vec![false; count];
         let mut first = None;
         loop {
@@ -134,7 +134,7 @@ impl<'a> Circuit<'a> {
                 (0..count).filter(is_transformer).filter(|&k| !swapped[k] && is_named(k)).collect();
             let errors = first.get_or_insert(errors);
             if turned.is_empty() {
-                // A name that nothing has may be why the circuit is not what it should be.
+                // An unknown name may be the cause of the fault, so report it first.
                 dependent::check_names(self, &drives, (&names, definitions), lowering);
                 errors.drain(..).for_each(|error| lowering.errors.push(error));
                 return None;
@@ -150,7 +150,7 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// The nodes by name, ground first; what is wrong with names is reported.
+    /// Numbers the nodes by name, ground first, and reports faulty names.
     fn nodes(&self, lowering: &mut Lowering) -> HashMap<&str, usize> {
         let mut nodes = HashMap::from([(GROUND, 0)]);
         for (k, component) in self.components.iter().enumerate() {
@@ -158,7 +158,7 @@ impl<'a> Circuit<'a> {
             for name in of_nodes.flat_map(|(a, b)| [a.as_str(), b]).chain([component.name()]) {
                 if !is_name(name) {
                     let expected = format!("letters, digits and any of `_ + - .`, at most {LONGEST_NAME}");
-                    let detail = format!("`{}` is no name of a component or a node", abridged(name));
+                    let detail = format!("`{}` is not the name of a component or a node", abridged(name));
                     self.report(k, "malformed_name", &detail, &expected, lowering);
                 }
             }
@@ -191,7 +191,7 @@ impl<'a> Circuit<'a> {
             let name = component.name();
             if let Some(first) = seen.insert(name, k) {
                 let detail = format!("`{}` is a component already, at {}", abridged(name), self.at(first));
-                self.report(k, "duplicate_name", &detail, "a name of its own", lowering);
+                self.report(k, "duplicate_name", &detail, "a unique name", lowering);
             } else if nodes.contains_key(name) {
                 let detail = format!("`{}` is a node as well, and `v({0})` would be both", abridged(name));
                 self.report(k, "duplicate_name", &detail, "a name that no node has", lowering);
@@ -204,7 +204,8 @@ impl<'a> Circuit<'a> {
         self.within(k, key, |place| lowering.node_or_zero(expression, place))
     }
 
-    /// Calls back with the place of a component's member; of a netlist all have one place.
+    /// Calls back with the pointer to a member of an element's component. All components of a netlist share one
+    /// pointer.
     pub(super) fn within<T>(&self, k: usize, key: &str, call: impl FnOnce(&Pointer<'_>) -> T) -> T {
         match self.lines {
             Some(_) => call(&self.place),
@@ -212,7 +213,7 @@ impl<'a> Circuit<'a> {
         }
     }
 
-    /// The component of an element.
+    /// The component of element `k`.
     pub(super) fn owner(&self, k: usize) -> &Component {
         &self.components[self.owners[k]]
     }

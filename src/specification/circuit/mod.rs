@@ -20,16 +20,17 @@ use super::tables::TableOfPoints;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// The most components.
+/// Most components of a circuit.
 const MOST_COMPONENTS: usize = 10_000;
 
-/// Components between nodes; the node `0` is ground. Either `components` or `netlist`.
+/// Components between nodes, as `components` or as a `netlist`; the node `0` is ground.
 ///
-/// Outputs are the node voltages `v(node)`, the currents `i(name)` from the first node of a component through it to the
-/// second, and the voltages `v(name)` of diodes, zeners and switches. States are `v(C1)` of capacitors and `i(L1)` of
-/// inductors; where there are neither, `flux(V1)` and `charge(I1)`, the integrals of the sources. The variables of a
-/// diode are either its current `i(D1)` or what it blocks, `forward_volts - v`, as `v_blocked(D1)`; those of a switch that
-/// voltages and currents decide are its voltage `v(S1)` and `closed(S1)`, 1 or 0.
+/// The outputs are the node voltages `v(node)`, the currents `i(name)` from the first node of a component through it to
+/// the second, and the voltages `v(name)` of diodes, zeners and switches. The states are `v(C1)` of capacitors and
+/// `i(L1)` of inductors; in a circuit without either, `flux(V1)` and `charge(I1)`, the integrals of the sources. The
+/// variable of a diode is either its current `i(D1)` or its blocking voltage `forward_volts - v`, called
+/// `v_blocked(D1)`; those of a switch controlled by voltages and currents are its voltage `v(S1)` and `closed(S1)`, 1
+/// or 0.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CircuitProblem {
@@ -52,11 +53,12 @@ pub struct CircuitProblem {
     pub integrals: Ordered<Expression>,
     /// At most 10000 components.
     pub components: Option<Vec<Component>>,
-    /// A netlist as SPICE reads it, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I`, `D` (ideal), switches `S` and `W` with a
-    /// `.model`, the controlled sources `E`, `F`, `G` and `H` with a gain, `K` for two coupled inductors, `X` for a `.subckt`;
-    /// sources `DC`, `SIN`, `PULSE`, `PWL` and `EXP`, values with suffixes as in `4.7k` or `100n` and expressions in braces with
-    /// names of `.param`, `IC=` of capacitors and inductors, `.ic`, comments after `*` and `;`, continuations after `+`. With
-    /// `.tran` its first line is its title; the horizon is that of `time` all the same.
+    /// A netlist in SPICE syntax, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I`, `D` (ideal), switches `S` and `W`
+    /// with a `.model`, the controlled sources `E`, `F`, `G` and `H` with a gain, `K` for two coupled inductors, `X`
+    /// for a `.subckt`; sources `DC`, `SIN`, `PULSE`, `PWL` and `EXP`, values with suffixes as in `4.7k` or `100n` and
+    /// expressions in braces with names of `.param`, `IC=` of capacitors and inductors, `.ic`, comments after `*` and
+    /// `;`, continuations after `+`. If it has a `.tran`, its first line is the title; the horizon is taken from `time`
+    /// in any case.
     #[schema(max_length = 65536)]
     pub netlist: Option<String>,
 }

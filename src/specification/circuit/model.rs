@@ -1,4 +1,4 @@
-//! The model that the equations of a circuit make, with its names and outputs.
+//! The model built from the equations of a circuit, with its names and outputs.
 
 use super::dependent::{self, Drive};
 use super::faults::Names;
@@ -18,10 +18,10 @@ use models::{DviModel, Equations, KinkAdvice, Linear, LoweringError, Outputs, Pa
 use problem::{Mass, Warning};
 use std::sync::Arc;
 
-/// The model of a circuit whose components are right each by itself.
+/// Builds the model of a circuit whose components are each valid by themselves.
 ///
 /// # Errors
-/// What is wrong with the circuit as a whole.
+/// Faults of the circuit as a whole.
 pub(super) fn model(
     circuit: &Circuit<'_>,
     (elements, terms, drives): (&[Element], &Terms, &[(usize, Drive<'_>)]),
@@ -55,7 +55,8 @@ pub(super) fn model(
         })
         .chain(columns.integrals.iter().map(|_| 0.0))
         .collect();
-    // Other values might contradict a start that follows from those of the states.
+    // Initial values of components that are not states follow from those of the states. Other parameter values might
+    // contradict them, so the parameters keep their values.
     let mut elsewhere = (0..elements.len()).filter(|k| !columns.states.contains(k));
     if elsewhere.any(|k| elements[k].quantity(Quantity::Start).is_some()) {
         lowering.keep_values();
@@ -112,7 +113,8 @@ pub(super) fn model(
     Ok(Arc::new(model))
 }
 
-/// Node voltages, currents, and the voltages of diodes and switches, but for what is a state or a variable.
+/// Outputs: node voltages, currents, and the voltages of diodes and switches, except those that are states or variables
+/// already.
 fn outputs(
     elements: &[Element],
     forms: &Forms,

@@ -1,5 +1,6 @@
-//! The kernel of a problem with memory. Product integration takes entries `t^(a-1) g` with `a <= 1` and `g(0)` not zero; one
-//! of higher index, on which it would not be stable, is the integral of its derivative,
+//! The kernel of a problem with memory. Product integration treats entries `t^(a-1) g` with `a <= 1` and `g(0)`
+//! nonzero, of index `a`. An entry of higher index, for which it would be unstable, is written as the integral of its
+//! derivative,
 //!
 //! ```text
 //! t^(a-1) g = int_0^t s^(a-2) [(a - 1) g + s g'] ds
@@ -16,19 +17,19 @@ use expression::{ExpressionError, Node, Tape};
 use nalgebra::DMatrix;
 use rustc_hash::FxHashMap;
 
-/// Above it there need not be solutions.
+/// Highest admissible index: above it, solutions need not exist.
 const HIGHEST_INDEX: f64 = 2.0;
 
-/// The kernel, its index, and its matrix at zero.
+/// The kernel, its index, and its leading coefficient matrix at `t = 0`.
 pub type Lowered = (Kernel, f64, DMatrix<f64>);
 
 impl KernelOfTime {
-    /// Lowers a kernel of `m` rows and columns, unless there is an error.
+    /// Lowers a kernel of `m` rows and columns; returns `None` if there are errors.
     pub(super) fn lower(&self, m: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Lowered> {
         match (&self.fractional, &self.entries) {
             (Some(fractional), None) => {
                 if self.exponent.is_some() {
-                    let detail = "the exponent of a power stands in `fractional`; this one belongs to `entries`";
+                    let detail = "the exponent of a power is in `fractional`; this exponent belongs to `entries`";
                     lowering.errors.report(&place.key("exponent"), "conflict", detail);
                 }
                 fractional.lower(m, &place.key("fractional"), lowering)
@@ -62,7 +63,7 @@ impl FractionalKernel {
     }
 }
 
-/// A constant above 0 and at most 2.
+/// Reads a constant above 0 and at most `HIGHEST_INDEX`.
 fn exponent(exponent: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<f64> {
     let value = lowering.constant(exponent, place)?;
     if value > HIGHEST_INDEX {
@@ -137,7 +138,7 @@ fn of_entries(
     Some((Kernel { terms }, index, matrix))
 }
 
-/// What is said of entries that are all zero at zero, and their derivatives as well.
+/// The error for entries that vanish at `t = 0` together with their derivatives.
 fn vanishing(place: &Pointer<'_>, exponent: f64) -> SpecificationError {
     if exponent < 1.0 {
         let detail = format!("all entries are zero at t = 0: the index is above the exponent {exponent}");
@@ -147,7 +148,8 @@ fn vanishing(place: &Pointer<'_>, exponent: f64) -> SpecificationError {
     too_high(place, if exponent > 1.0 { exponent + 1.0 } else { 3.0 })
 }
 
-/// The function `t^(a-1) g`, integrated once where its index is above one, and the value at zero of what is integrated.
+/// The function `t^(a-1) g`, differentiated once if its index is above one (the solver integrates it back), and the
+/// value at `t = 0` of the remaining factor.
 fn function(node: Node, exponent: f64, lowering: &mut Lowering) -> Result<(Function, f64), SpecificationError> {
     let (mut g, mut a, mut integrations) = (node, exponent, 0);
     loop {

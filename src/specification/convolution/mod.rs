@@ -25,8 +25,8 @@ use solution::Warning;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// `z in K`, `<(m * z)(t) + q(t), z~ - z> >= 0` for all `z~ in K`, with `(m * z)(t)` the integral of `m(t - s) z(s)` over `s`
-/// from the start to `t`. Told are `z`, its integral and `G = m * z + q`.
+/// `z in K`, `<(m * z)(t) + q(t), z~ - z> >= 0` for all `z~ in K`, with `(m * z)(t)` the integral of `m(t - s) z(s)`
+/// over `s` from the start to `t`. The outputs are `z`, its integral and `G = m * z + q`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ConvolutionProblem {
@@ -47,10 +47,10 @@ pub struct ConvolutionProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// The variables `z` by name, at least one. Their order is that of the kernel's rows and columns.
+    /// The variables `z` by name, at least one. Their order is that of the rows and columns of the kernel.
     #[schema(value_type = std::collections::BTreeMap<String, ConvolutionVariable>)]
     pub variables: Ordered<ConvolutionVariable>,
-    /// `m`.
+    /// The kernel `m`.
     pub kernel: KernelOfTime,
     /// The set `K` as a product of blocks, each variable in exactly one; bounds may vary with `t`.
     pub set: Option<Vec<Block>>,
@@ -60,7 +60,7 @@ pub struct ConvolutionProblem {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ConvolutionVariable {
-    /// `q_i`, an expression in `t`.
+    /// The forcing `q_i`, an expression in `t`.
     pub q: Expression,
 }
 
@@ -70,9 +70,9 @@ pub struct ConvolutionVariable {
 pub struct KernelOfTime {
     /// A power of time and a matrix.
     pub fractional: Option<FractionalKernel>,
-    /// A matrix of expressions in `t`, the time between cause and effect, smooth from zero on.
+    /// A matrix of expressions in `t`, the time between cause and effect; each is smooth from `t = 0` on.
     pub entries: Option<Matrix>,
-    /// `a`, above 0 and at most 2: the kernel is `t^(a-1)` times the `entries`. Default 1.
+    /// The exponent `a`, above 0 and at most 2: the kernel is `t^(a-1)` times `entries`. Default 1.
     pub exponent: Option<Expression>,
 }
 
@@ -80,9 +80,9 @@ pub struct KernelOfTime {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FractionalKernel {
-    /// `a`, above 0 and at most 2: the index of the problem.
+    /// The exponent `a`, above 0 and at most 2, which is the index of the problem.
     pub exponent: Expression,
-    /// `M`, constant. Default the identity.
+    /// The constant matrix `M`. Default: the identity.
     pub matrix: Option<Matrix>,
 }
 
@@ -110,7 +110,7 @@ impl Written for ConvolutionProblem {
             lowering.errors.push(error.expected("at least one variable"));
             return (lowering, None);
         }
-        // The variables have no names yet: neither `q` nor the kernel may depend on them.
+        // Lowered before the variables are bound: neither `q` nor the kernel may depend on them.
         let mut inequality = Vec::with_capacity(m);
         for (name, variable) in self.variables.iter() {
             inequality.push(lowering.node_or_zero(&variable.q, &variables.key(name).key("q")));
@@ -157,8 +157,8 @@ impl Written for ConvolutionProblem {
     }
 }
 
-/// Where the memory is empty `z` minimises `<q, z>` over `K`, which it does at no finite point where `-q` points into a
-/// direction of `K`.
+/// Warns of an impulse at the start, where the memory is empty: `z` minimises `<q, z>` over `K`, and the minimum is
+/// attained at no finite point if `-q` lies outside the polar of the recession cone of `K`.
 fn impulse(forcing: &DviModel, t: f64) -> Option<Warning> {
     let structure = forcing.structure();
     let (m, mut set) = (structure.variables, structure.set.clone());
@@ -172,8 +172,8 @@ fn impulse(forcing: &DviModel, t: f64) -> Option<Warning> {
     unbounded.then(|| Warning {
         code: "impulse_at_start",
         message:
-            "at the start, where nothing is remembered, `q` alone does not satisfy the inequality: the variables are \
-                  unbounded there, and the values near it are means over a step; their integral and `G` converge"
+            "at the start, where the memory is empty, `q` alone does not satisfy the inequality: the variables are \
+             unbounded there, and their values near the start are means over a step; their integral and `G` converge"
                 .to_owned(),
     })
 }

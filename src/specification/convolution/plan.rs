@@ -1,4 +1,5 @@
-//! From a checked problem with memory to what its run is told. All values are remembered, so that memory bounds the steps.
+//! From a checked problem with memory to the settings of its run. The whole history is kept, so memory limits the
+//! number of steps.
 
 use crate::checked::Specification;
 use crate::document::Time;
@@ -10,17 +11,17 @@ use convolution::{SegmentSettings, Segments, Settings};
 use models::ConvolutionModel;
 use solution::{ConvolutionPlan, Mesh};
 
-/// The numbers that a run may keep: 512 MiB of them.
+/// Most numbers that a run may keep: 512 MiB.
 const MOST_NUMBERS: usize = 1 << 26;
-/// The most unknowns of a step, whose matrix is dense.
+/// Most unknowns of a step, whose matrix is dense.
 const MOST_UNKNOWNS: usize = 2_000;
-/// Steps of the first run, and the most of the last, where none are given.
+/// Default number of steps of the first run, and of the last run of a sequence of halvings.
 const FIRST_MESH: usize = 64;
 const LAST_MESH: usize = 1 << 17;
-/// Polynomials on an element where none are asked for.
+/// Default number of polynomials per element.
 const POLYNOMIALS: usize = 5;
 
-/// The choices for a problem with memory.
+/// Settings of a run of a problem with memory.
 pub fn plan_of(model: &ConvolutionModel, specification: &Specification) -> ConvolutionPlan {
     let (method, time) = (specification.method(), specification.time());
     let within = |step: Option<f64>| step.map(|step| steps_of(time, step));
@@ -43,8 +44,8 @@ pub fn plan_of(model: &ConvolutionModel, specification: &Specification) -> Convo
     ConvolutionPlan { settings, mesh, segments, most }
 }
 
-/// How segments between located switches are made: where no step is given, neither one that a uniform mesh may have, and
-/// nothing infinite is foreseen.
+/// Settings for integration in segments between located switches; `None` if the user gives a step or a least step, if
+/// the set does not suit, or if the variables are unbounded at the start.
 fn segments_of(model: &ConvolutionModel, specification: &Specification) -> Option<SegmentSettings> {
     let (method, time) = (specification.method(), specification.time());
     let stages = match method.stages {
@@ -66,7 +67,7 @@ fn segments_of(model: &ConvolutionModel, specification: &Specification) -> Optio
     })
 }
 
-/// The numbers that the first run keeps.
+/// The number of values that the first run stores.
 pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize {
     let steps = match plan_of(model, specification).mesh {
         Mesh::Fixed(steps) | Mesh::Halved { first: steps, .. } => steps,
@@ -75,7 +76,7 @@ pub fn numbers(model: &ConvolutionModel, specification: &Specification) -> usize
     steps.saturating_mul(numbers_a_step(model, specification.method().stages)).saturating_add(adapted)
 }
 
-/// The numbers of each variable in the meshes and singular functions of a run that chooses its steps, measured.
+/// Numbers per variable for the meshes and singular functions of an adaptive run, measured.
 const OF_MESHES: usize = 4000;
 
 /// Refuses a run that would not fit into memory.
@@ -85,7 +86,7 @@ pub fn check(model: &ConvolutionModel, method: &Method, time: Time, errors: &mut
         let detail = format!("{} variables make variational inequalities too large to be solved", model.variables());
         errors.push(SpecificationError::new("/problem/convolution/variables", "too_many_unknowns", detail));
     } else if let Some(steps) = method.step.map(|step| steps_of(time, step)).filter(|steps| *steps > most) {
-        let detail = format!("{steps} steps, all of which are remembered, take more memory than a run may have");
+        let detail = format!("{steps} steps, all kept as history, take more memory than a run may have");
         let error = SpecificationError::new("/method/step", "too_many_steps", detail);
         errors.push(error.expected(format!("at most {most} steps")));
     }
@@ -98,7 +99,7 @@ fn stages(stages: Stages) -> usize {
     }
 }
 
-/// The most steps that fit into memory; none where a single one is too large.
+/// Most steps that fit into memory; zero if even one step is too large.
 fn most_steps(model: &ConvolutionModel, chosen: Stages) -> usize {
     if stages(chosen) * model.variables() > MOST_UNKNOWNS {
         return 0;
@@ -106,13 +107,13 @@ fn most_steps(model: &ConvolutionModel, chosen: Stages) -> usize {
     MOST_NUMBERS / numbers_a_step(model, chosen)
 }
 
-/// What is kept of a step: two numbers of each stage and variable, and of each kernel the weights and their transforms.
+/// Numbers kept per step: two per stage and variable, and the weights and their transforms per kernel term.
 fn numbers_a_step(model: &ConvolutionModel, chosen: Stages) -> usize {
     let (s, m) = (stages(chosen), model.variables());
     (2 * s * m + 3 * s * s * model.kernel.terms.len()).max(1)
 }
 
-/// The steps of one length, at most `step`, that the horizon is divided into.
+/// Number of equal steps, at most `step` long, that cover the horizon.
 fn steps_of(time: Time, step: f64) -> usize {
     ((time.end - time.start) / step * (1.0 - 4.0 * f64::EPSILON)).ceil().max(1.0) as usize
 }

@@ -1,4 +1,4 @@
-//! Shapes and materials.
+//! Shapes and materials of elastic bodies.
 
 use super::{ElasticProblem, MOST_DISPLACEMENTS};
 use crate::directions::DIRECTIONS;
@@ -12,13 +12,13 @@ use models::finite_elements::{Axis, Grid};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// A body by its shape.
+/// The shape of an elastic body.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ElasticBody {
-    /// A string under tension; its displacement is across it.
+    /// A string under tension, with transverse displacements.
     String(StringBody),
-    /// A bar; its displacement is along it.
+    /// A bar, with axial displacements.
     Bar(BarBody),
     /// A rectangle in its plane.
     Rectangle(RectangleBody),
@@ -30,7 +30,7 @@ pub enum ElasticBody {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StringBody {
-    /// Where it begins and ends.
+    /// Start and end coordinate.
     #[schema(value_type = [Expression; 2])]
     pub x: [Expression; 2],
 }
@@ -39,7 +39,7 @@ pub struct StringBody {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BarBody {
-    /// Where it begins and ends.
+    /// Start and end coordinate.
     #[schema(value_type = [Expression; 2])]
     pub x: [Expression; 2],
 }
@@ -48,17 +48,17 @@ pub struct BarBody {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RectangleBody {
-    /// Where it begins and ends.
+    /// Start and end coordinate along `x`.
     #[schema(value_type = [Expression; 2])]
     pub x: [Expression; 2],
-    /// The same along `y`.
+    /// Start and end coordinate along `y`.
     #[schema(value_type = [Expression; 2])]
     pub y: [Expression; 2],
-    /// What holds across the plane.
+    /// Assumption across the plane.
     pub plane: PlaneLaw,
 }
 
-/// What holds across the plane of a rectangle.
+/// Assumption across the plane of a rectangle.
 #[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PlaneLaw {
@@ -72,26 +72,26 @@ pub enum PlaneLaw {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxBody {
-    /// Where it begins and ends.
+    /// Start and end coordinate along `x`.
     #[schema(value_type = [Expression; 2])]
     pub x: [Expression; 2],
-    /// The same along `y`.
+    /// Start and end coordinate along `y`.
     #[schema(value_type = [Expression; 2])]
     pub y: [Expression; 2],
-    /// The same along `z`.
+    /// Start and end coordinate along `z`.
     #[schema(value_type = [Expression; 2])]
     pub z: [Expression; 2],
 }
 
-/// The grid of a body and what moves at its nodes.
+/// The grid of a body, and its degrees of freedom per node.
 pub(super) struct Geometry {
     pub grid: Grid,
-    /// The displacements of a node.
+    /// Number of displacement components per node.
     pub components: usize,
     pub is_string: bool,
 }
 
-/// What a body is made of.
+/// Material law of a body.
 pub(super) struct Law {
     pub density: f64,
     pub lame: Lame,
@@ -99,7 +99,7 @@ pub(super) struct Law {
 }
 
 impl ElasticBody {
-    /// The number of its directions.
+    /// Number of space dimensions.
     pub(super) fn dimension(&self) -> usize {
         self.extents().1.len()
     }
@@ -115,7 +115,7 @@ impl ElasticBody {
 }
 
 impl ElasticProblem {
-    /// The grid, if there is one.
+    /// Builds the grid, if its description is valid.
     pub(super) fn geometry(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Geometry> {
         let (shape, extents) = self.body.extents();
         let at = place.key("elements");
@@ -135,7 +135,7 @@ impl ElasticProblem {
             let [lower, upper] = [0, 1].map(|k| lowering.constant(&extent[k], &place.index(k)));
             let (Some(lower), Some(upper)) = (lower, upper) else { continue };
             if upper <= lower || !(upper - lower).is_finite() {
-                let detail = format!("the body ends at {upper}, where it begins at {lower}");
+                let detail = format!("the body ends at {upper}, which is not above its beginning at {lower}");
                 let error = SpecificationError::new(place.to_string(), "empty_interval", detail);
                 lowering.errors.push(error.expected("an end above the beginning"));
             }
@@ -148,7 +148,7 @@ impl ElasticProblem {
         Some(Geometry { components: axes.len(), grid: Grid::new(axes), is_string })
     }
 
-    /// What the body is made of, if that is given as it should be.
+    /// Reads the material, if it is valid.
     pub(super) fn law(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Law> {
         let density = positive(&self.density, "density", &place.key("density"), lowering);
         let dimension = geometry.grid.dimension();

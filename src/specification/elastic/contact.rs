@@ -1,4 +1,4 @@
-//! Obstacles, and the nodes that they may meet.
+//! Obstacles, and the nodes that may come into contact with them.
 
 use super::ElasticProblem;
 use super::body::Geometry;
@@ -19,17 +19,18 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticContact {
-    /// How far the body may go towards it from where it is undeformed, in `t` and the coordinates. Not below the
-    /// displacement of the start.
+    /// Gap: the largest displacement of the body towards the obstacle from its undeformed configuration, as an
+    /// expression in `t` and the coordinates. Not below the initial displacement.
     pub gap: Expression,
-    /// Where along a string the obstacle is, both ends included; two equal numbers are a point. Default everywhere. Every
-    /// other node can meet it, the even ones counted from 0.
+    /// Interval along a string that the obstacle occupies, both ends included; two equal numbers are a point. Default:
+    /// the whole string. Contact nodes are every second node, counted from 0.
     pub between: Option<(Expression, Expression)>,
-    /// Coulomb's coefficient of friction with the obstacle, which is at rest; not of strings and bars. Default 0, smooth.
+    /// Coulomb's coefficient of friction with the obstacle, which is at rest; not for strings and bars. Default 0,
+    /// frictionless.
     pub friction: Option<Expression>,
 }
 
-/// Nodes on a side that can meet an obstacle.
+/// A potential contact node: its displacement, the displacements that carry its mass, and its position.
 struct Meeting {
     displacement: usize,
     carriers: Vec<usize>,
@@ -39,7 +40,7 @@ struct Meeting {
 const STRING_SIDES: [&str; 2] = ["below", "above"];
 
 impl ElasticProblem {
-    /// All that may come into contact, and the names of the sides.
+    /// Collects all potential contact nodes, and the names of the sides.
     pub(super) fn contacts(
         &self,
         geometry: &Geometry,
@@ -60,11 +61,13 @@ impl ElasticProblem {
             let Some((towards, mut met)) = met else { continue };
             met.retain(|node| !clamped[node.displacement]);
             if met.is_empty() {
-                let detail = "no node that moves can meet this obstacle";
+                let detail = "no free node can come into contact with this obstacle";
                 let error = SpecificationError::new(place.to_string(), "no_contact_node", detail);
-                lowering
-                    .errors
-                    .push(error.expected("a side that is not clamped; of a string, a node at an even place"));
+                lowering.errors.push(
+                    error.expected(
+                        "a side that is not clamped; for a string, an interval with an even-numbered free node",
+                    ),
+                );
                 continue;
             }
             let side = sides.len();
@@ -86,7 +89,7 @@ impl ElasticProblem {
                     let detail =
                         format!("at x = {}, t = {t} the body is {} beyond this obstacle", point[0], gone - gap);
                     let error = SpecificationError::new(place.to_string(), "penetrates_obstacle", detail);
-                    lowering.errors.push(error.expected("a gap that is not below the displacement of the start"));
+                    lowering.errors.push(error.expected("a gap not below the initial displacement"));
                 }
             }
         }
@@ -110,12 +113,14 @@ impl ElasticProblem {
     ) -> Option<(f64, Vec<Meeting>)> {
         let side = geometry.side(name, place, lowering)?;
         if contact.between.is_some() {
-            let error = SpecificationError::new(place.key("between").to_string(), "conflict", "this is for strings");
+            let error =
+                SpecificationError::new(place.key("between").to_string(), "conflict", "`between` is for strings only");
             lowering.errors.push(error.expected("to be left out"));
         }
         if geometry.grid.axes()[side.direction].elements < 2 {
             let place = self.elements.pointer(side.direction, elements);
-            let detail = format!("there is one layer of elements behind `{name}`, all of whose mass is in contact");
+            let detail =
+                format!("there is only one layer of elements behind `{name}`, and all of its mass would be in contact");
             let error = SpecificationError::new(place, "out_of_range", detail);
             lowering.errors.push(error.expected("2 or more"));
             return None;
@@ -154,7 +159,8 @@ impl ElasticProblem {
         let count = axis.elements;
         if count % 2 == 1 {
             let detail = format!(
-                "{count} is odd, and every other node of a string, the first and the last among them, bears no mass"
+                "{count} elements is odd; every second node of a string is a contact node without mass, the first and \
+                 the last included"
             );
             let error = SpecificationError::new(self.elements.pointer(0, elements), "odd_elements", detail);
             lowering.errors.push(error.expected("an even number"));
@@ -181,14 +187,14 @@ impl ElasticProblem {
 }
 
 impl Geometry {
-    /// The other displacements of the same node.
+    /// The other displacement components of the same node.
     fn others_of(&self, displacement: usize) -> impl Iterator<Item = usize> {
         let first = displacement - displacement % self.components;
         (first..first + self.components).filter(move |&other| other != displacement)
     }
 }
 
-/// The coefficient of friction.
+/// Reads the coefficient of friction.
 fn friction(contact: &ElasticContact, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> f64 {
     let Some(friction) = &contact.friction else { return 0.0 };
     let place = place.key("friction");
@@ -200,5 +206,5 @@ fn friction(contact: &ElasticContact, geometry: &Geometry, place: &Pointer<'_>, 
     in_range(friction, "coefficient of friction", range, &place, lowering).unwrap_or(0.0)
 }
 
-/// Numbers nearer to each other than this share of them are equal.
+/// Relative tolerance for rounding in comparisons of lengths.
 const ROUNDING: f64 = 1e-12;

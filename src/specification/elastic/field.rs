@@ -1,4 +1,4 @@
-//! Expressions in time and place, at the nodes of a grid.
+//! Expressions in time and space, evaluated at the nodes of a grid.
 
 use crate::directions::DIRECTIONS;
 use crate::error::SpecificationError;
@@ -8,10 +8,11 @@ use crate::pointer::Pointer;
 use expression::Node;
 use models::finite_elements::Grid;
 
-/// The expression at a point, in `t` alone; zero where there is none, which is reported.
+/// An expression in time and space. At a point it becomes an expression in `t` alone, or zero after an error, which is
+/// reported.
 pub(super) struct Field<'a> {
     node: Option<Node>,
-    /// The points asked for so far.
+    /// Number of points evaluated so far.
     points: usize,
     dimension: usize,
     place: &'a Pointer<'a>,
@@ -39,7 +40,7 @@ impl<'a> Field<'a> {
         }
     }
 
-    /// The value at a point, where time has no say.
+    /// The value at a point, for an expression that must not depend on time.
     pub(super) fn value(&mut self, point: [f64; 3], lowering: &mut Lowering) -> f64 {
         let node = self.at(point, lowering);
         lowering.graph.value(node).unwrap_or_else(|| {
@@ -48,7 +49,7 @@ impl<'a> Field<'a> {
         })
     }
 
-    /// Says what is wrong, once.
+    /// Reports an error and evaluates to zero from then on, so that it is reported once.
     fn fail(&mut self, code: &'static str, detail: String, expected: &str, lowering: &mut Lowering) -> Node {
         let error = SpecificationError::new(self.place.to_string(), code, detail);
         lowering.errors.push(error.expected(expected));

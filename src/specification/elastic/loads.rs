@@ -1,4 +1,4 @@
-//! Forces on the body, and how it starts.
+//! Loads on the body, and its initial state.
 
 use super::ElasticProblem;
 use super::body::Geometry;
@@ -12,18 +12,18 @@ use models::finite_elements::{Element, Quadrature};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// How a body starts; what is left out is zero.
+/// Initial displacement and velocity; members left out are zero.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticStart {
-    /// The displacement, in the coordinates, a component for each direction. Sides that are clamped keep it.
+    /// Displacement as expressions in the coordinates, one component per direction. Clamped sides keep it.
     pub displacement: Option<Vec<Expression>>,
-    /// The velocity in the same way. Sides that are clamped have none.
+    /// Velocity as expressions in the coordinates, one component per direction. It is ignored on clamped sides.
     pub velocity: Option<Vec<Expression>>,
 }
 
 impl ElasticStart {
-    /// Displacements and velocities of all nodes.
+    /// Returns the initial displacements and velocities of all nodes.
     pub(super) fn lower(
         &self,
         geometry: &Geometry,
@@ -47,7 +47,7 @@ impl ElasticStart {
 }
 
 impl Geometry {
-    /// The components, if they are as many as there should be.
+    /// Returns the components if their number is right, else none.
     pub(super) fn components_of<'e>(
         &self,
         given: Option<&'e [Expression]>,
@@ -60,7 +60,7 @@ impl Geometry {
                 let error = SpecificationError::new(
                     place.to_string(),
                     "wrong_shape",
-                    format!("{} components where the body has {}", given.len(), self.components),
+                    format!("{} components are given, and the body has {}", given.len(), self.components),
                 );
                 lowering.errors.push(error.expected(format!("{} components", self.components)));
                 &[]
@@ -71,7 +71,7 @@ impl Geometry {
 }
 
 impl ElasticProblem {
-    /// The force on every displacement: that by volume and that by area, at the nodes of each element.
+    /// Assembles the load on every displacement from body forces and tractions, by nodal quadrature.
     pub(super) fn loads(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Node> {
         let grid = &geometry.grid;
         let zero = lowering.graph.constant(0.0);
@@ -100,7 +100,7 @@ impl ElasticProblem {
     }
 }
 
-/// Adds a density to the loads, where each node has its share of volume or area.
+/// Adds a density to the loads; `shares` is the volume or area of each node.
 fn add(
     density: &[Expression],
     shares: &[f64],

@@ -30,12 +30,13 @@ use solution::Warning;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// A string, a bar, a rectangle or a box in small displacements, which obstacles bound: `rho u_tt = div s + f` with
-/// `s = A e(u) + B e(u_t)`, and `0 <= pressure`, `n.u <= gap`, one of them an equality, where contact is possible.
+/// A string, a bar, a rectangle or a box with small displacements, bounded by obstacles: `rho u_tt = div s + f` with `s
+/// = A e(u) + B e(u_t)`, and `pressure >= 0`, `n.u <= gap`, at least one with equality, where contact is possible.
 ///
-/// The outputs are named by the places of nodes along the axes, from 0: `u(3)` and `v(3)`, displacement and velocity, of a
-/// string or a bar; `ux(3,0)`, `uy(3,0)`, `vx(3,0)`, .. of others. Only the probes, the force on the body at each side with
-/// contact, `force_SIDE`, `kinetic_energy` and `potential_energy` are kept by default; `output.fields` asks for others.
+/// Outputs are named by the indices of nodes along the axes, from 0: displacement `u(3)` and velocity `v(3)` of a
+/// string or a bar; `ux(3,0)`, `uy(3,0)`, `vx(3,0)`, .. of a rectangle or a box. By default, only the probes, the force
+/// on the body at each side with contact, `force_SIDE`, `kinetic_energy` and `potential_energy` are kept;
+/// `output.fields` selects others.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ElasticProblem {
@@ -58,54 +59,56 @@ pub struct ElasticProblem {
     pub integrals: Ordered<Expression>,
     /// The shape of the body.
     pub body: ElasticBody,
-    /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
+    /// The number of equal elements in each direction: one number for all directions, or `{"x": .., "y": ..}`.
     pub elements: Elements,
-    /// Mass by volume; by length for a string. A bar has a section of 1, a rectangle a thickness of 1. Above 0.
+    /// Mass per volume, or per length for a string. A bar has cross-section 1, a rectangle thickness 1. Above 0.
     pub density: Expression,
-    /// Young's modulus, above 0; of all bodies but strings.
+    /// Young's modulus, above 0; for all bodies except strings.
     pub young: Option<Expression>,
-    /// Poisson's ratio, from 0 up to but not including 0.5, of rectangles and boxes. Default 0.
+    /// Poisson's ratio, from 0 up to but not including 0.5; for rectangles and boxes. Default 0.
     pub poisson: Option<Expression>,
-    /// The tension of a string, above 0.
+    /// Tension, above 0; for strings.
     pub tension: Option<Expression>,
-    /// The modulus of the viscous stress, in the unit of `young` or `tension` times that of time: the stress of a bar is
+    /// Modulus of the viscous stress, in the unit of `young` or `tension` times that of time: the stress of a bar is
     /// `young*e + viscosity*e_t`. In more dimensions it has the same Poisson's ratio. Default 0, elastic.
     pub viscosity: Option<Expression>,
-    /// The force by volume, in `t` and the coordinates, a component for each direction; by length across a string.
+    /// Body force per volume, as expressions in `t` and the coordinates, one component per direction; for a string, the
+    /// transverse force per length.
     pub force: Option<Vec<Expression>>,
-    /// The force by area on a side, in the same way, by the name of the side.
+    /// Traction, the force per area on a side, by the name of the side, as expressions in `t` and the coordinates, one
+    /// component per direction.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Vec<Expression>>)]
     pub traction: Ordered<Vec<Expression>>,
-    /// The sides that keep their displacement of the start: `x_min`, `x_max`, `y_min`, ...
+    /// The sides that keep their initial displacement: `x_min`, `x_max`, `y_min`, ...
     #[serde(default)]
     pub clamped: Vec<String>,
-    /// The obstacles by the side that they are at; of a string, by `below` and `above`.
+    /// The obstacles, by the side that they face; for a string, by `below` and `above`.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, ElasticContact>)]
     pub contact: Ordered<ElasticContact>,
     /// Displacement and velocity at the start. Default 0.
     #[serde(default)]
     pub initial: ElasticStart,
-    /// Points by name, whose displacement is an output: of that name, or with `_x`, `_y`, `_z` behind it where there are
-    /// several components.
+    /// Points by name, whose displacement is an output: under the name itself, or with the suffix `_x`, `_y`, `_z` if
+    /// there are several components.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Vec<Expression>>)]
     pub probes: Ordered<Vec<Expression>>,
 }
 
-/// The most displacements of nodes.
+/// Most nodal displacements.
 const MOST_DISPLACEMENTS: usize = 100_000;
 
 impl ElasticProblem {
-    /// Displacements and velocities, as far as `elements` tells.
+    /// Number of nodal displacements, as far as `elements` determines it.
     fn displacements(&self) -> usize {
         let dimension = self.body.dimension();
         self.elements.nodes(dimension).saturating_mul(dimension)
     }
 }
 
-/// What checking a displacement takes, in nanoseconds: measured.
+/// Time to check one displacement, in nanoseconds, measured.
 const A_DISPLACEMENT: usize = 20_000;
 
 impl Written for ElasticProblem {
@@ -185,14 +188,14 @@ impl Written for ElasticProblem {
     }
 }
 
-/// What the theory leaves open of the body itself, of which its elements are an approximation.
+/// Warns of open questions of existence and uniqueness for the continuum that the elements approximate.
 fn open_questions(geometry: &Geometry, continuum: &Continuum) -> Vec<Warning> {
     let elastic = continuum.relaxation == 0.0 && !continuum.contacts.is_empty();
     if !elastic || geometry.grid.dimension() == 1 {
         return Vec::new();
     }
-    let message = "without viscosity, existence and uniqueness for the body itself are open, whatever holds for its \
-                   elements; with `viscosity` above 0 solutions exist"
+    let message = "without viscosity, existence and uniqueness are open for the continuum, even if the \
+                   discretised problem has a unique solution; with `viscosity` above 0 solutions exist"
         .to_owned();
     vec![Warning { code: "uniqueness_open", message }]
 }

@@ -1,4 +1,4 @@
-//! The names of unknowns, and what is told beside them: probes, forces of contact, energies.
+//! Names of unknowns, and further outputs: probes, contact forces, energies.
 
 use super::ElasticProblem;
 use super::body::Geometry;
@@ -16,7 +16,7 @@ pub(super) struct Names {
     pub variables: Vec<String>,
 }
 
-/// A displacement at a point: the sum of those of nodes, each with its weight.
+/// The displacement at a point, a weighted sum of nodal displacements.
 pub(super) struct Probe {
     name: String,
     weights: Vec<(usize, f64)>,
@@ -66,7 +66,7 @@ pub(super) fn names(geometry: &Geometry, continuum: &Continuum, lowered: &Semidi
     Names { states: names, variables }
 }
 
-/// What is told beside the unknowns.
+/// Lowers the outputs other than unknowns.
 pub(super) fn lower(
     probes: &[Probe],
     continuum: &Continuum,
@@ -115,7 +115,7 @@ pub(super) fn lower(
 }
 
 impl ElasticProblem {
-    /// The probes by what they are made of.
+    /// Reads the probes as weighted sums of nodal displacements.
     pub(super) fn probes(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Probe> {
         let place = place.key("probes");
         let mut probes = Vec::new();
@@ -129,7 +129,7 @@ impl ElasticProblem {
                 lowering.errors.push(error.expected(format!("{dimension} coordinates")));
                 continue;
             }
-            // The corners of the element that the point is in, direction by direction.
+            // Multilinear weights of the corners of the element that contains the point, one direction after another.
             let mut corners = vec![([0; 3], 1.0)];
             for (k, (coordinate, axis)) in point.iter().zip(geometry.grid.axes()).enumerate() {
                 let place = place.index(k);

@@ -1,4 +1,4 @@
-//! Sides by name.
+//! Sides of a body by name.
 
 use super::ElasticProblem;
 use super::body::Geometry;
@@ -10,7 +10,7 @@ use expression::nearest;
 use models::finite_elements::Side;
 
 impl Geometry {
-    /// The side of that name; what is none is reported.
+    /// Finds the side of the given name; reports an unknown name.
     pub(super) fn side(&self, name: &str, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Side> {
         let found = Side::all(self.grid.dimension()).find(|side| side.name() == name);
         if found.is_none() {
@@ -21,16 +21,16 @@ impl Geometry {
     }
 }
 
-/// Reports a name that is none of those there are.
+/// Reports an unknown side.
 pub(super) fn unknown(name: &str, names: Vec<&str>, place: &Pointer<'_>, lowering: &mut Lowering) {
-    let detail = format!("`{}` is no side of this body", abridged(name));
+    let detail = format!("`{}` is not a side of this body", abridged(name));
     let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
     let near = nearest(name, names.iter().copied());
     lowering.errors.push(error.expected(listed(names.iter().copied())).did_you_mean(near));
 }
 
 impl ElasticProblem {
-    /// Which displacements are held.
+    /// Whether each displacement is clamped.
     pub(super) fn clamped(&self, geometry: &Geometry, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<bool> {
         let place = place.key("clamped");
         let components = geometry.components;

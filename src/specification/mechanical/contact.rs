@@ -1,28 +1,29 @@
-//! Contacts and joints as a user writes them.
+//! Contacts and joints as the user writes them.
 
 use super::super::error::SpecificationError;
 use super::super::expression::Expression;
 use super::super::lowering::{Constant, Lowering};
 use super::super::pointer::Pointer;
 use super::super::wording::{abridged, listed};
-use expression::{Assumption, Node, Scope, nearest};
-use models::ContactCoefficient;
+use expression::{Assumption, Graph, Node, Scope, nearest};
+use models::{ContactCoefficient, slip_speed_input};
 use problem::ContactData;
 use serde::Deserialize;
+use solution::Warning;
 use utoipa::ToSchema;
 
-/// A place where bodies can touch.
+/// A potential contact, where bodies can touch.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Contact {
-    /// Its name. The outputs are `NAME_gap`, `NAME_impulse` (normal, since the start) and, with friction,
-    /// `NAME_friction`, or `NAME_friction_1` and `NAME_friction_2`.
+    /// Unique name. The outputs are `NAME_gap`, `NAME_impulse` (the normal impulse accumulated since the start) and,
+    /// with friction, `NAME_friction`, or `NAME_friction_1` and `NAME_friction_2`.
     pub name: String,
-    /// The distance, in `t` and the coordinates; it must not become negative. The normal velocity is its rate.
+    /// The gap, an expression in `t` and the coordinates; it must not become negative. The normal velocity is its rate.
     pub gap: Expression,
     /// The coefficient of restitution, from 0 to 1. Default 0.
     pub restitution: Option<Expression>,
-    /// Default none.
+    /// Coulomb friction. Default: none.
     pub friction: Option<Friction>,
 }
 
@@ -30,41 +31,45 @@ pub struct Contact {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Friction {
-    /// The coefficient, not negative.
+    /// The coefficient, not negative. It may vary: an expression in `t`, coordinates, velocities, and `slip_speed`, the
+    /// speed of the slip, as in `0.2 + 0.1*exp(-slip_speed/0.05)`.
     pub coefficient: Expression,
-    /// One velocity of slip for motion in a plane, two at right angles in space; linear in the velocities, plus the
-    /// velocity of what slides below.
+    /// The coefficient for motion in the direction of the second slip, divided by `coefficient`, which then is that in the
+    /// direction of the first: friction forces form an ellipse. Positive. Default 1, a disk.
+    pub ratio: Option<Expression>,
+    /// Slip velocities: one for motion in a plane, two at right angles in space; linear in the velocities, plus the
+    /// given velocity of the opposite surface.
     pub slip: Vec<Expression>,
-    /// The set of friction. With one slip both are the same. Default `quadratic`.
+    /// The set of friction forces; irrelevant for a single slip. Default `quadratic`.
     #[serde(default)]
     pub cone: ConeName,
-    /// The corners of a polyhedral cone, from 4 to 64. Default 8.
+    /// Number of corners of a polyhedral cone, from 4 to 64. Default 8.
     #[schema(minimum = 4, maximum = 64)]
     pub facets: Option<u64>,
 }
 
-/// The set that friction is taken from.
+/// The cross-section of the friction cone.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ConeName {
     /// A disk: Coulomb's law itself.
     #[default]
     Quadratic,
-    /// A regular polygon in it, the first corner in the direction of the first slip.
+    /// A regular polygon inscribed in the disk, with its first corner in the direction of the first slip.
     Polyhedral,
 }
 
-/// A constraint that always holds.
+/// A bilateral constraint.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Joint {
-    /// Its name.
+    /// Unique name.
     pub name: String,
-    /// What stays zero, in `t` and the coordinates.
+    /// The constraint function, zero at all times; an expression in `t` and the coordinates.
     pub constraint: Expression,
 }
 
-/// Contacts and joints as nodes.
+/// Contacts and joints as graph nodes.
 #[derive(Debug, Default)]
 pub(super) struct LoweredContacts {
     pub names: Vec<String>,
@@ -72,9 +77,14 @@ pub(super) struct LoweredContacts {
     pub slips: Vec<Node>,
     pub data: Vec<ContactData>,
     pub joints: Vec<Node>,
-    /// The terms of coefficients that depend on parameters.
+    /// The nodes of coefficients that depend on parameters.
     pub terms: Vec<(ContactCoefficient, Node)>,
+    /// The coefficients of friction that vary, by contact.
+    pub coefficients: Vec<Option<Node>>,
 }
+
+/// The name of the speed of the slip in a coefficient of friction.
+const SLIP_SPEED: &str = "slip_speed";
 
 const FACETS: u64 = 8;
 
@@ -92,9 +102,7 @@ pub(super) fn lower(
     let mut name = |name: &str, place: &Pointer<'_>, lowering: &mut Lowering| {
         if let Err(error) = scope.bind(name, zero) {
             let error = SpecificationError::new(place.key("name").to_string(), "contact_name", error.to_string());
-            lowering
-                .errors
-                .push(error.expected("a name of its own: letters, digits and _, not beginning with a digit"));
+            lowering.errors.push(error.expected("a unique name: letters, digits and _, not beginning with a digit"));
         }
     };
     let place = problem.key("joints");
@@ -116,8 +124,11 @@ pub(super) fn lower(
             .and_then(|value| in_range(value, "restitution", (0.0, 1.0), &place.key("restitution"), lowering));
         let terms = &mut lowered.terms;
         terms.extend(restitution.and_then(|restitution| Some((ContactCoefficient::Restitution(k), restitution.node?))));
+        let mut coefficient = None;
         let mut data = ContactData {
             mu: 0.0,
+            varies: false,
+            ratio: 1.0,
             restitution: restitution.map_or(0.0, |restitution| restitution.value),
             first_slip: lowered.slips.len(),
             slips: 0,
@@ -125,21 +136,59 @@ pub(super) fn lower(
         };
         if let Some(friction) = &contact.friction {
             let place = place.key("friction");
-            let term = friction.lower(n, &place, &mut data, &mut lowered.slips, lowering);
-            lowered.terms.extend(term.map(|node| (ContactCoefficient::Friction(k), node)));
+            match friction.lower(n, &place, &mut data, &mut lowered.slips, lowering) {
+                Some(Term::Varying(node)) => coefficient = Some(node),
+                Some(Term::Parametric(node)) => lowered.terms.push((ContactCoefficient::Friction(k), node)),
+                None => {}
+            }
             if data.slips == 2 && *cone.get_or_insert(friction.cone) != friction.cone {
-                let detail = "contacts with two slips have cones of both kinds";
+                let detail = "contacts with two slips use both kinds of cone";
                 let error = SpecificationError::new(place.key("cone").to_string(), "mixed_cones", detail);
                 lowering.errors.push(error.expected("one kind of cone in one problem"));
             }
         }
         lowered.data.push(data);
+        lowered.coefficients.push(coefficient);
     }
     lowered
 }
 
+/// A coefficient of friction that is no number.
+enum Term {
+    /// It follows parameters.
+    Parametric(Node),
+    /// It follows time or the state.
+    Varying(Node),
+}
+
 impl Friction {
-    /// Lowers the friction of a contact; the term of its coefficient, where that depends on parameters.
+    /// The coefficient as a node, if it depends on time, on the state or on the speed of the slip.
+    fn varying(&self, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Option<Node>> {
+        if matches!(self.coefficient, Expression::Number(_)) {
+            return Some(None);
+        }
+        let slip_speed = lowering.graph.input(slip_speed_input(n));
+        let node = lowering.node_with((SLIP_SPEED, slip_speed), &self.coefficient, place)?;
+        Some((!lowering.graph.inputs(node).is_empty()).then_some(node))
+    }
+
+    /// The ratio of both coefficients.
+    fn ratio(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<f64> {
+        let Some(ratio) = &self.ratio else { return Some(1.0) };
+        let place = place.key("ratio");
+        let value = lowering.constant(ratio, &place)?;
+        let (code, detail, expected) = match () {
+            () if self.slip.len() != 2 => {
+                ("conflict", "a ratio where there is one slip".to_owned(), "two slips, or no `ratio`")
+            }
+            () if value <= 0.0 => ("out_of_range", format!("a ratio of {value}"), "a positive number"),
+            () => return Some(value),
+        };
+        lowering.errors.push(SpecificationError::new(place.to_string(), code, detail).expected(expected));
+        None
+    }
+
+    /// Lowers the friction of a contact. Returns the node of its coefficient if that depends on parameters.
     fn lower(
         &self,
         n: usize,
@@ -147,11 +196,16 @@ impl Friction {
         data: &mut ContactData,
         slips: &mut Vec<Node>,
         lowering: &mut Lowering,
-    ) -> Option<Node> {
-        let range = (0.0, f64::MAX);
-        let mu = in_range(&self.coefficient, "coefficient", range, &place.key("coefficient"), lowering);
+    ) -> Option<Term> {
+        let (range, of_coefficient) = ((0.0, f64::MAX), place.key("coefficient"));
+        let varying = self.varying(n, &of_coefficient, lowering);
+        let mu = match varying {
+            Some(None) => in_range(&self.coefficient, "coefficient", range, &of_coefficient, lowering),
+            _ => None,
+        };
+        let ratio = self.ratio(place, lowering);
         if !(1..=2).contains(&self.slip.len()) {
-            let detail = format!("{} velocities of slip", self.slip.len());
+            let detail = format!("{} slip velocities", self.slip.len());
             let error = SpecificationError::new(place.key("slip").to_string(), "wrong_shape", detail);
             lowering.errors.push(error.expected("one for motion in a plane, two in space"));
             return None;
@@ -175,31 +229,63 @@ impl Friction {
             let (count, linear) = (velocities.clone().count(), !velocities.clone().any(depends));
             if count == 0 || !linear {
                 let detail = match count {
-                    0 => "a slip that depends on no velocity has no direction",
+                    0 => "a slip must depend on a velocity",
                     _ => "a slip must be linear in the velocities",
                 };
                 let error = SpecificationError::new(place.to_string(), "slip_not_linear", detail);
-                lowering.errors.push(error.expected("D(t,q)^T v, plus the velocity of what slides below"));
+                lowering.errors.push(error.expected("D(t,q)^T v, plus the velocity of the opposite surface"));
                 return None;
             }
             nodes.push(node);
         }
-        // Without a coefficient there is no friction to be built.
+        data.ratio = ratio?;
+        if let Some(second) = nodes.get_mut(1).filter(|_| data.ratio != 1.0) {
+            let ratio = lowering.graph.constant(data.ratio);
+            *second = lowering.graph.multiply(*second, ratio);
+        }
+        let facets = (self.cone == ConeName::Polyhedral && nodes.len() == 2).then_some(facets as usize);
+        if let Some(node) = varying? {
+            (data.mu, data.varies) = (f64::NAN, true);
+            (data.slips, data.facets) = (nodes.len(), facets);
+            slips.extend(nodes);
+            return Some(Term::Varying(node));
+        }
+        // Without a valid coefficient no friction is built.
         let Constant { value: mu, node } = mu?;
         if let Some(node) = node {
             lowering.graph.assume(node, Assumption::Vanishing);
         }
         if mu > 0.0 {
             data.mu = mu;
-            data.slips = nodes.len();
-            data.facets = (self.cone == ConeName::Polyhedral && nodes.len() == 2).then_some(facets as usize);
+            (data.slips, data.facets) = (nodes.len(), facets);
             slips.extend(nodes);
         }
-        node
+        node.map(Term::Parametric)
     }
 }
 
-/// An expression in `t` and the coordinates.
+/// A warning of a coefficient of friction with a kink at states where no event is located.
+pub(super) fn kink(contact: &str, coefficient: Node, states: &[String], graph: &Graph) -> Option<Warning> {
+    let (function, inputs) = graph.kinks(coefficient).into_iter().find(|(_, inputs)| inputs.iter().any(|i| *i > 0))?;
+    let of: Vec<&str> = inputs
+        .iter()
+        .map(|&input| match input.checked_sub(1) {
+            None => "t",
+            Some(i) => states.get(i).map_or(SLIP_SPEED, String::as_str),
+        })
+        .collect();
+    Some(Warning {
+        code: "kink_in_rate",
+        message: format!(
+            "the coefficient of friction of `{contact}` has a kink or a jump, `{function}` of {}, that is not located: steps \
+             shrink where it is crossed; for a smooth transition of width w write tanh((x - x0)/w), and for friction that \
+             depends on the slip `{SLIP_SPEED}`, which is smooth while a contact slips",
+            listed(of.into_iter())
+        ),
+    })
+}
+
+/// Lowers an expression that must depend on coordinates, and not on velocities.
 fn holonomic(expression: &Expression, what: &str, n: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Node {
     let Some(node) = lowering.node(expression, place) else { return lowering.graph.constant(1.0) };
     let inputs = lowering.graph.inputs(node);
@@ -233,7 +319,7 @@ fn in_range(
     None
 }
 
-/// The error of a force on something that is no coordinate.
+/// The error of a force on an unknown coordinate.
 pub(super) fn unknown_coordinate(name: &str, coordinates: &[String], place: &Pointer<'_>) -> SpecificationError {
     let names = || coordinates.iter().map(String::as_str);
     SpecificationError::new(place.to_string(), "unknown_name", format!("`{}` is not a coordinate", abridged(name)))

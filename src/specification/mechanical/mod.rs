@@ -54,21 +54,22 @@ pub struct MechanicalProblem {
     /// The coordinates `q` by name, at least one. The velocity of `q` is named `q_dot`.
     #[schema(value_type = std::collections::BTreeMap<String, Coordinate>)]
     pub coordinates: Ordered<Coordinate>,
-    /// The mass matrix `M`, square of the number of coordinates; it may depend on them. Symmetric and positive definite.
+    /// The mass matrix `M`, as many rows and columns as coordinates, symmetric and positive definite; it may depend on
+    /// the coordinates.
     pub mass: Matrix,
     /// The potential energy, in `t` and the coordinates. Default 0.
     pub potential: Option<Expression>,
-    /// The generalised forces that have no potential, by coordinate, in `t`, coordinates and velocities.
+    /// The generalised forces without a potential, by coordinate, as expressions in `t`, coordinates and velocities.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub forces: Ordered<Expression>,
-    /// Where bodies can touch.
+    /// The potential contacts, where bodies can touch.
     #[serde(default)]
     pub contacts: Vec<Contact>,
-    /// Constraints that always hold.
+    /// Bilateral constraints.
     #[serde(default)]
     pub joints: Vec<Joint>,
-    /// What to do where a gap is negative at the start, or a joint does not hold there. Default `refuse`.
+    /// What to do if a gap is negative at the start, or a joint is violated there. Default `refuse`.
     #[serde(default)]
     pub interpenetration: Interpenetration,
 }
@@ -77,24 +78,25 @@ pub struct MechanicalProblem {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Coordinate {
-    /// Its value at the start, an expression in the parameters.
+    /// Initial value, an expression in the parameters.
     pub initial: Expression,
-    /// Its velocity at the start. Default 0.
+    /// Initial velocity. Default 0.
     pub velocity: Option<Expression>,
 }
 
-/// What to do where a gap is negative at the start, or a joint does not hold there.
+/// What to do if a gap is negative at the start, or a joint is violated there.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Interpenetration {
-    /// An error that says by how much.
+    /// Report an error with the amount.
     #[default]
     Refuse,
-    /// Move the coordinates, and the velocities of joints, by the shortest way in the metric of the mass matrix.
+    /// Move the coordinates, and the velocities of joints, to the nearest admissible ones in the metric of the mass
+    /// matrix.
     Resolve,
 }
 
-/// All matrices are dense, and their derivatives are expressions.
+/// Limits of size: all matrices are dense, and their derivatives are expressions.
 const MOST_COORDINATES: usize = 200;
 const MOST_CONSTRAINTS: usize = 400;
 
@@ -115,7 +117,7 @@ impl Written for MechanicalProblem {
     fn lower<'c>(&self, place: &Pointer<'_>, start: Start<'c>) -> Lowered<'c> {
         let mut lowering = Lowering::with_inputs(start, self.named(), place);
         if self.interpenetration == Interpenetration::Resolve {
-            // Where a start is moved to is no expression in parameters.
+            // The resolved initial state is not an expression in the parameters, so these cannot be bound anew.
             lowering.keep_values();
         }
         let n = self.coordinates.len();
@@ -169,9 +171,12 @@ impl Written for MechanicalProblem {
         for (name, &force) in coordinates.iter().zip(&forces) {
             warnings.extend(kinks::warnings(&velocity_name(name), force, &states, &lowering.graph));
         }
-        let LoweredContacts { names, gaps, slips, data, joints, terms } =
+        let LoweredContacts { names, gaps, slips, data, joints, terms, coefficients } =
             contact::lower(&self.contacts, &self.joints, n, place, &mut lowering);
-        let rows = MechanicalRows { mass, potential, forces, joints, gaps, slips, contacts: data };
+        for (name, coefficient) in names.iter().zip(&coefficients) {
+            warnings.extend(coefficient.and_then(|node| contact::kink(name, node, &states, &lowering.graph)));
+        }
+        let rows = MechanicalRows { mass, potential, forces, joints, gaps, slips, contacts: data, coefficients };
         let system = match SymbolicMechanics::new(&mut lowering.graph, &rows) {
             Ok(system) => system,
             Err(refusal) => {
@@ -182,6 +187,9 @@ impl Written for MechanicalProblem {
                         (place.key("contacts").index(k).key("gap").to_string(), error)
                     }
                     DifferentiationError::Slip(_, error) => (place.key("contacts").to_string(), error),
+                    DifferentiationError::Coefficient(k, error) => {
+                        (place.key("contacts").index(k).key("friction").key("coefficient").to_string(), error)
+                    }
                 };
                 lowering.errors.push(SpecificationError::new(pointer, error.code, error.message));
                 return (lowering, None);
@@ -200,7 +208,7 @@ impl Written for MechanicalProblem {
     }
 }
 
-/// What is wrong with a system that was bound to other parameters at its start, time `t`; it was not to be moved.
+/// Reports errors of the start at time `t` after other parameters have been bound; the initial state is not moved.
 pub(super) fn check_start(model: &MechanicalModel, t: f64, problem: &Pointer<'_>, errors: &mut Errors) {
     start::settle(&mut model.clone(), t, Interpenetration::Refuse, problem, errors);
 }
@@ -235,7 +243,7 @@ impl MechanicalProblem {
         forces
     }
 
-    /// The names of outputs must differ: a coordinate may be called as the gap of a contact is.
+    /// Reports outputs of equal names: a coordinate may have the name of a contact's gap.
     fn check_names(&self, model: &MechanicalModel, place: &Pointer<'_>, lowering: &mut Lowering) {
         let mut names: Vec<&String> = model.output_names.iter().collect();
         names.sort_unstable();

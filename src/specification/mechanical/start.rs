@@ -1,5 +1,5 @@
-//! The start of a mechanical system: a mass matrix that is one, gaps and joints with a direction, bodies that do not
-//! overlap.
+//! The initial state of a mechanical system: the mass matrix must be symmetric and positive definite, gaps and joints
+//! need nonzero gradients, and bodies must not overlap.
 
 use super::super::error::{Errors, SpecificationError};
 use super::super::pointer::Pointer;
@@ -9,13 +9,13 @@ use models::MechanicalModel;
 use nalgebra::DMatrix;
 use problem::{Constraints, Control};
 
-/// A gap or joint off by less than this, in units of the coordinates, is rounding of what the user wrote.
+/// Tolerance for gaps and joints, in units of the coordinates: a smaller violation is rounding of the user's numbers.
 const ROUNDING: f64 = 1e-9;
 
-/// Rounds in which a start is moved to where nothing overlaps.
+/// Most iterations that resolve an overlap.
 const ROUNDS: usize = 40;
 
-/// Checks the start, and moves it where that is asked for.
+/// Checks the initial state; if asked to, moves it to an admissible one.
 pub(super) fn settle(
     model: &mut MechanicalModel,
     t: f64,
@@ -53,8 +53,18 @@ pub(super) fn settle(
             let detail = format!("this is {value} at the start, or its gradient is not finite");
             errors.push(SpecificationError::new(place(row), "outside_domain", detail));
         } else if gradient.iter().all(|x| *x == 0.0) {
-            let detail = "the gradient is zero at the start: there is no direction to push in";
+            let detail = "the gradient is zero at the start: the constraint force has no direction";
             errors.push(SpecificationError::new(place(row), "zero_gradient", detail));
+        }
+    }
+    for (k, contact) in structure.contacts.iter().enumerate().filter(|(_, contact)| contact.varies) {
+        let speed = contact.slip_speed(&constraints.slip(structure.tangents(k), &state.v));
+        let mu = system.friction(k, t, &state.q, &state.v, speed);
+        if !(mu.is_finite() && mu >= 0.0) {
+            let pointer = problem.key("contacts").index(k).key("friction").key("coefficient").to_string();
+            let detail = format!("the coefficient of friction of `{}` is {mu} at the start", model.contacts[k]);
+            let error = SpecificationError::new(pointer, "out_of_range", detail);
+            errors.push(error.expected("0 or more, wherever and however fast the contact slips"));
         }
     }
     if !errors.is_empty() {
@@ -66,7 +76,8 @@ pub(super) fn settle(
         let resolved = (0..ROUNDS).any(|_| step.resolve(&mut state, &control).unwrap_or(false));
         drop(step);
         if !resolved {
-            let detail = "no way was found to move the start to where nothing overlaps and every joint holds";
+            let detail =
+                "the initial state could not be moved to one where no gap is negative and all joints are satisfied";
             errors.push(SpecificationError::new(problem.key("coordinates").to_string(), "interpenetration", detail));
             return;
         }
@@ -78,16 +89,16 @@ pub(super) fn settle(
         let speed = constraints.velocity(row, &state.v);
         let detail = match row.checked_sub(structure.joints) {
             Some(k) if value < -ROUNDING => format!("`{}` overlaps by {} at the start", model.contacts[k], -value),
-            None if value.abs() > ROUNDING => format!("the joint is off by {value} at the start"),
-            None if speed.abs() > ROUNDING => format!("the joint is torn apart at the start, with velocity {speed}"),
+            None if value.abs() > ROUNDING => format!("the joint is violated by {value} at the start"),
+            None if speed.abs() > ROUNDING => format!("the joint is violated in velocity at the start, by {speed}"),
             _ => continue,
         };
         let error = SpecificationError::new(place(row), "interpenetration", detail);
-        errors.push(error.expected("a start that obeys it, or `\"interpenetration\": \"resolve\"`"));
+        errors.push(error.expected("an initial state that satisfies it, or `\"interpenetration\": \"resolve\"`"));
     }
 }
 
-/// Whether the mass matrix is finite, symmetric and positive definite.
+/// Checks that the mass matrix is finite, symmetric and positive definite.
 fn check_mass(mass: &DMatrix<f64>, place: &Pointer<'_>, errors: &mut Errors) -> bool {
     let size = mass.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     let n = mass.nrows();
@@ -113,7 +124,8 @@ fn check_mass(mass: &DMatrix<f64>, place: &Pointer<'_>, errors: &mut Errors) -> 
         }
     }
     if mass.clone().cholesky().is_none() {
-        let detail = "the matrix is not positive definite at the start: some motion has no kinetic energy, or less";
+        let detail =
+            "the matrix is not positive definite at the start: some velocity has no kinetic energy, or a negative one";
         let error = SpecificationError::new(place.to_string(), "mass_not_positive", detail);
         errors.push(error.expected("a positive definite matrix"));
         return false;

@@ -63,7 +63,7 @@ impl Model for ConvolutionModel {
     }
 
     fn no_global_error(&self) -> Option<&'static str> {
-        Some("with memory the error is estimated where there is no `step`, and only there")
+        Some("problems with memory have an error estimate only without `step`")
     }
 
     fn numbers(&self, specification: &Specification) -> usize {

@@ -16,7 +16,7 @@ use solution::{Diagnostics, Plan, Solution};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// The most stages that a run with a choice of them comes to, which most do.
+/// Most stages of a run with adaptive order, for the estimate of memory.
 const MOST_STAGES: usize = 7;
 
 impl Model for DviModel {
@@ -102,10 +102,10 @@ impl Model for DviModel {
             Stages::Auto => MOST_STAGES,
         };
         let structure = self.structure();
-        // On faces that are met the theory looks again, when the solvers are at rest.
+        // The analysis is repeated on active faces after the run, when the solvers are no longer in use.
         let analysed = if structure.variables > 0 { analysis_numbers(structure.unknowns()) } else { 0 };
         let run = run_numbers(structure, stages);
-        // The equations of the derivatives of all stages are one full matrix.
+        // The sensitivity equations of all stages form one dense matrix.
         let (unknowns, directions) = (stages * structure.unknowns(), specification.directions());
         let derived = if directions > 0 { run + unknowns * (unknowns + 3 * directions) } else { 0 };
         run.max(analysed) + derived
@@ -144,29 +144,29 @@ impl Model for DviModel {
     }
 }
 
-/// Refuses what no method here solves as it is posed. Variables in bounded sets have no impulses, so that their index is no
-/// reason.
+/// Refuses problems that no method solves as posed. Only variables in unbounded sets count, since variables in bounded
+/// sets have no impulses.
 fn check_index(model: &DviModel, asked: &Request<'_>, errors: &mut Errors) {
     let Request { analysis, method, .. } = asked;
     match analysis.unbounded_index {
         Some(index) if index >= 3.0 && !method.accept_index_three => {
             let detail = format!(
-                "the index is {index}: the variables show only in derivative number {index} of the inequalities, so that \
-                 solutions exist for special data only, and limits of approximate solutions need not be solutions"
+                "the index is {index}: the variables appear only in derivative number {index} of the inequalities, so \
+                 that solutions exist for special data only, and limits of approximate solutions need not be solutions"
             );
-            let expected = "an inequality nearer to its variable (a velocity in place of a position), or \
+            let expected = "an inequality of lower index (for a velocity in place of a position), or \
                             `\"accept_index_three\": true` in `method`";
             let error = SpecificationError::new("/problem", "index_too_high", detail);
             errors.push(error.expected(expected));
         }
-        // Where the matrices vary, those at the start do not tell what happens at a bound: it may be crossed without rest.
+        // With varying matrices, those at the start do not decide whether the states jump at a bound.
         Some(2.0)
             if model.structure().has_impulses()
                 && model.structure().constant_jacobian
                 && !(method.step.is_some() && matches!(method.stages, Stages::Fixed(1))) =>
         {
-            let detail = "the index is 2 (CB = 0): where a bound is reached the states jump, and only implicit Euler with a \
-                          fixed step takes such impulses in its stride";
+            let detail = "the index is 2 (CB = 0): where a bound is reached the states jump, and only implicit Euler \
+                          with a fixed step handles such impulses";
             let error = SpecificationError::new("/method", "index_two_needs_euler", detail);
             errors.push(error.expected("`\"stages\": 1` and a fixed `step`, or the inequality posed for velocities"));
         }

@@ -1,4 +1,4 @@
-//! Mechanical systems in generalised coordinates, by the steppers of contact.
+//! Mechanical systems in generalised coordinates, by the contact steppers.
 
 use super::{By, FIXED, Ladder, Model, Request, Sizes, Varied, WithStages, refuse};
 use crate::checked::Specification;
@@ -13,11 +13,11 @@ use problem::{Control, Warning};
 use solution::{ContactPlan, Diagnostics, Plan, Solution};
 use std::sync::Arc;
 
-/// The relative residual of the law of contact where none is given: bodies at rest are not to creep.
+/// Default relative residual of the contact law, small enough that bodies at rest do not creep.
 const CONTACT_TOLERANCE: f64 = 1e-12;
 
-/// The numbers of each coordinate in a run that locates impacts, measured: the stages and interpolants of smooth arcs, with the
-/// forces of contacts beside the coordinates, and the events found.
+/// Numbers per coordinate in a run with located impacts, measured: stages and interpolants of smooth arcs, including
+/// contact forces, and the events found.
 const OF_ARCS: usize = 5000;
 
 impl Model for MechanicalModel {
@@ -84,8 +84,9 @@ impl Model for MechanicalModel {
         let structure = self.structure();
         let (n, rows) = (structure.coordinates, structure.rows());
         let located = specification.method().impacts() == Impacts::Locate;
-        let of_arcs = if located { OF_ARCS.saturating_mul(n) } else { 0 };
-        // The mass, what is implicit, two Jacobians; the responses to impulses.
+        // A member of a sweep keeps neither arcs nor events.
+        let of_arcs = if located && specification.sweep().is_none() { OF_ARCS.saturating_mul(n) } else { 0 };
+        // Mass matrix, implicit matrix and two Jacobians; responses to impulses.
         let matrices = n.saturating_mul(n).saturating_mul(4).saturating_add(n.saturating_mul(rows));
         matrices.saturating_add(of_arcs)
     }
@@ -117,8 +118,8 @@ impl Model for MechanicalModel {
     }
 }
 
-/// Why runs with impacts have no estimate of the error at the end.
-pub(super) const NOT_COMPARED: &str = "two runs that meet impacts at different times are not compared";
+/// The reason why runs with impacts have no estimate of the global error.
+pub(super) const NOT_COMPARED: &str = "runs with impacts at slightly different times cannot be compared at one time";
 
 fn plan_of(specification: &Specification) -> ContactPlan {
     let settings = specification.contact_settings(CONTACT_TOLERANCE);
@@ -126,21 +127,21 @@ fn plan_of(specification: &Specification) -> ContactPlan {
     ContactPlan { settings, located: located.then(|| specification.settings()) }
 }
 
-/// Refuses friction that motion between located impacts does not know.
+/// Refuses polyhedral friction cones for located impacts, whose smooth arcs support only the disk.
 fn check_friction(model: &MechanicalModel, errors: &mut Errors) {
     let contacts = &model.structure().contacts;
     for k in (0..contacts.len()).filter(|&k| contacts[k].facets.is_some()) {
         let pointer = format!("/problem/mechanical/contacts/{k}/friction/cone");
-        let detail = "smooth motion between located impacts knows friction from the disk alone";
+        let detail = "with located impacts, friction forces must be in a disk";
         let error = SpecificationError::new(pointer, "conflict", detail);
         errors.push(error.expected("`quadratic`, or `time_stepping` with a `step` as the method"));
     }
 }
 
-/// Refuses the names of methods that know no impacts.
+/// Refuses methods without impacts.
 pub(super) fn refuse_other_methods(method: &Method, errors: &mut Errors) {
     let why = match method.name {
-        MethodName::Radau => ("Radau IIA alone knows no impacts", "`auto` or `contact`"),
+        MethodName::Radau => ("Radau IIA alone does not treat impacts", "`auto` or `contact`"),
         MethodName::TrBdf2 => ("this is the method of obstacle problems", "`auto` or `contact`"),
         MethodName::Convolution => ("this problem has no memory", "`auto`"),
         MethodName::Auto | MethodName::Contact => return,

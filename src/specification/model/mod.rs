@@ -1,8 +1,9 @@
-//! What a type of problem says of itself: names and start, sizes, the theory, the methods that fit it, what a study of it
-//! varies, its run.
+//! The interface of problem types: names and initial state, sizes, structural analysis, suitable methods, study
+//! options, and the run.
 //!
-//! A type is what the user writes (a file of this crate), its equations (in [`models`]), its answer (in [`solution`]), and
-//! one implementation of [`Model`], which joins the three. Nobody else asks which type a problem has.
+//! A problem type consists of the user's notation (a file of this crate), its equations (in [`models`]), its answer (in
+//! [`solution`]), and one implementation of [`Model`], which joins the three. No other code distinguishes problem
+//! types.
 
 mod convolution;
 mod dvi;
@@ -27,157 +28,157 @@ use std::fmt::Debug;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A problem with its names and its start, to be solved any number of times.
+/// A problem with its names and initial state, to be solved any number of times.
 pub trait Model: Any + Debug + Send + Sync {
-    /// The names of the states; with memory, which has none, of the variables.
+    /// Names of the states; for problems with memory, which have no states, of the variables.
     fn state_names(&self) -> Vec<String>;
 
-    /// The names of all outputs, those of the states first.
+    /// Names of all outputs, states first.
     fn output_names(&self) -> Vec<String>;
 
-    /// The outputs that are kept where nothing is asked for, as places in their names.
+    /// Range of the outputs that are kept by default.
     fn default_outputs(&self) -> Range<usize> {
         0..self.output_names().len()
     }
 
-    /// The states at the start; with memory zeros, as nothing is given there.
+    /// Initial states; zeros for problems with memory.
     fn initial(&self) -> Vec<f64>;
 
-    /// What the user should know before it is solved.
+    /// Warnings to report before the solve.
     fn warnings(&self) -> &[Warning];
 
-    /// How large it is.
+    /// The size of the problem.
     fn sizes(&self) -> Sizes;
 
-    /// The set that variables are in, where the user gives one.
+    /// The set of the variables, if the user gives one.
     fn set(&self) -> Option<&ConvexSet> {
         None
     }
 
-    /// The differential variational inequality, if it is posed as one.
+    /// The differential variational inequality, if the problem is formulated as one.
     fn dvi(&self) -> Option<&DviModel> {
         None
     }
 
-    /// The parameters that are inputs of its programs. `dvi`, `lcs`, `filippov`, `circuit` and `mechanical` have them;
-    /// `rigid_bodies`, `elastic`, `obstacle` and `convolution` keep theirs as constants, and are lowered anew for others.
+    /// The bindable parameters. `dvi`, `lcs`, `filippov`, `circuit` and `mechanical` have them; `rigid_bodies`,
+    /// `elastic`, `obstacle` and `convolution` fold parameters into constants, and are lowered anew for other values.
     fn parameters(&self) -> Option<&Parameters> {
         None
     }
 
-    /// The same problem with these values of its parameters, in their order.
+    /// Returns the model with new values of all its parameters, in their order.
     ///
     /// # Errors
-    /// Values that cannot be bound; all of them, where parameters are constants.
+    /// Values that cannot be bound; any values if parameters are folded into constants.
     fn with_parameters(&self, _values: &[f64]) -> Result<Arc<dyn Model>, Unbindable> {
         Err(Unbindable::Folded)
     }
 
-    /// What is wrong with its start at time `t`, once other parameters are bound. It is reported at the problem.
+    /// Reports errors of the start at time `t` at the pointer of the problem, after other parameters have been bound.
     fn check_start(&self, _t: f64, _problem: &Pointer<'_>, _errors: &mut Errors) {}
 
-    /// What the theory says of it at time `t` and its initial states.
+    /// Structural analysis (index, uniqueness) at time `t` and the initial states.
     fn analyse(&self, t: f64) -> Analysis;
 
-    /// Whether the analysis tells if a solution is unique.
+    /// Whether the analysis covers uniqueness of solutions.
     fn has_theory_of_uniqueness(&self) -> bool {
         false
     }
 
-    /// Refuses what no method here solves as it is posed, and methods that are not for it.
+    /// Refuses problems that no method solves as posed, and methods unsuitable for the problem type.
     fn check_method(&self, asked: &Request<'_>, errors: &mut Errors);
 
-    /// Why nothing may end a run of it before its end; `None` where it may.
+    /// The reason why no event may end a run early; `None` if events may.
     fn no_stop(&self) -> Option<&'static str> {
         None
     }
 
-    /// Why the error at the end is not estimated; `None` where it is.
+    /// The reason why the global error cannot be estimated; `None` if it can.
     fn no_global_error(&self) -> Option<&'static str>;
 
-    /// What its bodies come to where they touch at the start, counted until it is far beyond so many bytes.
+    /// Memory estimate for the contacts at the start; counting stops far beyond `most` bytes.
     fn load(&self, _most: usize, _control: &Control) -> Load {
         Load::default()
     }
 
-    /// The numbers in its matrices and in what a run remembers, as far as they are known before it.
+    /// The count of `f64` numbers in the matrices and the history of a run, as far as it is known in advance.
     fn numbers(&self, specification: &Specification) -> usize;
 
-    /// What a run would build.
+    /// Describes the solvers and structures that a run would use.
     fn describe(&self, specification: &Specification) -> Diagnostics;
 
-    /// Solves it. Stops at the next step when `control` says so.
+    /// Solves the problem; stops at the next step if `control` asks for it.
     fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution;
 
-    /// How it is solved with this choice of stages, in a word or two.
+    /// Short name of the method with the given choice of stages, for a table.
     fn method_name(&self, stages: Stages) -> String;
 
-    /// What a study of it may vary.
+    /// The quantities that a study may vary.
     fn varied(&self) -> Varied;
 }
 
-/// How large a problem is.
+/// The size of a problem.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sizes {
     /// The number of states.
     pub states: usize,
     /// The number of variables of the variational inequality.
     pub variables: usize,
-    /// The bounds that vary with time or states.
+    /// The number of bounds that vary with time or states.
     pub moving_bounds: usize,
-    /// The places of the Jacobian that may be nonzero.
+    /// The number of structural nonzeros of the Jacobian.
     pub jacobian_nonzeros: usize,
-    /// Whether the Jacobian is the same everywhere.
+    /// Whether the Jacobian is constant.
     pub constant_jacobian: bool,
 }
 
-/// What makes one run of a study more accurate than another.
+/// The quantity that a study refines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
-    /// Its relative tolerance.
+    /// The relative tolerance.
     Tolerance,
-    /// Its fixed step.
+    /// The fixed step size.
     Step,
 }
 
-/// What a study of a type of problem may vary.
+/// The quantities that a study of a problem type may vary.
 #[derive(Clone, Copy, Debug)]
 pub struct Varied {
-    /// Whether its runs can be asked for by tolerance.
+    /// Whether runs can be controlled by a tolerance.
     pub tolerance: bool,
-    /// Whether Radau IIA solves it, with stages to choose.
+    /// The runs in which the number of Radau IIA stages can be chosen.
     pub stages: WithStages,
-    /// Whether a run to a tolerance is the reference of runs with fixed steps; else it is one with a finer step.
+    /// The reference for runs with fixed steps: a run by tolerance, or one with a smaller step.
     pub reference: By,
-    /// The families of runs of the report.
+    /// The families of runs in the report.
     pub ladders: &'static [Ladder],
-    /// How runs are chosen whose balance of energy is compared.
+    /// The controls of the runs whose energy balance is compared.
     pub balances: &'static [By],
 }
 
-/// Where stages are chosen.
+/// The runs in which the number of stages can be chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WithStages {
     /// In every run.
     Always,
-    /// Where impacts are located.
+    /// In runs with located impacts.
     Located,
-    /// Nowhere.
+    /// In no run.
     Never,
 }
 
-/// A family of runs that become more accurate.
+/// A family of increasingly accurate runs.
 #[derive(Clone, Copy, Debug)]
 pub struct Ladder {
-    /// What is varied.
+    /// The refined quantity.
     pub by: By,
-    /// What is added to the name of the method.
+    /// Suffix to the name of the method.
     pub name: &'static str,
-    /// The stages to compare; none is those of the method.
+    /// The numbers of stages to compare; if empty, those of the method.
     pub stages: &'static [Stages],
 }
 
-/// What was asked of a problem.
+/// A request for a solve, for the checks of the method.
 #[derive(Clone, Copy, Debug)]
 pub struct Request<'a> {
     pub analysis: &'a Analysis,
@@ -185,16 +186,16 @@ pub struct Request<'a> {
     pub time: Time,
 }
 
-/// What a ladder of fixed steps adds to the name of a method.
+/// Suffix of a method's name for a ladder of fixed steps.
 const FIXED: &str = " at fixed steps";
 
-/// Refuses a key of the method.
+/// Reports a conflict at a key of the method.
 fn refuse(key: &str, detail: &str, expected: &str, errors: &mut Errors) {
     let error = SpecificationError::new(Pointer::Root.key("method").key(key).to_string(), "conflict", detail);
     errors.push(error.expected(expected));
 }
 
-/// Refuses what only mechanical systems have.
+/// Refuses the keys for impacts, which only mechanical systems have.
 fn refuse_impacts(method: &Method, errors: &mut Errors) {
     for (key, given) in [("impacts", method.impacts.is_some()), ("impact_law", method.impact_law.is_some())] {
         if given {
@@ -203,7 +204,7 @@ fn refuse_impacts(method: &Method, errors: &mut Errors) {
     }
 }
 
-/// The name of Radau IIA with these stages, or of what chooses them.
+/// Name of a number of stages; `chosen` names an automatic choice.
 fn name_of_stages(stages: Stages, chosen: &str) -> String {
     match stages {
         Stages::Auto => chosen.to_owned(),

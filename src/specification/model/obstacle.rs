@@ -10,8 +10,8 @@ use models::obstacle::Obstacle;
 use problem::{Control, Warning};
 use solution::{Diagnostics, Plan, Solution};
 
-/// The numbers that a node of a grid takes for itself, and for each of its neighbours, in the matrices, their factors and
-/// those of the coarser grids: measured.
+/// Numbers per node of a grid, and per neighbour of a node, in the matrices, their factors and the coarser grids,
+/// measured.
 const NUMBERS_A_NODE: usize = 60;
 const NUMBERS_A_NEIGHBOUR: usize = 6;
 
@@ -56,13 +56,13 @@ impl Model for Obstacle {
             refuse("stages", "the method of obstacle problems has two stages", "to be left out", errors);
         }
         if !matches!(method.vi_solver, ViSolverName::Auto | ViSolverName::ActiveSet) {
-            let detail = "obstacle problems are solved on the active set";
+            let detail = "obstacle problems are solved by the active set method";
             refuse("vi_solver", detail, "`auto` or `active_set`", errors);
         }
     }
 
     fn no_global_error(&self) -> Option<&'static str> {
-        Some("it is estimated of states, and these are as many as there are nodes")
+        Some("it is estimated per state, and here every node of the grid would be one")
     }
 
     fn numbers(&self, _specification: &Specification) -> usize {

@@ -11,13 +11,13 @@ use models::rigid_bodies::{Load, MultibodySystem};
 use problem::{Control, Warning};
 use solution::{Diagnostics, Plan, Solution};
 
-/// The relative residual of the law of contact where none is given: many redundant contacts leave no more digits.
+/// Default relative residual of the contact law: many redundant contacts do not allow more digits.
 const TOLERANCE: f64 = 1e-10;
-/// Contacts that take so many times what a solve may are not counted to their end: no figure makes it fit.
+/// Stop counting contacts at this multiple of the memory limit: the solve cannot fit any more.
 const FAR_BEYOND: usize = 1000;
-/// Bytes that no process has addresses for: contacts that take as many are not counted to their end.
+/// Stop counting contacts at this number of bytes, the size of the address space.
 const ENOUGH: usize = 1 << 47;
-/// The numbers of one state of a body: position, quaternion, velocity, rotation.
+/// Numbers in the state of a body: position, quaternion, velocity, angular velocity.
 const NUMBERS_A_BODY: usize = 13;
 
 impl Model for MultibodySystem {
@@ -48,27 +48,31 @@ impl Model for MultibodySystem {
     fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         let method = asked.method;
         if method.impacts == Some(Impacts::Locate) {
-            let detail = "bodies in space take impacts as they fall into steps";
+            let detail = "rigid bodies are always time-stepped";
             refuse("impacts", detail, "`time_stepping`, or to be left out", errors);
         }
         for key in method.error_controls() {
-            let detail = "bodies in space go in steps of one size, and no error is measured";
+            let detail = "rigid bodies are time-stepped with a fixed step, without an error estimate";
             refuse(key, detail, "`step` alone", errors);
         }
         let choices = [
-            ("stages", method.stages != Stages::Auto, "the stepper of bodies in space has no stages"),
+            ("stages", method.stages != Stages::Auto, "the time stepping of rigid bodies has no stages"),
             (
                 "switches",
                 method.switches != Switches::default(),
-                "steps of one size go over all that happens to bodies in space",
+                "the fixed steps of rigid bodies step over all events",
             ),
-            ("accept_index_three", method.accept_index_three, "no problem of bodies in space has index three"),
+            (
+                "accept_index_three",
+                method.accept_index_three,
+                "rigid bodies are not solved as a problem of index three",
+            ),
         ];
         for (key, _, detail) in choices.into_iter().filter(|(_, given, _)| *given) {
             refuse(key, detail, "to be left out", errors);
         }
         if method.vi_solver != ViSolverName::Auto {
-            let detail = "the law of contact has solvers of its own";
+            let detail = "the contact law has its own solvers";
             refuse("vi_solver", detail, "`auto`, or to be left out", errors);
         }
         refuse_other_methods(method, errors);
@@ -83,7 +87,7 @@ impl Model for MultibodySystem {
     }
 
     fn numbers(&self, _specification: &Specification) -> usize {
-        // Before and after a step, with their changes.
+        // Two states, and their changes.
         4 * NUMBERS_A_BODY * self.bodies.len()
     }
 

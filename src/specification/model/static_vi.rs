@@ -1,4 +1,4 @@
-//! Static variational inequalities, by the portfolio of solvers of one.
+//! Static variational inequalities, by the portfolio of solvers.
 
 use super::{By, Model, Request, Sizes, Varied, WithStages, refuse, refuse_impacts};
 use crate::checked::Specification;
@@ -12,9 +12,9 @@ use problem::{Control, ConvexSet, Warning};
 use solution::{Diagnostics, Plan, Solution, StaticPlan};
 use std::sync::Arc;
 
-/// The numbers of each entry of a sparse Jacobian with its factors, as grids have them.
+/// Numbers per entry of a sparse Jacobian including its factors, at the fill of a grid problem.
 const OF_AN_ENTRY: usize = 40;
-/// Up to this many variables there are tableaus.
+/// Largest number of variables for which dense tableaus are allocated.
 const TABLEAU: usize = 300;
 
 impl Model for StaticModel {
@@ -58,7 +58,7 @@ impl Model for StaticModel {
     }
 
     fn analyse(&self, _t: f64) -> Analysis {
-        let because = "a static problem: what is certain of a solution is found with it".to_owned();
+        let because = "a static problem: uniqueness is examined at the solution".to_owned();
         Analysis { because, ..Analysis::default() }
     }
 
@@ -84,11 +84,11 @@ impl Model for StaticModel {
     }
 
     fn no_stop(&self) -> Option<&'static str> {
-        Some("a static problem has no time in which something may happen")
+        Some("a static problem has no time, and so no events")
     }
 
     fn no_global_error(&self) -> Option<&'static str> {
-        Some("a static problem has no steps whose errors add up; its residual is in `solution`")
+        Some("a static problem has no time steps whose errors could accumulate; see its residual in `solution`")
     }
 
     fn numbers(&self, _specification: &Specification) -> usize {

@@ -1,4 +1,4 @@
-//! A coefficient that may differ from direction to direction.
+//! A coefficient that may differ between directions.
 
 use super::field;
 use crate::directions::{missing, surplus};
@@ -15,12 +15,12 @@ use utoipa::openapi::schema::{OneOfBuilder, Schema};
 use utoipa::openapi::{Ref, RefOr};
 use utoipa::{PartialSchema, ToSchema};
 
-/// An expression for every direction, or one for each.
+/// One expression for all directions, or one for each.
 #[derive(Clone, Debug)]
 pub enum PerDirection {
-    /// The same in all.
+    /// One expression for all directions.
     Same(Expression),
-    /// One for each that the domain has.
+    /// One expression for each direction of the domain.
     Each(Box<Directions>),
 }
 
@@ -28,16 +28,17 @@ pub enum PerDirection {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Directions {
-    /// Along `x`.
+    /// Coefficient along `x`.
     pub x: Expression,
-    /// Along `y`, where the domain has it.
+    /// Coefficient along `y`, if the domain has that direction.
     pub y: Option<Expression>,
-    /// Along `z`, where the domain has it.
+    /// Coefficient along `z`, if the domain has that direction.
     pub z: Option<Expression>,
 }
 
 impl PerDirection {
-    /// The functions, one for each of `dimension` directions; a single one serves for several only if it `spreads`.
+    /// Lowers one function for each of `dimension` directions; a single expression applies to several directions only
+    /// if `spreads` is true.
     pub(super) fn lower(
         &self,
         dimension: usize,
@@ -48,7 +49,7 @@ impl PerDirection {
         match self {
             Self::Same(expression) => {
                 if dimension > 1 && !spreads {
-                    let detail = format!("one expression, where there are {dimension} directions");
+                    let detail = format!("one expression is given for {dimension} directions");
                     let error = SpecificationError::new(place.to_string(), "wrong_shape", detail);
                     lowering.errors.push(error.expected("an object with an expression for each direction"));
                 }

@@ -1,4 +1,4 @@
-//! The domain, divided into elements.
+//! The domain, and its division into elements.
 
 use crate::directions::DIRECTIONS;
 use crate::elements::Elements;
@@ -10,23 +10,23 @@ use models::finite_elements::{Axis, Grid};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// An interval, a rectangle or a box: `[from, to]` along each direction, constants.
+/// An interval, a rectangle or a box, with constants `[from, to]` along each direction.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Domain {
-    /// Along `x`.
+    /// Extent along `x`.
     pub x: [Expression; 2],
-    /// Along `y`: a rectangle.
+    /// Extent along `y`, for a rectangle or a box.
     pub y: Option<[Expression; 2]>,
-    /// Along `z`: a box.
+    /// Extent along `z`, for a box.
     pub z: Option<[Expression; 2]>,
 }
 
-/// The fewest elements in a direction: between two sides where `u` is given there is a node to solve for.
+/// Least number of elements in a direction: with `u` given on two opposite sides, an inner node remains.
 const FEWEST: u64 = 2;
 
 impl Domain {
-    /// The number of directions; a `z` without a `y` is an error of its own.
+    /// Number of directions; `grid` reports a `z` without a `y`.
     pub(super) fn dimension(&self) -> usize {
         match (&self.y, &self.z) {
             (None, _) => 1,
@@ -35,7 +35,7 @@ impl Domain {
         }
     }
 
-    /// The grid, if it is one.
+    /// Builds the grid, if its description is valid.
     pub(super) fn grid(&self, given: &Elements, problem: &Pointer<'_>, lowering: &mut Lowering) -> Option<Grid> {
         let (place, place_of_elements) = (problem.key("domain"), problem.key("elements"));
         let dimension = self.dimension();
@@ -62,7 +62,7 @@ fn interval(ends: &[Expression; 2], place: &Pointer<'_>, lowering: &mut Lowering
     if upper - lower > 1e-12 * lower.abs().max(upper.abs()) && (upper - lower).is_finite() {
         return Some((lower, upper));
     }
-    let detail = format!("[{lower}, {upper}] has no length to be divided");
+    let detail = format!("the interval [{lower}, {upper}] has no length");
     let error = SpecificationError::new(place.to_string(), "empty_interval", detail);
     lowering.errors.push(error.expected("two numbers, the first below the second"));
     None

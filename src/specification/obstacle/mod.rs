@@ -26,10 +26,10 @@ use solution::Warning;
 use std::sync::Arc;
 use utoipa::ToSchema;
 
-/// A parabolic equation between obstacles: `u_t - div(a grad u) + b . grad u + c u = f` where `u` touches none. Beside the
-/// probes it tells `total`, the integral of `u`; and where there is an obstacle `pressure`, the total force of it, and
-/// `contact`, the length, area or volume where `u` rests on it; on an interval `contact_from` and `contact_to`, the free
-/// boundary, found between nodes.
+/// A parabolic equation between obstacles: `u_t - div(a grad u) + b . grad u + c u = f` where `u` touches none. Outputs
+/// beside the probes are `total`, the integral of `u`; with an obstacle also `pressure`, its total force, and
+/// `contact`, the length, area or volume of the contact set; on an interval also `contact_from` and `contact_to`, the
+/// free boundary, interpolated between nodes.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ObstacleProblem {
@@ -52,50 +52,50 @@ pub struct ObstacleProblem {
     pub integrals: Ordered<Expression>,
     /// An interval, a rectangle or a box.
     pub domain: Domain,
-    /// The number of elements, equal ones, in each direction; one number for all, or `{"x": .., "y": ..}`.
+    /// The number of equal elements in each direction: one number for all directions, or `{"x": .., "y": ..}`.
     pub elements: Elements,
-    /// `a`, not below zero: an expression in `t` and the coordinates, or one for each direction.
+    /// The diffusion `a`, not negative: an expression in `t` and the coordinates, or one for each direction.
     pub diffusion: PerDirection,
-    /// `b`, an expression on an interval, one for each direction elsewhere. Default none.
+    /// The advection `b`: an expression on an interval, one for each direction elsewhere. Default: none.
     pub advection: Option<PerDirection>,
-    /// `c`. Default none.
+    /// The reaction `c`. Default: none.
     pub reaction: Option<Expression>,
-    /// `f`. Default none.
+    /// The source `f`. Default: none.
     pub source: Option<Expression>,
-    /// `phi`, the obstacle below. Default none.
+    /// The lower obstacle `phi`. Default: none.
     pub obstacle: Option<Expression>,
-    /// `psi`, an obstacle above. Default none.
+    /// The upper obstacle `psi`. Default: none.
     pub upper_obstacle: Option<Expression>,
-    /// `u` at the start, between the obstacles.
+    /// The initial `u`, between the obstacles.
     pub initial: Expression,
-    /// What is given on each side. Default no flux.
+    /// The boundary conditions by side. Default: no flux.
     #[serde(default)]
     pub boundary: Boundary,
-    /// How mass, advection and reaction are integrated. Default `lumped`.
+    /// The quadrature of mass, advection and reaction terms. Default `lumped`.
     #[serde(default)]
     pub mass: MassName,
-    /// Points at which `u` is told, by name, each a list of its coordinates.
+    /// Points by name, each a list of its coordinates, at which `u` is an output.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Vec<Expression>>)]
     pub probes: Ordered<Vec<Expression>>,
 }
 
 choices! {
-    /// How mass, advection and reaction are integrated over an element.
+    /// The quadrature of mass, advection and reaction terms over an element.
     MassName {
-        "lumped" Lumped: "By the trapezoidal rule: a diagonal mass matrix, and every stage an M-matrix on any grid."
-        "consistent" Consistent: "Exactly."
+        "lumped" Lumped: "Trapezoidal rule: a diagonal mass matrix, and an M-matrix at every stage on any grid."
+        "consistent" Consistent: "Exact integration."
     }
 }
 
 impl ObstacleProblem {
-    /// The number of nodes, as written; none where it is not even a number.
+    /// The number of nodes, as far as `elements` determines it.
     pub(super) fn nodes(&self) -> usize {
         self.elements.nodes(self.domain.dimension())
     }
 }
 
-/// What checking a node takes, in nanoseconds: measured.
+/// Time to check one node, in nanoseconds, measured.
 const A_NODE: usize = 1_000;
 
 impl Written for ObstacleProblem {
@@ -196,7 +196,7 @@ impl ObstacleProblem {
                 at[k] = value;
                 let Some(axis) = grid.map(|grid| grid.axes()[k]) else { continue };
                 if !(axis.lower..=axis.upper).contains(&value) {
-                    let detail = format!("{value} lies outside the domain");
+                    let detail = format!("{value} is outside the domain");
                     let error = SpecificationError::new(place.to_string(), "outside_domain", detail);
                     lowering.errors.push(error.expected(format!("from {} to {}", axis.lower, axis.upper)));
                 }
@@ -206,23 +206,23 @@ impl ObstacleProblem {
         probes
     }
 
-    /// The outputs that are there without a probe.
+    /// Names of the outputs other than probes.
     fn output_names(&self) -> &'static [&'static str] {
         Obstacle::scalar_names(self.obstacle.is_some() || self.upper_obstacle.is_some(), self.domain.dimension())
     }
 }
 
-/// The function that an expression is; zero where it cannot be read.
+/// Lowers an expression to a function of time and space; a faulty expression becomes zero.
 fn field(expression: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Field {
     let node = lowering.node_or_zero(expression, place);
     Field::new(&lowering.graph, node)
 }
 
-/// What is to be said of a grid that is coarse beside the layers of its solution.
+/// The warning about a grid that is too coarse for the layers of the solution.
 fn unresolved(peclet: f64) -> Warning {
     let message = format!(
-        "advection carries {peclet:.3e} times what diffusion does over half an element (the Peclet number of the grid): \
-         diffusion was added where this is above 1, which smears layers over an element; more elements resolve them"
+        "the Peclet number of the grid, of advection to diffusion over half an element, is {peclet:.3e}: \
+         diffusion was added where it is above 1, which smears layers over an element; more elements resolve them"
     );
     Warning { code: "unresolved_layers", message }
 }

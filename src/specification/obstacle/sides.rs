@@ -1,4 +1,4 @@
-//! What is given on the sides of the domain.
+//! Boundary conditions on the sides of the domain.
 
 use super::field;
 use crate::expression::Expression;
@@ -9,37 +9,37 @@ use models::obstacle::{Condition, Field};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// What is given on each side; where nothing is, no flux.
+/// The boundary condition on each side. Default: no flux.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Boundary {
-    /// Where `x` begins.
+    /// Condition at the least `x`.
     pub x_min: Option<BoundaryCondition>,
-    /// Where `x` ends.
+    /// Condition at the largest `x`.
     pub x_max: Option<BoundaryCondition>,
-    /// Where `y` begins.
+    /// Condition at the least `y`.
     pub y_min: Option<BoundaryCondition>,
-    /// Where `y` ends.
+    /// Condition at the largest `y`.
     pub y_max: Option<BoundaryCondition>,
-    /// Where `z` begins.
+    /// Condition at the least `z`.
     pub z_min: Option<BoundaryCondition>,
-    /// Where `z` ends.
+    /// Condition at the largest `z`.
     pub z_max: Option<BoundaryCondition>,
 }
 
-/// What is given on a side, an expression in `t` and the coordinates.
+/// A boundary condition, as an expression in `t` and the coordinates.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BoundaryCondition {
-    /// `u`, between the obstacles. It holds on the edges of the side too; of two sides on which it is given, the later in
-    /// the order `x_min`, `x_max`, `y_min`, ..
+    /// The value of `u`, between the obstacles. It also applies on the edges of the side; where two such sides meet,
+    /// the later in the order `x_min`, `x_max`, `y_min`, .. takes precedence.
     Dirichlet(Expression),
-    /// The flux `a du/dn`, outwards: what flows in.
+    /// The flux `a du/dn` with the outward normal: the inflow.
     Neumann(Expression),
 }
 
 impl Boundary {
-    /// The conditions on all sides of a domain of so many directions.
+    /// Lowers the conditions on all sides of a domain in `dimension` directions.
     pub(super) fn lower(&self, dimension: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> Vec<Condition> {
         let given = [&self.x_min, &self.x_max, &self.y_min, &self.y_max, &self.z_min, &self.z_max];
         for (side, condition) in Side::all(3).zip(given) {

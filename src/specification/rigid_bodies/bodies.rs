@@ -1,4 +1,4 @@
-//! Bodies: shape, mass, and where they are and how they move at the start.
+//! Rigid bodies: shape, mass, and initial position and velocity.
 
 use super::inertia::{self, Inertia};
 use super::motors::{self, Functions};
@@ -12,8 +12,8 @@ use crate::pointer::Pointer;
 use crate::range;
 use crate::wording::{abridged, listed};
 use expression::nearest;
-use models::rigid_bodies::{Body, Collider, Linear, Prescription, Shape};
-use nalgebra::{Isometry3, Matrix3, Vector3};
+use models::rigid_bodies::{Angular, Body, Collider, Linear, Prescription, Shape};
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 use solution::Warning;
 use utoipa::ToSchema;
@@ -22,80 +22,96 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RigidBody {
-    /// Its outputs are `name.x`, `name.qw`, `name.vx`, `name.wx` and so on. Default `body1`, `body2`, ...
+    /// Name. The outputs are `name.x`, `name.qw`, `name.vx`, `name.wx` and so on. Default `body1`, `body2`, ...
     pub name: Option<String>,
-    /// Its shape, in its own frame.
+    /// Shape, in the frame of the body.
     pub shape: RigidShape,
-    /// Kilograms, above 0. A body that moves has this or `density`.
+    /// Mass in kilograms, above 0. A moving body has either this or `density`.
     pub mass: Option<Expression>,
-    /// Kilograms a cubic metre, above 0.
+    /// Density in kilograms per cubic metre, above 0.
     pub density: Option<Expression>,
-    /// Where its centre of mass is, in its frame, if it is not that of a body filled evenly. It asks for `inertia`.
+    /// Centre of mass, in the frame of the body. Default: that of a homogeneous body. Requires `inertia`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub centre_of_mass: Option<Vector>,
-    /// Its inertia about the centre of mass, along the axes x, y and z of its frame, where it is not that of a body filled evenly:
-    /// three moments, or a symmetric matrix of three rows.
+    /// Inertia about the centre of mass, along the axes x, y and z of the body's frame: three moments, or a symmetric
+    /// matrix of three rows. Default: that of a homogeneous body.
     pub inertia: Option<Inertia>,
-    /// Where the origin of its frame is. Default `[0, 0, 0]`.
+    /// Initial position of the origin of its frame. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub position: Option<Vector>,
-    /// Its orientation, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
+    /// Initial orientation, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
     pub orientation: Option<[Expression; 4]>,
-    /// The velocity of the origin of its frame. Default `[0, 0, 0]`.
+    /// Initial velocity of the origin of its frame. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub velocity: Option<Vector>,
-    /// Its angular velocity in the world, in radians a second. Default `[0, 0, 0]`.
+    /// Initial angular velocity in the world frame, in radians per second. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub angular_velocity: Option<Vector>,
-    /// One of `materials`. Default one with the friction and restitution of `contacts`.
+    /// One of `materials`. Default: a material with the friction and restitution of `contacts`.
     pub material: Option<String>,
-    /// How it moves, whatever pushes it: it pushes others, and needs no mass. Default by its own mass.
+    /// Prescribed motion, which no force changes; the body needs no mass. Default: motion by the equations of motion.
     pub motion: Option<BodyMotion>,
-    /// Whether `name.contact_fx contact_fy contact_fz`, the force of all contacts on it, and `name.contact_tx contact_ty contact_tz`,
-    /// their torque about its centre of mass, are outputs: in the world and in the mean of a step. Also of a body that
-    /// does not move, about the origin of its frame. Default `false`.
+    /// Whether contact forces on the body are outputs: `name.contact_fx contact_fy contact_fz`, the total force, and
+    /// `name.contact_tx contact_ty contact_tz`, its torque about the centre of mass (of a fixed body, about the origin
+    /// of its frame), in the world frame and averaged over a step. Default `false`.
     #[serde(default)]
     pub contact_forces: bool,
-    /// Its group, a name of which `contacts.exclude` says what its bodies do not touch. Default none.
+    /// Group name, for pairs of groups without contact in `contacts.exclude`. Default: none.
     pub group: Option<String>,
-    /// Whether it never moves, whatever pushes it.
+    /// Whether the body is fixed in space. Default `false`.
     #[serde(default)]
     pub fixed: bool,
 }
 
-/// A motion as expressions in `t` and parameters.
+/// A prescribed motion, as expressions in `t` and parameters.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyMotion {
-    /// Where the origin of its frame is. Default where `velocity` takes it.
+    /// Position of the origin of its frame. Default: the integral of `velocity`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub position: Option<Vector>,
-    /// The velocity of the origin of its frame, in the place of `position`. Default `[0, 0, 0]`.
+    /// Velocity of the origin of its frame, as an alternative to `position`. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub velocity: Option<Vector>,
-    /// Its angular velocity in the world, in radians a second. Default `[0, 0, 0]`.
+    /// Angular velocity in the world frame, in radians per second. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub angular_velocity: Option<Vector>,
+    /// How it has turned from its `orientation`, in the place of `angular_velocity`: a vector along the axis in the world, as long
+    /// as the angle in radians. `[0, 0, "0.3*sin(t)"]` swings about the z axis. Default `[0, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub rotation: Option<Vector>,
 }
 
 impl BodyMotion {
-    /// The motion, and where it begins if that is known.
+    /// Lowers the motion, and sets the initial pose and velocities of the body `lowered`.
     pub(super) fn lower(
         &self,
         body: &RigidBody,
+        lowered: &mut Body,
         place: &Pointer<'_>,
         functions: &mut Functions,
         lowering: &mut Lowering,
-    ) -> Option<(Prescription, Option<Vector3<f64>>)> {
+    ) {
         let conflicts = [
-            (self.position.is_some() && self.velocity.is_some(), "both `position` and `velocity` say how it moves"),
-            (body.velocity.is_some() || body.angular_velocity.is_some(), "its velocity is that of its `motion`"),
-            (self.position.is_some() && body.position.is_some(), "its position at the start is that of its `motion`"),
-            (body.fixed, "a fixed body does not move"),
-            (body.mass.is_some() || body.density.is_some(), "nothing pushes it, and a mass has no meaning"),
             (
-                self.angular_velocity.is_some() && matches!(body.shape, RigidShape::HalfSpace(_)),
-                "a half space that turns is everywhere",
+                self.position.is_some() && self.velocity.is_some(),
+                "both `position` and `velocity` prescribe its translation",
+            ),
+            (
+                body.velocity.is_some() || body.angular_velocity.is_some(),
+                "its initial velocity follows from its `motion`",
+            ),
+            (self.position.is_some() && body.position.is_some(), "its initial position follows from its `motion`"),
+            (body.fixed, "a fixed body does not move"),
+            (body.mass.is_some() || body.density.is_some(), "its motion is prescribed, and a mass has no effect"),
+            (
+                self.rotation.is_some() && self.angular_velocity.is_some(),
+                "both `rotation` and `angular_velocity` prescribe its rotation",
+            ),
+            (
+                (self.angular_velocity.is_some() || self.rotation.is_some())
+                    && matches!(body.shape, RigidShape::HalfSpace(_)),
+                "a half space that turns would sweep all space",
             ),
         ];
         let motion = place.key("motion");
@@ -113,26 +129,38 @@ impl BodyMotion {
         };
         let position = functions_of(&self.position, "position");
         let velocity = functions_of(&self.velocity, "velocity");
-        let angular = functions_of(&self.angular_velocity, "angular_velocity");
-        let start =
-            position.map(|of| of.map(|function| functions.at_start(function, lowering).map_or(0.0, |both| both[0])));
+        let turning = functions_of(&self.angular_velocity, "angular_velocity");
+        let rotation = functions_of(&self.rotation, "rotation");
         let linear = position.map(Linear::Position).or(velocity.map(Linear::Velocity));
-        Some((Prescription { linear, angular }, start.map(Vector3::from)))
+        let base = lowered.pose.rotation;
+        let angular = turning.map(Angular::Velocity).or(rotation.map(|rotation| Angular::Rotation(rotation, base)));
+        let motion = Prescription { linear, angular };
+        lowered.motion = Some(motion);
+        let Some(t) = lowering.start.filter(|_| lowering.errors.is_empty()) else { return };
+        let (values, rates) = functions.signals(lowering).at(t);
+        let at = |of: [usize; 3]| Vector3::from(of.map(|function| values[function]));
+        if let Some(position) = position {
+            lowered.pose.translation.vector = at(position);
+        }
+        if let Some(rotation) = rotation {
+            lowered.pose.rotation = UnitQuaternion::from_scaled_axis(at(rotation)) * base;
+        }
+        (lowered.velocity, lowered.omega) = motion.velocities(&values, &rates);
     }
 }
 
 impl RigidBody {
-    /// Whether it moves by its mass.
+    /// Whether it moves by the equations of motion.
     pub(super) fn is_free(&self) -> bool {
         !self.fixed && self.motion.is_none()
     }
 
-    /// Its name, the `k`-th body's own or that of its place.
+    /// The name given to the body with index `k`, or its default name.
     pub(super) fn name(&self, k: usize) -> String {
         self.name.clone().unwrap_or_else(|| format!("body{}", k + 1))
     }
 
-    /// The body, if it is one.
+    /// Builds the body, if its description is valid.
     pub(super) fn lower(
         &self,
         name: String,
@@ -182,11 +210,11 @@ impl RigidBody {
         })
     }
 
-    /// The place of its material; the last is that of bodies without one.
+    /// The index of its material; bodies without one have the last.
     fn material(&self, materials: &Ordered<Material>, place: &Pointer<'_>, lowering: &mut Lowering) -> usize {
         let Some(name) = &self.material else { return materials.len() };
         materials.names().position(|known| known == name).unwrap_or_else(|| {
-            let detail = format!("`{}` is no material", abridged(name));
+            let detail = format!("`{}` is not a material", abridged(name));
             let error = SpecificationError::new(place.key("material").to_string(), "unknown_name", detail);
             let nearest = nearest(name, materials.names());
             lowering.errors.push(error.expected(listed(materials.names())).did_you_mean(nearest));
@@ -202,18 +230,18 @@ impl RigidBody {
         }
     }
 
-    /// Mass, centre of mass and the inertia about it.
+    /// Mass, centre of mass, and inertia about it.
     fn inertial(
         &self,
         parts: &[(Shape, Isometry3<f64>)],
         place: &Pointer<'_>,
         lowering: &mut Lowering,
     ) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
-        // Volume, and its first and second moments about the origin of the frame of the body.
+        // Volume, first and second moments of volume about the origin of the body's frame.
         let (mut volume, mut first, mut second) = (0.0, Vector3::zeros(), Matrix3::zeros());
         for (shape, at) in parts {
             let Some((of_shape, centre, moment)) = shape.moments() else {
-                let detail = format!("a {} has no volume, so that it cannot move", shape.name());
+                let detail = format!("a {} has no volume, hence no inertia, and cannot move", shape.name());
                 let error = SpecificationError::new(place.key("shape").to_string(), "must_be_fixed", detail);
                 lowering.errors.push(error.expected("`\"fixed\": true`, or another shape"));
                 return None;
@@ -243,15 +271,15 @@ impl RigidBody {
         };
         let Some(given) = &self.centre_of_mass else { return Some((mass, filled, inertia)) };
         if self.inertia.is_none() {
-            let detail = "a body with a centre of mass of its own is not filled evenly, and its inertia is not known";
+            let detail = "a body with a given centre of mass is not homogeneous, and its inertia cannot be computed";
             let error = SpecificationError::new(place.key("centre_of_mass").to_string(), "conflict", detail);
-            lowering.errors.push(error.expected("`inertia` about that centre as well"));
+            lowering.errors.push(error.expected("`inertia` about the given centre as well"));
         }
         Some((mass, vectors::lower(given, &place.key("centre_of_mass"), lowering), inertia))
     }
 }
 
-/// A shape in the frame at the centre of mass.
+/// A shape relative to the centre of mass.
 fn shifted((mut shape, at): (Shape, Isometry3<f64>), centre: &Vector3<f64>) -> (Shape, Isometry3<f64>) {
     if at == Isometry3::identity()
         && let Shape::Polyhedron(polyhedron) = &mut shape

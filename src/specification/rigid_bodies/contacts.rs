@@ -1,4 +1,4 @@
-//! What holds where bodies touch: friction and restitution, by pairs of materials.
+//! Contact laws between bodies: friction and restitution, by pairs of materials.
 
 use super::{Expression, Ordered};
 use crate::error::SpecificationError;
@@ -14,25 +14,27 @@ use serde::Deserialize;
 use std::collections::{HashMap, HashSet};
 use utoipa::ToSchema;
 
-/// What holds where bodies touch.
+/// The contact laws between bodies.
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyContacts {
-    /// The coefficient of friction of bodies without a material, or with one that names none. Default 0.
+    /// The default coefficient of friction, for bodies without a material or whose material has none. Default 0.
     pub friction: Option<Expression>,
-    /// The coefficient of restitution likewise, from 0 to 1. Default 0.
+    /// The default coefficient of restitution, from 0 to 1, for bodies without a material or whose material has none.
+    /// Default 0.
     pub restitution: Option<Expression>,
-    /// The set of friction. Default `quadratic`.
+    /// The set of friction forces. Default `quadratic`.
     #[serde(default)]
     pub cone: ConeName,
-    /// The corners of a polyhedral cone, from 4 to 64, the first along the x axis as seen on the plane of contact. Default 8.
+    /// Number of corners of a polyhedral cone, from 4 to 64, the first along the x axis projected onto the contact
+    /// plane. Default 8.
     #[schema(minimum = 4, maximum = 64)]
     pub facets: Option<u64>,
-    /// Pairs of materials with coefficients of their own. Of two materials that make no pair, the friction is the
-    /// geometric mean and the restitution the lesser.
+    /// Pairs of materials with coefficients of their own. For other pairs, the friction is the geometric mean of the
+    /// two, and the restitution the smaller one.
     #[serde(default)]
     pub pairs: Vec<MaterialPair>,
-    /// Pairs of groups of bodies, or twice the same, whose bodies go through each other. Default none.
+    /// Pairs of groups, possibly equal, whose bodies have no contact with each other. Default: none.
     #[serde(default)]
     pub exclude: Vec<[String; 2]>,
 }
@@ -41,26 +43,26 @@ pub struct BodyContacts {
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Material {
-    /// The coefficient of friction, not below 0. Default that of `contacts`.
+    /// The coefficient of friction, not negative. Default: that of `contacts`.
     pub friction: Option<Expression>,
-    /// The coefficient of restitution, from 0 to 1. Default that of `contacts`.
+    /// The coefficient of restitution, from 0 to 1. Default: that of `contacts`.
     pub restitution: Option<Expression>,
 }
 
-/// Two materials, or twice the same, with coefficients of their own.
+/// Coefficients of a pair of materials, possibly equal.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MaterialPair {
-    /// Their names.
+    /// The names of the two materials.
     pub materials: [String; 2],
-    /// The coefficient of friction, not below 0.
+    /// The coefficient of friction, not negative.
     pub friction: Option<Expression>,
     /// The coefficient of restitution, from 0 to 1.
     pub restitution: Option<Expression>,
 }
 
 impl BodyContacts {
-    /// The set of friction.
+    /// Reads the set of friction forces.
     pub(super) fn cone(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Cone {
         let facets = self.facets.unwrap_or(FACETS);
         if self.facets.is_some() && (self.cone == ConeName::Quadratic || !(4..=64).contains(&facets)) {
@@ -75,7 +77,7 @@ impl BodyContacts {
     }
 }
 
-/// The places of the groups by name, and the pairs of them that do not touch.
+/// The indices of the groups by name, and the pairs of groups without contact.
 pub(super) fn groups<'a>(
     contacts: &'a BodyContacts,
     known: &HashSet<&str>,
@@ -104,7 +106,7 @@ pub(super) fn groups<'a>(
     (groups, apart)
 }
 
-/// The corners of a polyhedral cone where none are given.
+/// Default number of corners of a polyhedral cone.
 const FACETS: u64 = 8;
 
 fn coefficients(
@@ -123,7 +125,7 @@ fn coefficients(
     Law { friction, restitution }
 }
 
-/// The law of every pair of materials; the last material is that of bodies without one.
+/// The contact law of every pair of materials; the last material is that of bodies without one.
 pub(super) fn lower(
     contacts: &BodyContacts,
     materials: &Ordered<Material>,
@@ -150,7 +152,7 @@ pub(super) fn lower(
             let name = &pair.materials[i];
             let found = materials.names().position(|known| known == name);
             if found.is_none() {
-                let detail = format!("`{}` is no material", abridged(name));
+                let detail = format!("`{}` is not a material", abridged(name));
                 let error =
                     SpecificationError::new(place.key("materials").index(i).to_string(), "unknown_name", detail);
                 let nearest = nearest(name, materials.names());

@@ -1,4 +1,4 @@
-//! Forces and torques on bodies, as expressions in time and in the motion of bodies.
+//! Forces and torques on bodies, as expressions in time and the motion of bodies.
 
 use super::vectors::{self, Vector};
 use crate::error::SpecificationError;
@@ -13,39 +13,39 @@ use serde::Deserialize;
 use std::collections::HashMap;
 use utoipa::ToSchema;
 
-/// A force and a torque on a body. Expressions in `t`, parameters, definitions and the outputs of bodies, as in
-/// `"-0.1*ball.vx"`: `x y z qw qx qy qz vx vy vz wx wy wz` behind the name of a body and a dot.
+/// A force and a torque on a body, as expressions in `t`, parameters, definitions and the outputs of bodies, as in
+/// `"-0.1*ball.vx"`: the name of a body, a dot, and one of `x y z qw qx qy qz vx vy vz wx wy wz`.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyForce {
-    /// The name of a body that moves.
+    /// The name of a moving body.
     pub body: String,
-    /// Newtons. Default `[0, 0, 0]`.
+    /// The force in newtons. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub force: Option<Vector>,
-    /// Newton metres. Default `[0, 0, 0]`.
+    /// The torque in newton metres. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub torque: Option<Vector>,
-    /// The point that the force acts on, in the frame of the body. Default the centre of mass.
+    /// The point of application of the force, in the frame of the body. Default: the centre of mass.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub at: Option<Vector>,
-    /// The axes of the components of both. Default `world`.
+    /// The frame of the components of force and torque. Default `world`.
     #[serde(default)]
     pub axes: AxesOfForce,
 }
 
-/// The axes of the components of a force.
+/// The frame of the components of a force.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AxesOfForce {
-    /// Those of the world.
+    /// The axes of the world.
     #[default]
     World,
-    /// Those of the body, with which they turn.
+    /// The axes of the body, which rotate with it.
     Body,
 }
 
-/// The names of what expressions may know of the bodies that move, in the order of their inputs behind `t`.
+/// Names of the outputs of moving bodies, in the order of their graph inputs, which follow `t`.
 pub(super) fn names(bodies: &[super::RigidBody]) -> Vec<String> {
     let moving = bodies.iter().enumerate().filter(|(_, body)| body.is_free());
     moving
@@ -56,7 +56,7 @@ pub(super) fn names(bodies: &[super::RigidBody]) -> Vec<String> {
         .collect()
 }
 
-/// The forces, and what of them jumps or has a kink is as smooth as the user writes it: steps of one size go over it.
+/// Lowers the forces. Kinks and jumps in them are allowed without a warning, since fixed steps step over them.
 pub(super) fn lower(
     forces: &[BodyForce],
     bodies: &[Body],
@@ -96,7 +96,7 @@ pub(super) fn lower(
     actions
 }
 
-/// The body of this name, which moves.
+/// Finds the moving body of the given name.
 fn find(
     name: &str,
     bodies: &[Body],
@@ -106,13 +106,13 @@ fn find(
 ) -> Option<usize> {
     let known = || bodies.iter().map(|body| body.name.as_str());
     let Some(&body) = names.get(name) else {
-        let detail = format!("`{}` is no body", abridged(name));
+        let detail = format!("`{}` is not a body", abridged(name));
         let error = SpecificationError::new(place.to_string(), "unknown_name", detail);
         lowering.errors.push(error.expected(listed(known())).did_you_mean(nearest(name, known())));
         return None;
     };
     if bodies[body].fixed {
-        let detail = format!("`{}` moves by no force", abridged(name));
+        let detail = format!("`{}` does not move under forces", abridged(name));
         let error = SpecificationError::new(place.to_string(), "conflict", detail);
         lowering.errors.push(error.expected("a body that moves"));
         return None;
@@ -120,7 +120,7 @@ fn find(
     Some(body)
 }
 
-/// The program of these components, with the bodies that it asks for.
+/// Compiles the components of a force and torque, with the list of bodies that they depend on.
 fn action(
     own: usize,
     nodes: &[Node],
@@ -157,7 +157,7 @@ fn action(
     Some(action)
 }
 
-/// Values, and behind them their derivatives.
+/// The values, followed by their derivatives.
 fn outputs(graph: &mut Graph, values: &[Node]) -> Result<Vec<Node>, ::expression::ExpressionError> {
     let zero = graph.constant(0.0);
     let mut outputs = values.to_vec();

@@ -1,4 +1,4 @@
-//! The inertia of a body: that of some distribution of masses.
+//! The inertia of a body, checked for physical consistency: some mass distribution must have it.
 
 use crate::error::SpecificationError;
 use crate::expression::Expression;
@@ -9,21 +9,22 @@ use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// Three moments about the axes of the body, or the symmetric matrix `[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]`, whose
-/// products are those of the matrix itself: `xy` is minus the integral of `x y` over the mass. In kilograms times square metres.
+/// Three moments of inertia about the axes of the body, or the symmetric matrix `[[xx, xy, xz], [xy, yy, yz], [xz, yz,
+/// zz]]`. Its off-diagonal entries are those of the inertia tensor: `xy` is minus the integral of `x y` over the mass.
+/// In kilogram square metres.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(untagged, expecting = "three moments of inertia, or a symmetric matrix of three rows")]
 pub enum Inertia {
-    /// Moments about the axes, which are principal.
+    /// Moments about the axes of the body, as principal axes.
     Moments([Expression; 3]),
-    /// A matrix, row by row.
+    /// The inertia tensor, row by row.
     Matrix([[Expression; 3]; 3]),
 }
 
-/// Rounding of what the user wrote, in parts of the moments.
+/// Relative tolerance for rounding of the user's numbers.
 const ROUNDING: f64 = 1e-9;
 
-/// The matrix: positive definite, and no principal moment above the sum of the others.
+/// Reads the inertia tensor, which must be positive definite, with no principal moment above the sum of the other two.
 pub(super) fn lower(inertia: &Inertia, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Matrix3<f64>> {
     let matrix = match inertia {
         Inertia::Moments(moments) => {

@@ -1,4 +1,4 @@
-//! Joints, placed in the world as it is at the start.
+//! Joints, placed in the initial configuration of the world.
 
 use super::motors::{self, Functions, JointLimits, JointSpring, Motor};
 use super::vectors::{self, Vector};
@@ -14,77 +14,78 @@ use serde::Deserialize;
 use std::collections::HashMap;
 use utoipa::ToSchema;
 
-/// What holds two bodies together, or one to the world. Bodies on a common joint do not touch each other. Joints hold in
-/// positions and velocities and add no energy, whatever the step; one that is too long for them is taken in parts.
+/// A joint between two bodies, or between a body and the world. Bodies that share a joint have no contact with each
+/// other. Joints are satisfied in positions and velocities and add no energy for any step size; a step that is too long
+/// for a joint is subdivided.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BodyJoint {
-    /// A common point: three rotations are free.
+    /// A common point: three rotational degrees of freedom.
     Ball(PointJoint),
-    /// A common point and axis: one rotation is free.
+    /// A common point and axis: one rotational degree of freedom.
     Hinge(AxialJoint),
-    /// A common axis along which they slide: one translation is free.
+    /// A common axis: one translational degree of freedom, along it.
     Slider(AxialJoint),
-    /// Nothing is free.
+    /// A rigid connection: no degree of freedom.
     Fixed(FixedJoint),
 }
 
-/// A common point.
+/// A joint with a common point.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PointJoint {
-    /// The names of two bodies, or of one that is joined to the world.
+    /// The names of two bodies, or of one body that is joined to the world.
     pub bodies: Vec<String>,
-    /// The point, in the world at the start.
+    /// The common point, in the initial configuration of the world.
     #[schema(value_type = [Expression; 3])]
     pub at: Vector,
-    /// Its outputs are `name.fx fy fz`, the force on the first of its bodies that moves, and `name.tx ty tz`, the torque on it about the
-    /// point, in the world and in the mean of a step. Default no outputs.
+    /// Name. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and `name.tx ty tz`, the
+    /// torque on it about the point, in the world frame and averaged over a step. Default: no outputs.
     pub name: Option<String>,
 }
 
-/// A common axis.
+/// A joint with a common axis.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxialJoint {
-    /// The names of two bodies, or of one that is joined to the world.
+    /// The names of two bodies, or of one body that is joined to the world.
     pub bodies: Vec<String>,
-    /// A point of the axis, in the world at the start.
+    /// A point of the axis, in the initial configuration of the world.
     #[schema(value_type = [Expression; 3])]
     pub at: Vector,
-    /// The direction of the axis, in the world at the start.
+    /// The direction of the axis, in the initial configuration of the world.
     #[schema(value_type = [Expression; 3])]
     pub axis: Vector,
-    /// Its outputs are `name.fx fy fz`, the force on the first of its bodies that moves, and `name.tx ty tz`, the torque on it about the
-    /// point, in the world and in the mean of a step; with a motor, a spring or limits also `name.coordinate` and
-    /// `name.effort`, the force or torque along it. Default no outputs.
+    /// Name. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and `name.tx ty tz`, the
+    /// torque on it about the point, in the world frame and averaged over a step; with a motor, a spring or limits also
+    /// `name.coordinate` and `name.effort`, the force or torque along the coordinate. Default: no outputs.
     pub name: Option<String>,
-    /// What drives it. Default nothing.
+    /// Motor. Default: none.
     pub motor: Option<Motor>,
-    /// What pulls it back. Default nothing.
+    /// Spring and damper. Default: none.
     pub spring: Option<JointSpring>,
-    /// Where it ends. Default nowhere.
+    /// Stops. Default: none.
     pub limits: Option<JointLimits>,
 }
 
-/// Bodies that move as one.
+/// A rigid connection of bodies.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FixedJoint {
-    /// The names of two bodies, or of one that is joined to the world.
+    /// The names of two bodies, or of one body that is joined to the world.
     pub bodies: Vec<String>,
-    /// Its outputs are `name.fx fy fz`, the force on the first of its bodies that moves, and `name.tx ty tz`, the torque on it about its
-    /// centre of mass at the start, in the world and in the mean of a step. Default no outputs.
+    /// Name. The outputs are `name.fx fy fz`, the force on the first of its moving bodies, and `name.tx ty tz`, the
+    /// torque on it about its initial centre of mass, in the world frame and averaged over a step. Default: no outputs.
     pub name: Option<String>,
 }
 
 impl BodyJoint {
-    /// Whether a motor drives it.
+    /// Whether the joint has a motor.
     pub(super) fn has_motor(&self) -> bool {
         matches!(self, Self::Hinge(axial) | Self::Slider(axial) if axial.motor.is_some())
     }
 
-    /// Its name in a document.
+    /// The key of the joint in the document.
     fn key(&self) -> &'static str {
         match self {
             Self::Ball(_) => "ball",
@@ -95,11 +96,11 @@ impl BodyJoint {
     }
 }
 
-/// Velocities in parts of those of the bodies that are rounding.
+/// Relative tolerance for the violation of a joint in velocity.
 const ROUNDING: f64 = 1e-6;
 
-/// Reports the joints that the velocities at the start, the time `t`, tear, or that a motor drives at another rate. Their points
-/// and axes are placed at the start, and hold.
+/// Reports joints that the velocities at the start time `t` violate, or whose motor prescribes another rate. The points
+/// and axes are placed in the initial configuration, so positions satisfy the joints.
 pub(super) fn refuse_torn(
     joints: &[BodyJoint],
     scene: &MultibodySystem,
@@ -119,31 +120,31 @@ pub(super) fn refuse_torn(
             && (rate - asked).abs() > ROUNDING * rate.abs().max(asked.abs()) + rounding
         {
             let detail =
-                format!("the motor moves the joint at a rate of {asked} at the start, and its bodies move at {rate}");
+                format!("the motor prescribes a joint rate of {asked} at the start, and its bodies move at {rate}");
             let error = SpecificationError::new(
                 place.index(k).key(given.key()).key("motor").to_string(),
                 "inconsistent_start",
                 detail,
             );
             errors.push(error.expected(
-                "velocities of the bodies that go with the motor, or `\"interpenetration\": \"resolve\"` beside `bodies`",
+                "velocities of the bodies that match the motor, or `\"interpenetration\": \"resolve\"` beside `bodies`",
             ));
         }
         if let Some([speed, rate]) = joint.torn(&scene.bodies, ROUNDING) {
             let detail = format!(
-                "the joint is torn apart at the start: its points part at {speed} m/s, and the bodies turn against it at \
-                 {rate} rad/s"
+                "the joint is violated in velocity at the start: its points separate at {speed} m/s, and the bodies \
+                 rotate against it at {rate} rad/s"
             );
             let error =
                 SpecificationError::new(place.index(k).key(given.key()).to_string(), "interpenetration", detail);
             errors.push(
-                error.expected("velocities that obey it, or `\"interpenetration\": \"resolve\"` beside `bodies`"),
+                error.expected("velocities that satisfy it, or `\"interpenetration\": \"resolve\"` beside `bodies`"),
             );
         }
     }
 }
 
-/// The joints of which everything is known.
+/// Lowers the joints whose description is valid.
 pub(super) fn lower(
     joints: &[BodyJoint],
     bodies: &[Body],
@@ -189,7 +190,7 @@ pub(super) fn lower(
     lowered
 }
 
-/// The bodies of a joint, the first of which moves, and whether they were named in the other order.
+/// The bodies of a joint, a moving one first, and whether that reverses the order in which they are named.
 pub(super) fn pair(
     given: &[String],
     bodies: &[Body],
@@ -209,7 +210,7 @@ pub(super) fn pair(
             Some(&body) => found.push(body),
             None => {
                 let known = || bodies.iter().map(|body| body.name.as_str());
-                let detail = format!("`{}` is no body", abridged(name));
+                let detail = format!("`{}` is not a body", abridged(name));
                 let error = SpecificationError::new(place.index(i).to_string(), "unknown_name", detail);
                 lowering.errors.push(error.expected(listed(known())).did_you_mean(nearest(name, known())));
                 return None;
@@ -217,19 +218,14 @@ pub(super) fn pair(
         }
     }
     let moving: Vec<usize> = found.iter().copied().filter(|&body| !bodies[body].fixed).collect();
-    if let Some(i) = found.iter().position(|&body| bodies[body].motion.is_some()) {
-        let detail = format!("the motion of `{}` is given, and no joint or spring holds it", bodies[found[i]].name);
-        let error = SpecificationError::new(place.index(i).to_string(), "conflict", detail);
-        lowering.errors.push(error.expected("a body that moves by its mass, on a joint with a `motor`"));
-        return None;
-    }
+    let driven = found.iter().copied().find(|&body| bodies[body].motion.is_some());
     let detail = match (&moving[..], &found[..]) {
         ([a, b], _) if a != b => return Some(((*a, Some(*b)), false)),
-        ([a], _) => return Some(((*a, None), found[0] != *a)),
-        ([], _) => "none of these bodies moves",
+        ([a], _) => return Some(((*a, driven), found[0] != *a)),
+        ([], _) => "none of these bodies moves by its mass",
         _ => "a body cannot be joined to itself",
     };
     let error = SpecificationError::new(place.to_string(), "nothing_to_join", detail);
-    lowering.errors.push(error.expected("a body that moves, and another or the world"));
+    lowering.errors.push(error.expected("a body that moves by its mass, and another or the world"));
     None
 }

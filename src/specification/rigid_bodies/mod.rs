@@ -1,12 +1,13 @@
-//! Rigid bodies in space: shapes, masses, where they start, what holds when they touch, joints.
+//! Rigid bodies in space: shapes, masses, initial state, contact laws, joints.
 //!
 //! ```text
 //! M (v+ - v) = h f + J^T r,    u = J v,    r_k in the friction cone of contact k, by Coulomb's law;    q+ = q (+) h v+
 //! ```
 //!
-//! Joints are bilateral: `c(q) = 0` and `G v = 0` at the ends of all steps.
+//! Joints are bilateral constraints: `c(q) = 0` and `G v = 0` at the end of every step.
 
 mod bodies;
+mod bushings;
 mod contacts;
 mod forces;
 mod inertia;
@@ -18,6 +19,7 @@ mod springs;
 mod vectors;
 
 pub use bodies::{BodyMotion, RigidBody};
+pub use bushings::Bushing;
 pub use contacts::{BodyContacts, Material, MaterialPair};
 pub use forces::{AxesOfForce, BodyForce};
 pub use inertia::Inertia;
@@ -44,10 +46,10 @@ use std::sync::Arc;
 use utoipa::ToSchema;
 use vectors::Vector;
 
-/// The most bodies of one scene.
+/// Most bodies of one problem.
 const MOST_BODIES: usize = 100_000;
 
-/// Rigid bodies that touch, slide, roll, collide and hang on joints. SI units; the z axis of a shape is its own axis.
+/// Rigid bodies with contact, friction, impacts and joints. SI units; the z axis of a shape is its axis of symmetry.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RigidBodiesProblem {
@@ -68,33 +70,36 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Expression>)]
     pub integrals: Ordered<Expression>,
-    /// Default `[0, 0, 0]`.
+    /// Gravitational acceleration. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub gravity: Option<Vector>,
     /// Materials by name.
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Material>)]
     pub materials: Ordered<Material>,
-    /// The bodies, at least one of which moves; at most 100,000.
+    /// The bodies, at least one of them moving; at most 100,000.
     pub bodies: Vec<RigidBody>,
-    /// What holds where bodies touch.
+    /// Contact laws between bodies.
     #[serde(default)]
     pub contacts: BodyContacts,
-    /// What holds bodies together.
+    /// Joints between bodies, or to the world.
     #[serde(default)]
     pub joints: Vec<BodyJoint>,
     /// Springs and dampers between points of bodies.
     #[serde(default)]
     pub springs: Vec<BodySpring>,
+    /// Soft mounts between bodies: springs and dampers along and about three axes.
+    #[serde(default)]
+    pub bushings: Vec<Bushing>,
     /// Forces and torques on bodies.
     #[serde(default)]
     pub forces: Vec<BodyForce>,
-    /// What to do with bodies that overlap at the start, or whose velocities tear a joint there. Default `refuse`.
+    /// What to do if bodies overlap at the start, or their velocities violate a joint. Default `refuse`.
     #[serde(default)]
     pub interpenetration: Interpenetration,
 }
 
-/// What checking a pair of bodies takes, in nanoseconds: measured.
+/// Time to check a pair of bodies, in nanoseconds, measured.
 const A_PAIR_OF_BODIES: usize = 5_000;
 
 impl Written for RigidBodiesProblem {
@@ -159,16 +164,15 @@ impl Written for RigidBodiesProblem {
         for (k, (body, given)) in bodies.iter_mut().zip(&self.bodies).enumerate() {
             let place = place_of_bodies.index(k);
             let motion = given.motion.as_ref();
-            let lowered = motion.and_then(|motion| motion.lower(given, &place, &mut functions, &mut lowering));
-            if let Some((motion, start)) = lowered {
-                body.motion = Some(motion);
-                body.pose.translation.vector = start.unwrap_or(body.pose.translation.vector);
+            if let Some(motion) = motion {
+                motion.lower(given, body, &place, &mut functions, &mut lowering);
             }
             body.group = given.group.as_deref().and_then(|group| groups.get(group).copied());
         }
         let mut joints =
             joints::lower(&self.joints, &bodies, &names, &place.key("joints"), &mut functions, &mut lowering);
         joints.extend(springs::lower(&self.springs, &bodies, &names, &place.key("springs"), &mut lowering));
+        joints.extend(bushings::lower(&self.bushings, &bodies, &names, &place.key("bushings"), &mut lowering));
         let actions = forces::lower(&self.forces, &bodies, &names, &place.key("forces"), &mut lowering);
         let signals = functions.signals(&lowering);
         let resolve = self.interpenetration == Interpenetration::Resolve;

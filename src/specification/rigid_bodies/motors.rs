@@ -1,4 +1,4 @@
-//! What drives a joint, or pulls it back: motors, servos, springs and dampers along the coordinate of a hinge or a slider.
+//! Motors, servos, springs, dampers and stops along the coordinate of a hinge or a slider.
 
 use super::joints::AxialJoint;
 use super::springs;
@@ -12,19 +12,19 @@ use models::rigid_bodies::{DriveLaw, ForceLaw, Limits, Servo, Signals};
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-/// What drives a joint. The coordinate of a hinge is the angle, in radians, by which the first of its bodies that moves has turned
-/// about the axis against the other body or the world since the start; that of a slider is how far it has moved along the
-/// axis, in metres. Expressions in `t` and parameters.
+/// The motor of a joint. The coordinate of a hinge is the angle, in radians, by which the first of its moving bodies
+/// has rotated about the axis since the start, relative to the other body or the world; that of a slider is the
+/// displacement along the axis, in metres. Motors are expressions in `t` and parameters.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Motor {
-    /// The coordinate, whatever force it takes; zero at the start.
+    /// Prescribed coordinate, enforced by whatever effort is needed; zero at the start.
     Position(Expression),
-    /// The rate of the coordinate, whatever force it takes.
+    /// Prescribed rate of the coordinate, enforced by whatever effort is needed.
     Velocity(Expression),
-    /// A torque, in newton metres, or a force along the axis, in newtons.
+    /// Prescribed effort: a torque in newton metres, or a force along the axis in newtons.
     Effort(Expression),
-    /// A torque or force towards a target.
+    /// A controlled torque or force towards a target.
     Servo(ServoMotor),
 }
 
@@ -32,13 +32,13 @@ pub enum Motor {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ServoMotor {
-    /// The coordinate that it goes to.
+    /// The target of the coordinate.
     pub target: Expression,
-    /// Newton metres a radian, or newtons a metre, not below 0. Default 0.
+    /// Stiffness in newton metres per radian, or newtons per metre, not negative. Default 0.
     pub stiffness: Option<Expression>,
-    /// Newton metre seconds a radian, or newton seconds a metre, not below 0. Default 0.
+    /// Damping in newton metre seconds per radian, or newton seconds per metre, not negative. Default 0.
     pub damping: Option<Expression>,
-    /// The largest torque or force, above 0. Default none.
+    /// The largest torque or force, above 0. Default: unlimited.
     pub largest_effort: Option<Expression>,
 }
 
@@ -46,21 +46,21 @@ pub struct ServoMotor {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointSpring {
-    /// Newton metres a radian, or newtons a metre, not below 0. Default 0.
+    /// Stiffness in newton metres per radian, or newtons per metre, not negative. Default 0.
     pub stiffness: Option<Expression>,
-    /// Newton metre seconds a radian, or newton seconds a metre, not below 0. Default 0.
+    /// Damping in newton metre seconds per radian, or newton seconds per metre, not negative. Default 0.
     pub damping: Option<Expression>,
-    /// The coordinate at which the spring has no force, see `motor`. Default 0.
+    /// The coordinate (see `motor`) at which the spring is relaxed. Default 0.
     pub rest: Option<Expression>,
 }
 
-/// The stops of a joint: the ends of its coordinate, see `motor`. It starts between them.
+/// The stops of a joint: limits of its coordinate (see `motor`), which is 0 at the start.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointLimits {
-    /// The least value, not above 0. Default none.
+    /// Lower limit, not above 0. Default: none.
     pub lower: Option<Expression>,
-    /// The greatest value, not below 0. Default none.
+    /// Upper limit, not below 0. Default: none.
     pub upper: Option<Expression>,
     /// The coefficient of restitution of the stops, from 0 to 1. Default 0.
     pub restitution: Option<Expression>,
@@ -82,7 +82,7 @@ impl JointLimits {
             let error = SpecificationError::new(
                 place.to_string(),
                 "out_of_range",
-                "both limits are 0, and nothing is left to move",
+                "both limits are 0, so the joint cannot move",
             );
             lowering.errors.push(error.expected("limits apart, or a `fixed` joint"));
         }
@@ -94,21 +94,21 @@ impl JointLimits {
     }
 }
 
-/// The functions of time of a scene, as they are found.
+/// The functions of time of a problem, collected while it is lowered.
 #[derive(Debug, Default)]
 pub(super) struct Functions {
     nodes: Vec<Node>,
 }
 
 impl Functions {
-    /// The place of a function with its rate; none if it depends on more than time.
+    /// Adds a function and its rate and returns its index; `None` if it does not depend on time alone.
     pub fn add(&mut self, given: &Expression, place: &Pointer<'_>, lowering: &mut Lowering<'_>) -> Option<usize> {
         let node = lowering.node(given, place)?;
         if lowering.graph.inputs(node).iter().any(|&input| input > 0) {
             let error = SpecificationError::new(
                 place.to_string(),
                 "depends_on_state",
-                "what drives a joint or a body may not depend on how bodies move",
+                "a motor or a prescribed motion must not depend on the motion of bodies",
             );
             lowering.errors.push(error.expected("an expression in `t` and parameters; `forces` may depend on bodies"));
             return None;
@@ -125,18 +125,18 @@ impl Functions {
         Some(self.nodes.len() / 2 - 1)
     }
 
-    /// The program of all of them.
+    /// Compiles all functions.
     pub fn signals(&self, lowering: &Lowering<'_>) -> Signals {
         Signals { program: Tape::compile(&lowering.graph, &self.nodes), count: self.nodes.len() / 2 }
     }
 
-    /// How far the value of a function at the start is off by rounding.
+    /// Rounding error of the value of a function at the start.
     fn rounding_at_start(&self, function: usize, lowering: &Lowering<'_>) -> f64 {
         let program = Tape::compile(&lowering.graph, &self.nodes[2 * function..2 * function + 2]);
         lowering.start.map_or(0.0, |t| Signals { program, count: 1 }.rounding(t))
     }
 
-    /// Value and rate of a function at the start, if that is known.
+    /// Value and rate of a function at the start, if the start time is known.
     pub fn at_start(&self, function: usize, lowering: &Lowering<'_>) -> Option<[f64; 2]> {
         let mut values = [0.0; 2];
         Tape::compile(&lowering.graph, &self.nodes[2 * function..2 * function + 2]).evaluate(
@@ -148,7 +148,7 @@ impl Functions {
     }
 }
 
-/// How a joint is driven, if it is.
+/// The drive law of a joint, if it has a motor, a spring or limits.
 pub(super) fn lower(
     joint: &AxialJoint,
     place: &Pointer<'_>,
@@ -177,7 +177,7 @@ pub(super) fn lower(
             let place = place.key(key);
             let function = finite(given, &place, functions, lowering)?;
             if spring.is_some() || limits.is_some() {
-                let detail = "a joint whose motion is prescribed moves as it is told, whatever springs and limits do";
+                let detail = "the motion of this joint is prescribed, and springs and limits have no effect on it";
                 let error = SpecificationError::new(place.to_string(), "conflict", detail);
                 lowering
                     .errors
@@ -200,7 +200,7 @@ pub(super) fn lower(
     Some((DriveLaw::Force(law), limits.unwrap_or(Limits::NONE)))
 }
 
-/// The place of a function that is finite at the start.
+/// Adds a function that must be finite at the start, and returns its index.
 pub(super) fn finite(
     given: &Expression,
     place: &Pointer<'_>,

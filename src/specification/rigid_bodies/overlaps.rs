@@ -5,12 +5,12 @@ use crate::pointer::Pointer;
 use models::rigid_bodies::MultibodySystem;
 use problem::Control;
 
-/// Overlaps in parts of the size of the smaller body that are rounding.
+/// Tolerance for overlaps, relative to the size of the smaller body.
 const ROUNDING: f64 = 1e-6;
 
-/// Reports what overlaps, until `control` asks to stop.
+/// Reports overlapping bodies, until `control` asks to stop.
 pub(super) fn refuse(scene: &MultibodySystem, bodies: &Pointer<'_>, control: &Control, errors: &mut Errors) {
-    // One more than can be listed says that there are more.
+    // One more than can be listed, so that the list is marked as cut.
     for overlap in scene.overlaps(ROUNDING, MOST + 1, control).unwrap_or_default() {
         let [a, b] = overlap.bodies.map(|k| scene.bodies[k].name.as_str());
         let detail = format!("`{a}` and `{b}` overlap by {:e} at the start", overlap.depth);

@@ -1,4 +1,4 @@
-//! The shapes that a user may give a body.
+//! Shapes of rigid bodies, as the user writes them.
 
 use super::vectors::{self, Vector};
 use crate::error::SpecificationError;
@@ -15,80 +15,80 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum RigidShape {
-    /// A ball.
+    /// A sphere.
     Sphere(SphereShape),
     /// A box.
     Box(BoxShape),
-    /// A cylinder along z with a half ball on either end.
+    /// A cylinder along z with a hemisphere at either end.
     Capsule(CapsuleShape),
     /// A circular cylinder along z.
     Cylinder(CylinderShape),
     /// The convex hull of points.
     ConvexHull(HullShape),
-    /// All that lies below a plane; for fixed bodies.
+    /// A half space, below a plane; for fixed bodies and bodies with `motion`.
     HalfSpace(HalfSpaceShape),
-    /// A surface of triangles; for fixed bodies.
+    /// A triangulated surface; for fixed bodies and bodies with `motion`.
     TriangleMesh(MeshShape),
-    /// Several shapes that move as one; at most 1,000. Their masses add up, also where they overlap.
+    /// Several shapes joined rigidly; at most 1,000. Their masses add up, also where they overlap.
     Compound(Vec<CompoundPart>),
 }
 
-/// A shape of a body that has several.
+/// A part of a compound shape.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompoundPart {
-    /// The shape; none that is itself a compound.
+    /// The shape; not a compound itself.
     #[schema(no_recursion)]
     pub shape: RigidShape,
-    /// Where the origin of its frame is, in the frame of the body. Default `[0, 0, 0]`.
+    /// Origin of its frame, in the frame of the body. Default `[0, 0, 0]`.
     #[schema(value_type = Option<[Expression; 3]>)]
     pub position: Option<Vector>,
-    /// Its orientation against the body, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
+    /// Orientation relative to the body, a unit quaternion `[w, x, y, z]`. Default `[1, 0, 0, 0]`.
     pub orientation: Option<[Expression; 4]>,
 }
 
-/// A ball about the position of the body.
+/// A sphere with its centre at the position of the body.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SphereShape {
-    /// Above 0.
+    /// Radius in metres, above 0.
     pub radius: Expression,
 }
 
-/// A box about the position of the body.
+/// A box with its centre at the position of the body.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoxShape {
-    /// The lengths of its sides along x, y and z, above 0.
+    /// Lengths of its sides along x, y and z, in metres, above 0.
     #[schema(value_type = [Expression; 3])]
     pub size: Vector,
 }
 
-/// A capsule about the position of the body.
+/// A capsule with its centre at the position of the body.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CapsuleShape {
-    /// Above 0.
+    /// Radius in metres, above 0.
     pub radius: Expression,
-    /// The length of the straight part, above 0; with the caps it is longer by twice the radius.
+    /// Length of the cylindrical part in metres, above 0; the total length is greater by twice the radius.
     pub length: Expression,
 }
 
-/// A cylinder about the position of the body.
+/// A cylinder with its centre at the position of the body.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CylinderShape {
-    /// Above 0.
+    /// Radius in metres, above 0.
     pub radius: Expression,
-    /// Above 0.
+    /// Length in metres, above 0.
     pub length: Expression,
 }
 
-/// The convex hull of points. Its centre of mass need not be the origin of the frame in which they are given.
+/// The convex hull of points. The origin of their frame need not be the centre of mass.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HullShape {
-    /// At least four, not in one plane; at most 1,000.
+    /// The points, at least four, not in one plane; at most 1,000.
     #[schema(value_type = Vec<[Expression; 3]>)]
     pub points: Vec<Vector>,
 }
@@ -97,30 +97,30 @@ pub struct HullShape {
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HalfSpaceShape {
-    /// Out of the ground.
+    /// The outward normal.
     #[schema(value_type = [Expression; 3])]
     pub normal: Vector,
 }
 
-/// A surface of triangles.
+/// A triangulated surface.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeshShape {
-    /// The corners.
+    /// The vertices.
     #[schema(value_type = Vec<[Expression; 3]>)]
     pub vertices: Vec<Vector>,
-    /// Three corners each, counted from 0, counter-clockwise from outside.
+    /// Three vertex indices per triangle, counted from 0, counter-clockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// The most shapes of a body: each is compared with each of another.
+/// Most parts of a compound: each is tested against each part of another body.
 const MOST_PARTS: usize = 1_000;
 
-/// The most points of a hull: each costs time at every contact.
+/// Most points of a hull: each costs time at every contact.
 const MOST_POINTS: usize = 1_000;
 
 impl RigidShape {
-    /// Its shapes, with their places in the frame of the body.
+    /// The shapes of the body, with their placements in its frame.
     pub(super) fn parts(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Vec<(Shape, Isometry3<f64>)>> {
         let Self::Compound(parts) = self else {
             return Some(vec![(self.lower(place, lowering)?, Isometry3::identity())]);
@@ -144,7 +144,7 @@ impl RigidShape {
         all.into_iter().collect()
     }
 
-    /// The shape, if it is one.
+    /// Builds a single shape, if its description is valid.
     fn lower(&self, place: &Pointer<'_>, lowering: &mut Lowering) -> Option<Shape> {
         let length = |value: &Expression, place: &Pointer<'_>, key: &str, lowering: &mut Lowering| {
             range::positive(value, key, &place.key(key), lowering)
@@ -199,7 +199,7 @@ impl HullShape {
         let points = corners(&self.points, place, lowering);
         let hull = Polyhedron::hull(&points).map(Shape::Polyhedron);
         if hull.is_none() && lowering.errors.is_empty() {
-            let detail = format!("the hull of these {} points has no volume, or is too thin to tell", points.len());
+            let detail = format!("the hull of these {} points has no volume up to rounding", points.len());
             let error = SpecificationError::new(place.to_string(), "degenerate_hull", detail);
             lowering.errors.push(error.expected("at least four points, not in one plane"));
         }
@@ -218,7 +218,7 @@ impl MeshShape {
         for (k, triangle) in self.triangles.iter().enumerate() {
             let at = |i: usize| vertices.get(triangle[i] as usize);
             let (Some(a), Some(b), Some(c)) = (at(0), at(1), at(2)) else {
-                let detail = format!("there are {} vertices, and this triangle asks for {triangle:?}", vertices.len());
+                let detail = format!("there are {} vertices, and this triangle refers to {triangle:?}", vertices.len());
                 report(&place.index(k), detail, "indices of vertices, counted from 0", lowering);
                 continue;
             };
@@ -235,8 +235,8 @@ impl MeshShape {
         }
         let mesh = Shape::mesh(&vertices, self.triangles.clone());
         if mesh.is_none() {
-            let detail = "these triangles make no surface".to_owned();
-            report(&place, detail, "neighbours that go along their common edge in opposite directions", lowering);
+            let detail = "these triangles do not form an oriented surface".to_owned();
+            report(&place, detail, "neighbours that traverse their common edge in opposite directions", lowering);
         }
         mesh
     }

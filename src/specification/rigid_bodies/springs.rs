@@ -1,4 +1,4 @@
-//! Springs and dampers between points of two bodies, or of one and the world.
+//! Springs and dampers between points of two bodies, or of a body and the world.
 
 use super::joints::pair;
 use super::vectors::{self, Vector};
@@ -12,27 +12,29 @@ use serde::Deserialize;
 use std::collections::HashMap;
 use utoipa::ToSchema;
 
-/// A spring and a damper along the line between two points. It pulls with `stiffness*(l - rest_length) + damping*dl/dt`, where `l` is
-/// their distance. Its energy is part of `potential_energy`, and its bodies may touch.
+/// A spring and a damper along the line between two points. It pulls with `stiffness*(l - rest_length) +
+/// damping*dl/dt`, where `l` is the distance of the points. Its energy is part of `potential_energy`; its bodies can
+/// still come into contact.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodySpring {
-    /// Its outputs are `name.length`, and `name.force`, which is above zero where it pushes, in the mean of a step. Default no outputs.
+    /// Name. The outputs are `name.length` and `name.force`, positive in compression and averaged over a step. Default:
+    /// no outputs.
     pub name: Option<String>,
-    /// The names of two bodies, or of one that is tied to the world.
+    /// The names of two bodies, or of one body that is attached to the world.
     pub bodies: Vec<String>,
-    /// A point of the first body and one of the second or the world, where they are at the start.
+    /// A point of the first body, and one of the second or of the world, in the initial configuration.
     #[schema(value_type = [[Expression; 3]; 2])]
     pub at: [Vector; 2],
-    /// Newtons a metre, not below 0. Default 0.
+    /// Stiffness in newtons per metre, not negative. Default 0.
     pub stiffness: Option<Expression>,
-    /// Newton seconds a metre, not below 0. Default 0.
+    /// Damping in newton seconds per metre, not negative. Default 0.
     pub damping: Option<Expression>,
-    /// The distance at which the spring has no force, in metres, above 0. Default that at the start.
+    /// The distance at which the spring is relaxed, in metres, above 0. Default: the initial distance.
     pub rest_length: Option<Expression>,
 }
 
-/// The springs of which everything is known.
+/// Lowers the springs whose description is valid.
 pub(super) fn lower(
     springs: &[BodySpring],
     bodies: &[Body],
@@ -51,7 +53,7 @@ pub(super) fn lower(
             None => Some(apart),
         };
         if apart == 0.0 {
-            let detail = "both points are the same at the start, and a spring between them has no direction";
+            let detail = "the two points coincide at the start, so that the spring has no direction";
             let error = SpecificationError::new(place.key("at").to_string(), "zero_direction", detail);
             lowering.errors.push(error.expected("two points apart"));
         }
@@ -66,7 +68,7 @@ pub(super) fn lower(
     lowered
 }
 
-/// A spring and a damper, at least one of which does something.
+/// Reads the coefficients of a spring and a damper, at least one of which must be given.
 pub(super) fn law(
     (stiffness, damping): (&Option<Expression>, &Option<Expression>),
     place: &Pointer<'_>,

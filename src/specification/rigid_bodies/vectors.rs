@@ -6,15 +6,15 @@ use crate::lowering::Lowering;
 use crate::pointer::Pointer;
 use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 
-/// Three constant expressions.
+/// A vector of three constant expressions.
 pub type Vector = [Expression; 3];
 
-/// The value; zero where a component has none, which is reported.
+/// Evaluates a vector; a faulty component is reported and set to zero.
 pub(super) fn lower(vector: &Vector, place: &Pointer<'_>, lowering: &mut Lowering) -> Vector3<f64> {
     Vector3::from_fn(|i, _| lowering.constant(&vector[i], &place.index(i)).unwrap_or(0.0))
 }
 
-/// A direction; a vector of no length is reported.
+/// Normalises a direction; a zero vector is reported.
 pub(super) fn direction(vector: &Vector, place: &Pointer<'_>, lowering: &mut Lowering) -> Unit<Vector3<f64>> {
     let before = lowering.errors.is_empty();
     let value = lower(vector, place, lowering);
@@ -27,7 +27,7 @@ pub(super) fn direction(vector: &Vector, place: &Pointer<'_>, lowering: &mut Low
     })
 }
 
-/// An orientation, with the length of the quaternion that was given; one of no length is reported.
+/// Normalises an orientation, and returns the norm of the given quaternion; a zero quaternion is reported.
 pub(super) fn orientation(
     given: Option<&[Expression; 4]>,
     place: &Pointer<'_>,
@@ -40,7 +40,8 @@ pub(super) fn orientation(
     let quaternion = Quaternion::new(w, x, y, z);
     let norm = quaternion.norm();
     if !(norm > 0.0 && norm.is_finite()) {
-        let error = SpecificationError::new(place.to_string(), "zero_quaternion", "this quaternion has no direction");
+        let error =
+            SpecificationError::new(place.to_string(), "zero_quaternion", "this quaternion is zero or not finite");
         lowering.errors.push(error.expected("a unit quaternion [w, x, y, z]"));
         return none;
     }

@@ -1,4 +1,4 @@
-//! Bounds that may vary with `t` and the states.
+//! Bounds of variables, which may vary with `t` and the states.
 
 use super::{BoxBlock, LoweredSet};
 use crate::error::SpecificationError;
@@ -34,7 +34,7 @@ impl LoweredSet {
         }
     }
 
-    /// Sets a constant bound, or takes up one that moves.
+    /// Sets a constant bound, or registers a moving one.
     pub(super) fn set_bound(&mut self, bound: MovingBound, node: Node, place: &Pointer<'_>, lowering: &Lowering) {
         match lowering.graph.value(node) {
             Some(value) => {
@@ -51,7 +51,7 @@ impl LoweredSet {
     }
 }
 
-/// A bound, in `t` and the states alone; a constant one is finite.
+/// Lowers a bound in `t` and the states alone; a constant one must be finite.
 pub(super) fn bound_node(
     bound: &Expression,
     states: usize,

@@ -1,4 +1,4 @@
-//! The set `K`: blocks that share out the variables among them.
+//! The set `K`, a product of blocks that partition the variables.
 
 mod bounds;
 mod shapes;
@@ -16,25 +16,25 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use utoipa::ToSchema;
 
-/// One factor of `K`. Every variable stands in exactly one block.
+/// One factor of `K`. Every variable belongs to exactly one block.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Block {
-    /// No bounds: `G = 0` for these variables.
+    /// No bounds: `G = 0` for the variables.
     Free(Vec<String>),
-    /// `z >= 0`, hence `0 <= z`, `0 <= G`, and one of them zero.
+    /// Complementarity: `z >= 0`, `G >= 0`, `z G = 0`.
     Nonnegative(Vec<String>),
-    /// `z <= 0`.
+    /// `z <= 0`, `G <= 0`, `z G = 0`.
     Nonpositive(Vec<String>),
-    /// `lower <= z <= upper`.
+    /// Interval bounds: `lower <= z <= upper`.
     Box(BoxBlock),
-    /// `|z| <= radius`, in the Euclidean norm.
+    /// Euclidean ball: `|z| <= radius`.
     Ball(BallBlock),
-    /// The first at least the Euclidean norm of the others; two or more.
+    /// Second-order cone: the first variable is at least the Euclidean norm of the others; two or more variables.
     SecondOrderCone(Vec<String>),
-    /// All nonnegative, their sum one.
+    /// Simplex: all variables nonnegative, with sum one.
     Simplex(Vec<String>),
-    /// `A z <= b`.
+    /// Polyhedron: `A z <= b`.
     Polyhedron(PolyhedronBlock),
 }
 
@@ -44,9 +44,9 @@ pub enum Block {
 pub struct BoxBlock {
     /// The variables.
     pub of: Vec<String>,
-    /// The lower bound of each, in `t` and the states; null for none.
+    /// Lower bound of each variable, an expression in `t` and the states; null for none.
     pub lower: Option<Expression>,
-    /// The upper bound of each, in `t` and the states; null for none.
+    /// Upper bound of each variable, an expression in `t` and the states; null for none.
     pub upper: Option<Expression>,
 }
 
@@ -56,7 +56,7 @@ pub struct BoxBlock {
 pub struct BallBlock {
     /// The variables.
     pub of: Vec<String>,
-    /// The radius, in `t` and the states, not negative.
+    /// Radius, an expression in `t` and the states; not negative.
     pub radius: Expression,
 }
 
@@ -67,13 +67,13 @@ pub struct BallBlock {
 pub struct PolyhedronBlock {
     /// The variables.
     pub of: Vec<String>,
-    /// A row for each inequality, a column for each variable; constant.
+    /// The constant matrix `A`, with a row per inequality and a column per variable.
     pub A: Matrix,
-    /// An entry for each inequality; constant.
+    /// The constant right-hand side `b`, with an entry per inequality.
     pub b: Vec<Expression>,
 }
 
-/// `K`, its moving bounds, where each of those was written, and those that parameters decide.
+/// The set `K`, its moving bounds with their pointers, and its bounds that depend on parameters.
 #[derive(Debug)]
 pub(super) struct LoweredSet {
     pub set: ConvexSet,
@@ -107,7 +107,7 @@ impl Block {
         }
     }
 
-    /// Where the names of its variables stand.
+    /// The pointer to the names of the block's variables.
     fn names<'a>(&self, place: &'a Pointer<'a>) -> Pointer<'a> {
         match self {
             Block::Box(_) | Block::Ball(_) | Block::Polyhedron(_) => place.key("of"),
@@ -116,7 +116,7 @@ impl Block {
     }
 }
 
-/// Lowers the blocks of a problem with `n` states; `pointer` says where a variable is declared.
+/// Lowers the blocks of a problem with `states` states; `pointer` returns where a variable is declared.
 pub(super) fn lower(
     blocks: Option<&[Block]>,
     states: usize,
@@ -130,7 +130,7 @@ pub(super) fn lower(
         LoweredSet { set: ConvexSet::free(m), moving: Vec::new(), moving_pointers: Vec::new(), parametric: Vec::new() };
     let Some(blocks) = blocks else {
         if m > 0 {
-            let detail = "`set` is missing: it says where the variables may lie";
+            let detail = "`set` is missing: it gives the admissible values of the variables";
             lowering.errors.push(
                 SpecificationError::new(problem.to_string(), "missing_key", detail)
                     .expected(format!("`set`, with a block for {}", listed(variables.iter().map(String::as_str)))),
@@ -152,7 +152,7 @@ pub(super) fn lower(
                 None => lowering.errors.push_with(|| unknown_variable(name, variables, &place)),
                 Some(&i) => match &home[i] {
                     Some(first) => {
-                        let detail = format!("`{name}` stands in a block already, at {first}");
+                        let detail = format!("`{name}` is in a block already, at {first}");
                         lowering.errors.push(
                             SpecificationError::new(place.to_string(), "variable_in_two_blocks", detail)
                                 .expected("every variable in exactly one block"),
@@ -177,7 +177,7 @@ pub(super) fn lower(
         }
     }
     for (i, name) in variables.iter().enumerate().filter(|&(i, _)| home[i].is_none()) {
-        let detail = format!("`{name}` stands in no block of `set`");
+        let detail = format!("`{name}` is in no block of `set`");
         lowering.errors.push(
             SpecificationError::new(pointer(i), "variable_without_block", detail)
                 .expected("every variable in exactly one block"),

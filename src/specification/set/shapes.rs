@@ -1,4 +1,4 @@
-//! Blocks that bind their variables together: balls, second-order cones, simplices, polyhedra.
+//! Blocks that couple their variables: balls, second-order cones, simplices, polyhedra.
 
 use super::bounds::bound_node;
 use super::{BallBlock, LoweredSet, PolyhedronBlock};
@@ -7,10 +7,10 @@ use crate::lowering::Lowering;
 use crate::pointer::Pointer;
 use problem::{MovingBound, Polyhedron, Shape, Side};
 
-/// The variables of one block: projections onto it are dense.
+/// Most variables of one block: projections onto it are dense.
 const MOST_MEMBERS: usize = 1_000;
 
-/// The entries of the matrix of one polyhedron.
+/// Most entries of the matrix of one polyhedron.
 const MOST_ENTRIES: usize = 100_000;
 
 impl LoweredSet {
@@ -90,7 +90,7 @@ impl LoweredSet {
     }
 }
 
-/// Reports a block that has too few members, or too many.
+/// Reports a block with too few or too many members.
 fn is_size_right(members: usize, least: usize, place: &Pointer<'_>, lowering: &mut Lowering) -> bool {
     let right = (least..=MOST_MEMBERS).contains(&members);
     if !right {

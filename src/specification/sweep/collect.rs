@@ -1,4 +1,5 @@
-//! What is collected of each member of a sweep: reducers of expressions along the dense output, and of located events.
+//! The values collected from each member of a sweep: reducers of expressions along the dense output, and of located
+//! events.
 
 use crate::error::{Errors, SpecificationError};
 use crate::expression::Expression;
@@ -17,26 +18,26 @@ use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{AdditionalProperties, ObjectBuilder, OneOfBuilder, Schema, Type};
 use utoipa::{PartialSchema, ToSchema};
 
-/// The most columns that are collected.
+/// Most collected columns.
 const MOST: usize = 1000;
 
-/// A number or a word of one run, to the accuracy of the solve: output times play no part.
+/// A number or a text collected from one run, at the accuracy of the solve: output times have no influence.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Reducer {
-    /// The value at the end of the run; of an integral or a derivative as well, by its name.
+    /// The value at the end of the run; also of an integral or a derivative, by its name.
     Final(Expression),
     /// The value at the start.
     Initial(Expression),
-    /// The least value.
+    /// The minimum over time.
     Min(Expression),
-    /// The largest value.
+    /// The maximum over time.
     Max(Expression),
-    /// The largest less the least.
+    /// The maximum minus the minimum over time.
     Ripple(Expression),
     /// The mean over time.
     Mean(Expression),
-    /// The root of the mean of the square over time.
+    /// The root mean square over time.
     Rms(Expression),
     /// The integral over time.
     Integral(Expression),
@@ -44,12 +45,12 @@ pub enum Reducer {
     At(AtTime),
     /// The number of events.
     Count(Selector),
-    /// When the first of the events happened; missing where none did.
+    /// The time of the first of the events; missing if there are none.
     TimeOfFirst(Selector),
-    /// When the last of the events happened; missing where none did.
+    /// The time of the last of the events; missing if there are none.
     TimeOfLast(Selector),
-    /// The active sets in the order in which they were met, joined by `>`, such as `F.lower>free>F.upper`; of problems with
-    /// contacts the events, runs of one as `*n`. Beyond 4 KiB it is cut, and a digest of the whole is added.
+    /// The sequence of active sets, joined by `>`, such as `F.lower>free>F.upper`; for problems with contacts the
+    /// sequence of events, with repetitions as `*n`. Beyond 4 KiB it is cut, and a digest of the whole is appended.
     ModeWord,
 }
 
@@ -59,18 +60,18 @@ pub enum Reducer {
 pub struct AtTime {
     /// The time, within the horizon.
     pub t: f64,
-    /// Of what.
+    /// The expression to evaluate.
     pub of: Expression,
 }
 
-/// Which events: of a kind, and of one variable, contact or label where that is named.
+/// A selection of events: by kind, and optionally by variable, contact or label.
 #[derive(Clone, Debug)]
 pub struct Selector {
     kind: EventKind,
     of: Option<String>,
 }
 
-/// A selector in full.
+/// A selector as an object.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct InFull {
@@ -114,33 +115,33 @@ impl PartialSchema for Selector {
         OneOfBuilder::new()
             .item(EventKind::schema())
             .item(full)
-            .description(Some("Which events: of a kind, or `{\"kind\": \"impact\", \"of\": \"floor\"}`."))
+            .description(Some("The events to select: a kind, or `{\"kind\": \"impact\", \"of\": \"floor\"}`."))
             .into()
     }
 }
 
 impl ToSchema for Selector {}
 
-/// What reducers can name.
+/// The names available to reducers.
 #[derive(Clone, Copy, Debug)]
 pub struct Nameable<'a> {
-    /// The outputs of the problem, the states first.
+    /// The outputs of the problem, states first.
     pub outputs: &'a [&'a str],
-    /// How many states there are.
+    /// The number of states.
     pub states: usize,
     /// Definitions, integrals and tables.
     pub named: Named<'a>,
-    /// The columns of derivatives.
+    /// The names of the sensitivity columns.
     pub derivatives: &'a [String],
-    /// What events may be of, where that is known.
+    /// The variables or contacts that events can belong to, if known.
     pub of_events: Option<&'a [String]>,
     /// The labels of `stop`.
     pub labels: &'a [String],
-    /// Whether parameters are inputs of the programs of the model.
+    /// Whether the parameters are bindable inputs of the model.
     pub are_inputs: bool,
 }
 
-/// Compiles what is collected; where nothing is asked for, the final values of all states.
+/// Compiles the reducers; by default, the final values of all states.
 pub fn lower(
     asked: Option<&Ordered<Reducer>>,
     nameable: &Nameable<'_>,
@@ -186,13 +187,13 @@ pub fn lower(
     let Lowered { lowering, nodes, .. } = lowered;
     reducers.program = Tape::compile(&lowering.graph, &nodes);
     let mut found = lowering.errors;
-    // What is wrong with parameters and definitions is reported where they are lowered for themselves.
+    // Errors in parameters and definitions are reported where the problem is lowered.
     found.retain(|pointer| pointer.starts_with("/sweep"));
     errors.append(found);
     reducers
 }
 
-/// Reducers in the course of being lowered.
+/// The state of lowering the reducers.
 struct Lowered<'a, 'c> {
     lowering: Lowering<'c>,
     nodes: Vec<Node>,
@@ -215,7 +216,7 @@ impl Lowered<'_, '_> {
                 let (from, to) = self.horizon;
                 if !(from..=to).contains(t) {
                     let place = place.key("at");
-                    let detail = format!("{t} lies outside the time horizon");
+                    let detail = format!("{t} is outside the time horizon");
                     let error = SpecificationError::new(place.key("t").to_string(), "outside_horizon", detail);
                     self.lowering.errors.push(error.expected(format!("from {from} to {to}")));
                 }
@@ -235,7 +236,7 @@ impl Lowered<'_, '_> {
             if let Some(at) = self.nameable.derivatives.iter().position(|name| name == text.trim()) {
                 return Some(Reduction::Derivative(at));
             }
-            // An integral at the end is the integral of its integrand.
+            // The final value of an integral is the integral of its integrand.
             if let Some((_, integrand)) = self.nameable.named.integrals.iter().find(|(name, _)| *name == text.trim()) {
                 return self.value(integrand, Over::Integral, &place);
             }
@@ -243,7 +244,7 @@ impl Lowered<'_, '_> {
         if let Expression::Text(text) = expression
             && self.nameable.named.integrals.names().any(|name| name == text.trim())
         {
-            let detail = format!("`{}` is an integral, which is collected at the end", abridged(text));
+            let detail = format!("`{}` is an integral, which can only be collected at the end", abridged(text));
             let error = SpecificationError::new(place.to_string(), "conflict", detail);
             self.lowering.errors.push(error.expected(format!("{{\"final\": \"{}\"}}", abridged(text.trim()))));
             return None;
@@ -268,7 +269,7 @@ impl Lowered<'_, '_> {
             && !known.contains(of)
         {
             let names = || known.iter().map(String::as_str);
-            let detail = format!("no event is of `{}`", abridged(of));
+            let detail = format!("there are no events of `{}`", abridged(of));
             let error = SpecificationError::new(place.key("of").to_string(), "unknown_name", detail);
             self.lowering.errors.push(error.expected(listed(names())).did_you_mean(nearest(of, names())));
             return None;

@@ -1,5 +1,5 @@
-//! Which values the members of a sweep have. Those of member `k` depend on the design, the seed and `k` alone, so that members can
-//! be computed in any order, by anybody.
+//! The values of the members of a sweep. Those of member `k` depend on the design, the seed and `k` alone, so that
+//! members can be computed in any order and on any machine.
 
 use super::range::Range;
 use super::sobol::{MOST_DIMENSIONS, Sobol};
@@ -9,18 +9,19 @@ use chacha20::rand_core::{Rng, SeedableRng};
 use std::sync::OnceLock;
 
 choices! {
-    /// How the members of a sweep are made of the ranges of names.
+    /// The construction of the members of a sweep from the ranges.
     DesignName {
-        "grid" Grid: "Every combination of the points; the last name varies fastest."
-        "zip" Zip: "The first points of all, the second points of all, and so on; all have the same number."
+        "grid" Grid: "Every combination of the points of the ranges; the last name varies fastest."
+        "zip" Zip: "The first points of all ranges, the second points of all, and so on; all ranges have equally many."
         "random" Random: "`count` independent draws."
-        "sobol" Sobol: "`count` points of the Sobol sequence with Owen's scrambling; best a power of two."
-        "latin_hypercube" LatinHypercube: "`count` draws, one in each of as many slices of every range."
+        "sobol" Sobol: "`count` points of the Sobol sequence with Owen's scrambling; preferably a power of two."
+        "latin_hypercube" LatinHypercube: "`count` draws, one in each of `count` equally probable strata of every \
+                                           range."
         "table" Table: "The rows of `table`."
     }
 }
 
-/// A design with its members.
+/// A design with its number of members.
 #[derive(Clone, Debug)]
 pub struct Design {
     kind: Kind,
@@ -32,18 +33,19 @@ pub struct Design {
 enum Kind {
     Grid,
     Zip,
-    /// By the seed.
+    /// Seed of the draws.
     Random(u64),
     Sobol(Sobol),
-    /// By the seed; of each name the slice of each member, found when the first is asked for: a check needs none.
+    /// Seed of the draws, and the stratum of each member in each dimension, computed on first use: a check does not
+    /// need it.
     LatinHypercube(u64, OnceLock<Vec<Vec<u32>>>),
 }
 
-/// The most dimensions of a design.
+/// Most dimensions of a Sobol design.
 pub const MOST_SOBOL: usize = MOST_DIMENSIONS;
 
 impl Design {
-    /// A design over ranges that go with it, of so many members; a table is a list for each column.
+    /// A design over ranges that suit it, with the given number of members; the ranges of a table are its columns.
     pub fn new(name: DesignName, ranges: Vec<Range>, members: usize, seed: u64) -> Self {
         let kind = match name {
             DesignName::Grid => Kind::Grid,
@@ -55,7 +57,7 @@ impl Design {
         Self { kind, ranges, members }
     }
 
-    /// How many members there are.
+    /// The number of members.
     pub fn members(&self) -> usize {
         self.members
     }
@@ -65,7 +67,7 @@ impl Design {
         &self.ranges
     }
 
-    /// Whether members stand on a grid of the points of all ranges.
+    /// Whether the members form a full grid.
     pub fn is_grid(&self) -> bool {
         matches!(self.kind, Kind::Grid)
     }
@@ -106,24 +108,24 @@ impl Design {
     }
 }
 
-/// The stream of random numbers of one member.
+/// The random number stream of one member.
 fn draws(seed: u64, stream: u64) -> ChaCha8Rng {
     let mut draws = ChaCha8Rng::seed_from_u64(seed);
     draws.set_stream(stream);
     draws
 }
 
-/// A number in `(0, 1)`: the middle of one of 2^52 cells.
+/// A number in `(0, 1)`: the midpoint of one of 2^52 cells.
 fn unit(draws: &mut ChaCha8Rng) -> f64 {
     ((draws.next_u64() >> 12) as f64 + 0.5) / (1_u64 << 52) as f64
 }
 
-/// A random permutation of `0..count` (Fisher and Yates), from a stream that is no member's.
+/// A random permutation of `0..count` (Fisher and Yates), from a stream that no member uses.
 fn permutation(count: usize, seed: u64, dimension: u64) -> Vec<u32> {
     let mut draws = draws(seed, u64::MAX - dimension);
     let mut slices: Vec<u32> = (0..count as u32).collect();
     for k in (1..slices.len()).rev() {
-        // The remainder of 64 bits is as good as uniform: what is left over is below 2^-32.
+        // The remainder of a 64-bit number has a negligible bias, below 2^-32.
         slices.swap(k, (draws.next_u64() % (k as u64 + 1)) as usize);
     }
     slices
@@ -180,7 +182,8 @@ mod tests {
 
     #[test]
     fn means_over_sobol_points_converge_faster_than_those_over_random_ones() {
-        // The integral of x y e^(x y) over the unit square is e's series: the sum of 1 / (k! (k + 2)^2).
+        // The integral of x y e^(x y) over the unit square, by the series of the exponential: the sum of 1 / (k! (k +
+        // 2)^2).
         let exact: f64 =
             (0..30).map(|k| (1..=k).map(f64::from).product::<f64>().recip() / f64::from(k + 2).powi(2)).sum();
         let error = |name, count: usize, seed| {

@@ -27,91 +27,121 @@ use super::{reading, vectors};
 use problem::Control;
 use serde::Deserialize;
 use solution::Reducers;
+use std::ops;
 use std::sync::Arc;
+use std::time::Duration;
 use target::{targets, unknown};
 use utoipa::ToSchema;
 
 choices! {
-    /// What is kept of each run of a sweep beside its row.
+    /// Data kept of each run of a sweep beside its row.
     KeepName {
         "nothing" Nothing: "The row alone: trajectories would take as much for each member as a solve does."
+        "trajectories" Trajectories: "The fields of `output` at its times, each a column of lists: `trajectory.x`."
     }
 }
 
-/// The most members.
+/// Most members of a sweep.
 const MOST_MEMBERS: usize = 10_000_000;
+/// The most numbers of trajectories that are kept, of all members and of one.
+const MOST_KEPT: usize = 10_000_000;
+const MOST_KEPT_OF_ONE: usize = 1_000_000;
 /// The most slices of a latin hypercube: four bytes each.
 const MOST_SLICES: u64 = 1 << 25;
-/// The most names that are swept: each is a column.
+/// Most swept names, each of which is a column.
 const MOST_NAMES: usize = 256;
 
-/// The problem solved for many values of some of its numbers: the answer is a table with one row a member, `table`, and a
-/// `summary` of its numbers. A member that fails is a row like others.
+/// The problem solved for many values of some of its numbers. The answer is `table`, with one row per member, and a
+/// `summary` of its columns. A member that fails has a row as well.
 ///
-/// Names: a parameter `m`; `x.initial`, the start of a state; `theta.velocity`, that of a coordinate; `R1`, the value of a component;
-/// `ball.mass`, a number of anything that has a name.
+/// Names: a parameter `m`; `x.initial`, the initial value of a state; `theta.velocity`, the initial velocity of a
+/// coordinate; `R1`, the value of a component; `ball.mass`, a number of any named object.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SweepRequest {
     /// The values of each name.
     #[schema(value_type = Option<std::collections::BTreeMap<String, Range>>)]
     pub over: Option<Ordered<Range>>,
-    /// The values of all members, in the place of `over`.
+    /// The values of all members, as an alternative to `over`.
     pub table: Option<TableOfMembers>,
-    /// How the members are made of `over`. Default `grid`, or `table` where there is one.
+    /// The construction of the members from `over`. Default `grid`, or `table` if that is given.
     pub design: Option<DesignName>,
     /// The number of members of `random`, `sobol` and `latin_hypercube`.
     #[schema(minimum = 1, maximum = 10_000_000)]
     pub count: Option<u64>,
-    /// What is kept of each run, by the name of its column. Default the final value of every state.
+    /// The values to collect from each run, by column name. Default: the final value of every state.
     #[schema(value_type = Option<std::collections::BTreeMap<String, Reducer>>)]
     pub collect: Option<Ordered<Reducer>>,
-    /// What is kept of each run beside its row.
+    /// Data kept of each run beside its row.
     #[serde(default)]
     #[schema(value_type = KeepName, default = "nothing")]
     pub keep: KeepName,
-    /// Draws depend on it and on the number of a member alone. Default 0.
+    /// Seed of the draws, which depend on it and the number of the member alone. Default 0.
     #[serde(default)]
     #[schema(default = 0)]
     pub seed: u64,
 }
 
-/// The values of members, a row each.
+/// The values of members, one row each.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TableOfMembers {
-    /// The names.
+    /// The swept names.
     pub columns: Vec<String>,
-    /// A value for each name.
+    /// One value per name in each row.
     pub rows: Vec<Vec<f64>>,
 }
 
 /// A sweep that has passed every check.
 #[derive(Clone, Debug)]
 pub struct SweepPlan {
-    /// What is swept, in the order of the document.
+    /// The swept numbers, in the order of the document.
     pub targets: Vec<Target>,
-    /// The values of members.
+    /// The values of the members.
     pub design: Arc<Design>,
-    /// What is collected.
+    /// The values to collect.
     pub reducers: Reducers,
-    /// SHA-256 of the document, however it is laid out.
+    /// SHA-256 of the document, independent of its layout.
     pub digest: Arc<str>,
-    /// The document, with vectors as they are written.
+    /// The document, before vectors are expanded.
     source: Arc<Json>,
+    /// The trajectories that are kept of each member, if any are.
+    pub kept: Option<Arc<Kept>>,
+    /// The members that are to be solved, where that is a part of them.
+    chunk: Option<SweepChunk>,
 }
 
-/// What a sweep is checked with: what was found while the document was read.
+/// Consecutive members of a sweep as one piece of work.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SweepChunk {
+    /// The members.
+    pub members: ops::Range<usize>,
+    /// Why these members cannot be solved, by its code and in words: their rows say so.
+    pub lost: Option<(String, String)>,
+    /// The time after which no further member is begun; at least one member is solved.
+    pub within: Option<Duration>,
+}
+
+/// Trajectories that are kept of each member.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Kept {
+    /// The names of the fields.
+    pub names: Vec<String>,
+    /// The times.
+    pub times: Vec<f64>,
+}
+
+/// The inputs to the check of a sweep, prepared while the document was read.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Prepared {
-    /// The names and their parameters.
+    /// The swept names and their parameters.
     pub targets: Vec<Target>,
-    /// The document; none where there is no sweep.
+    /// The document, if it has a sweep.
     pub source: Option<Arc<Json>>,
 }
 
 impl SweepRequest {
-    /// Checks it.
+    /// Checks the request.
     pub(super) fn check(
         &self,
         prepared: &Prepared,
@@ -133,10 +163,18 @@ impl SweepRequest {
             return None;
         }
         let digest = hexadecimal(&digest(source.to_string().as_bytes()));
-        Some(SweepPlan { targets, design: Arc::new(design), reducers, digest: digest.into(), source })
+        Some(SweepPlan {
+            targets,
+            design: Arc::new(design),
+            reducers,
+            digest: digest.into(),
+            source,
+            kept: None,
+            chunk: None,
+        })
     }
 
-    /// Names of columns are not to stand twice.
+    /// Reports column names that occur twice.
     fn check_names(&self, reducers: &Reducers, place: &Pointer<'_>, errors: &mut Errors) {
         let own =
             ["member", "status", "trusted", "error", "steps", "switches", "residual", "warnings", "period", "stable"];
@@ -151,7 +189,7 @@ impl SweepRequest {
         let place = place.key("collect");
         for name in &reducers.names {
             if own.contains(&name.as_str()) || swept.contains(&name.as_str()) {
-                errors.report(&place.key(name), "duplicate_name", "the table has a column of that name");
+                errors.report(&place.key(name), "duplicate_name", "the table already has a column with this name");
             }
         }
     }
@@ -159,7 +197,7 @@ impl SweepRequest {
     fn design(&self, place: &Pointer<'_>, errors: &mut Errors) -> Option<Design> {
         let ranges = match (&self.over, &self.table) {
             (Some(_), Some(_)) => {
-                errors.report(&place.key("table"), "conflict", "`over` and `table` both have values for the members");
+                errors.report(&place.key("table"), "conflict", "`over` and `table` both define the members");
                 return None;
             }
             (None, None) => {
@@ -222,7 +260,7 @@ impl SweepRequest {
                 return None;
             }
             Some(_) if !is_drawn => {
-                let detail = format!("`{}` has as many members as `over` and `table` say", name.name());
+                let detail = format!("the number of members of a `{}` follows from `over` or `table`", name.name());
                 let error = SpecificationError::new(key.to_string(), "conflict", detail);
                 errors
                     .push(error.expected("no `count`, or one of the designs `random`, `sobol` and `latin_hypercube`"));
@@ -239,7 +277,7 @@ impl SweepRequest {
         if name == DesignName::LatinHypercube
             && self.count.is_some_and(|count| count.saturating_mul(ranges.len() as u64) > MOST_SLICES)
         {
-            let detail = "names times members of a latin hypercube, whose slices are kept";
+            let detail = "this Latin hypercube has too many names times members";
             let error = SpecificationError::new(key.to_string(), "too_many_runs", detail);
             errors.push(error.expected(format!("at most {MOST_SLICES}, or the design `random` or `sobol`")));
             return None;
@@ -275,8 +313,7 @@ impl SweepRequest {
         let first = counts.first().copied().unwrap_or(0);
         if let Some(i) = counts.iter().position(|count| *count != first) {
             let place = place.key("over");
-            let detail =
-                format!("{} values beside the {first} of `{}`", counts[i], names.first().copied().unwrap_or(""));
+            let detail = format!("{} values, where `{1}` has {first}", counts[i], names.first().copied().unwrap_or(""));
             let error = SpecificationError::new(
                 place.key(names.get(i).copied().unwrap_or("")).to_string(),
                 "wrong_count",
@@ -289,6 +326,72 @@ impl SweepRequest {
     }
 }
 
+impl SweepPlan {
+    /// Has the trajectories of the fields of these names kept, if `request` asks for that.
+    pub(super) fn keep(
+        &mut self,
+        request: &SweepRequest,
+        (names, times): (Vec<String>, Option<&[f64]>),
+        is_search: bool,
+        errors: &mut Errors,
+    ) {
+        if request.keep == KeepName::Nothing {
+            return;
+        }
+        let place = Pointer::Root.key("sweep");
+        let place = place.key("keep");
+        if is_search {
+            let detail = "an orbit or a state of rest is kept by what is collected of it";
+            return errors.report(&place, "conflict", detail);
+        }
+        let Some(times) = times else {
+            let detail = "how many steps each member takes is not known beforehand";
+            let error = SpecificationError::new(place.to_string(), "missing_key", detail);
+            return errors.push(error.expected("times, such as `\"output\": {\"times\": {\"count\": 101}}`"));
+        };
+        let of_one = times.len().saturating_mul(names.len());
+        let values = of_one.saturating_mul(self.members());
+        if of_one > MOST_KEPT_OF_ONE || values > MOST_KEPT {
+            let detail = format!(
+                "{values} numbers: {} times of {} fields of {} members",
+                times.len(),
+                names.len(),
+                self.members()
+            );
+            let error = SpecificationError::new(place.to_string(), "too_many_runs", detail);
+            return errors.push(error.expected(format!(
+                "at most {MOST_KEPT} numbers, {MOST_KEPT_OF_ONE} of a member: fewer `output.times` or `output.fields`, or what is collected"
+            )));
+        }
+        let is_column = |name: &str| {
+            self.reducers.names.iter().any(|known| known == name)
+                || self.targets.iter().any(|target| target.name == name)
+        };
+        if let Some(name) = names.iter().map(|name| column_of(name)).find(|name| is_column(name)) {
+            let detail = format!("the table has a column `{name}` already, which the trajectory would have");
+            return errors.report(&place, "duplicate_name", detail);
+        }
+        self.kept = Some(Arc::new(Kept { names, times: times.to_vec() }));
+    }
+
+    /// The numbers that are kept of the trajectory of a member.
+    pub fn numbers_kept(&self) -> usize {
+        self.kept.as_ref().map_or(0, |kept| kept.names.len() * kept.times.len())
+    }
+}
+
+/// The name of the column of a trajectory.
+fn column_of(field: &str) -> String {
+    format!("trajectory.{field}")
+}
+
+impl Kept {
+    /// The names of the columns.
+    pub fn columns(&self) -> impl Iterator<Item = String> {
+        self.names.iter().map(|name| column_of(name))
+    }
+}
+
 impl TableOfMembers {
     fn ranges(&self, place: &Pointer<'_>, errors: &mut Errors) -> Option<Vec<Range>> {
         let rows = place.key("rows");
@@ -297,7 +400,7 @@ impl TableOfMembers {
             return None;
         }
         if let Some(i) = (1..self.columns.len()).find(|&i| self.columns[..i].contains(&self.columns[i])) {
-            errors.report(&place.key("columns").index(i), "duplicate_name", "the name stands in another column");
+            errors.report(&place.key("columns").index(i), "duplicate_name", "another column has the same name");
             return None;
         }
         let count = self.columns.len();
@@ -313,17 +416,34 @@ impl TableOfMembers {
 }
 
 impl SweepPlan {
-    /// How many members there are.
+    /// The number of members.
     pub fn members(&self) -> usize {
         self.design.members()
+    }
+
+    /// The members that are to be solved: all, or a part of them.
+    pub fn chunk(&self) -> SweepChunk {
+        let all = || SweepChunk { members: 0..self.members(), lost: None, within: None };
+        self.chunk.clone().unwrap_or_else(all)
     }
 }
 
 impl Specification {
+    /// The same problem, with some members of its sweep alone; those that there are not are left out.
+    #[must_use]
+    pub fn with_chunk(mut self, chunk: SweepChunk) -> Self {
+        if let Some(plan) = self.sweep_mut() {
+            let end = chunk.members.end.min(plan.members());
+            let members = chunk.members.start.min(end)..end;
+            plan.chunk = Some(SweepChunk { members, ..chunk });
+        }
+        self
+    }
+
     /// The specification of a member with these values: those of its parameters are bound, unless they change the structure.
     ///
     /// # Errors
-    /// Why it has no such member.
+    /// Values that cannot be bound, for example because they change the structure of the problem.
     pub fn member(&self, values: &[f64]) -> Result<Self, Vec<SpecificationError>> {
         let Some(plan) = self.sweep() else { return Ok(self.clone()) };
         let given: Vec<(&str, f64)> =
@@ -331,10 +451,11 @@ impl Specification {
         self.with_parameters(&given)
     }
 
-    /// The same, read anew: for values that change the structure, and types of problems that keep their parameters as constants.
+    /// The specification of a member, read anew: for values that change the structure, and problem types that fold
+    /// parameters into constants.
     ///
     /// # Errors
-    /// Why there is no such member.
+    /// Errors in the specification with these values.
     pub fn member_anew(&self, values: &[f64], control: &Control) -> Result<Self, Vec<SpecificationError>> {
         let Some(plan) = self.sweep() else { return Ok(self.clone()) };
         let given: Vec<(String, f64)> =
@@ -343,11 +464,11 @@ impl Specification {
     }
 }
 
-/// The text of a document with other values of some of its numbers, by name or by JSON pointer; a value is JSON, or the text of an
-/// expression.
+/// Returns the text of a document with new values for some of its numbers, given by name or JSON pointer. A value is
+/// JSON, or else the text of an expression.
 ///
 /// # Errors
-/// The text is no JSON, or it has nothing of that name.
+/// The text is not JSON, or a name is unknown.
 pub fn edited(text: &[u8], settings: &[(String, String)]) -> Result<Vec<u8>, Vec<SpecificationError>> {
     let mut json = reading::tree(text)?;
     let mut errors = Errors::default();

@@ -1,7 +1,7 @@
-//! The values that a name takes in a sweep: points, or a distribution.
+//! The values of a name in a sweep: points, or a distribution.
 //!
-//! Every range has a quantile function `[0, 1) -> R`, by which random and low-discrepancy designs draw from it; that of a normal
-//! distribution is `mean + sd Phi^-1(u)`.
+//! Every range has a quantile function `[0, 1) -> R`, from which random and low-discrepancy designs draw; that of a
+//! normal distribution is `mean + sd Phi^-1(u)`.
 
 use crate::error::{Errors, SpecificationError};
 use crate::pointer::Pointer;
@@ -17,30 +17,30 @@ use utoipa::{PartialSchema, ToSchema};
 /// The values of one name.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Range {
-    /// These values.
+    /// A list of values.
     List(Vec<f64>),
-    /// A rule.
+    /// A rule for points, or a distribution.
     Rule(Rule),
 }
 
-/// A rule for values.
+/// Points by a rule, or a distribution.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Rule {
-    /// From, to, and how many: equal distances, both ends included.
+    /// First point, last point and number of points, equally spaced.
     Linspace((f64, f64, u64)),
-    /// From, to, and how many: equal ratios, both ends included.
+    /// First point, last point and number of points, equally spaced in the logarithm.
     Logspace((f64, f64, u64)),
-    /// Mean and standard deviation.
+    /// Normal distribution: mean and standard deviation.
     Normal((f64, f64)),
-    /// The ends.
+    /// Uniform distribution: lower and upper end.
     Uniform((f64, f64)),
-    /// Mean and standard deviation of the logarithm.
+    /// Lognormal distribution: mean and standard deviation of the logarithm.
     Lognormal((f64, f64)),
 }
 
 impl Range {
-    /// How many points there are; none of a distribution.
+    /// The number of points; `None` for a distribution.
     pub fn points(&self) -> Option<usize> {
         match self {
             Self::List(values) => Some(values.len()),
@@ -49,7 +49,7 @@ impl Range {
         }
     }
 
-    /// Point number `k`, from zero, of those that there are.
+    /// Point number `k`, counted from zero.
     pub fn point(&self, k: usize) -> f64 {
         match self {
             Self::List(values) => values.get(k).copied().unwrap_or(f64::NAN),
@@ -63,7 +63,7 @@ impl Range {
         }
     }
 
-    /// The value below which the part `u` in `(0, 1)` of all values lies.
+    /// The quantile at `u` in `(0, 1)`.
     pub fn quantile(&self, u: f64) -> f64 {
         match (self, self.points()) {
             (Self::Rule(rule), None) => rule.quantile(u),
@@ -74,12 +74,12 @@ impl Range {
         }
     }
 
-    /// A value that is like the others.
+    /// A typical value, the median.
     pub fn representative(&self) -> f64 {
         self.quantile(0.5)
     }
 
-    /// Reports what is wrong with it.
+    /// Reports errors in the range.
     pub fn check(&self, place: &Pointer<'_>, errors: &mut Errors) {
         let mut refuse = |detail: String, expected: &str| {
             errors.push(SpecificationError::new(place.to_string(), "out_of_range", detail).expected(expected));
@@ -96,15 +96,15 @@ impl Range {
                     refuse("no values".to_owned(), "at least one value");
                 }
                 if !(from * to > 0.0 || (from.signum() == to.signum() && from != 0.0 && to != 0.0)) {
-                    let detail = format!("equal ratios from {from} to {to}");
-                    refuse(detail, "two numbers of one sign, neither of them zero");
+                    let detail = format!("logarithmic spacing from {from} to {to} is not possible");
+                    refuse(detail, "two nonzero numbers of the same sign");
                 }
             }
             Self::Rule(Rule::Normal((_, sd)) | Rule::Lognormal((_, sd))) if sd < 0.0 => {
                 refuse(format!("the standard deviation is {sd}"), "a standard deviation of at least 0");
             }
             Self::Rule(Rule::Uniform((a, b))) if a > b => {
-                refuse(format!("from {a} to {b}"), "the lesser end first");
+                refuse(format!("the lower end {a} is above the upper end {b}"), "the lower end first");
             }
             Self::Rule(_) => {}
         }
@@ -127,7 +127,7 @@ fn standard_normal(u: f64) -> f64 {
     Normal::standard().inverse_cdf(u)
 }
 
-/// Number `k` of `count` numbers of equal distance.
+/// Number `k` of `count` equally spaced numbers.
 fn between(from: f64, to: f64, k: usize, count: u64) -> f64 {
     match count {
         0 | 1 => from,

@@ -11,18 +11,19 @@
 //! error of `O(N^-3/2)`, never one worse than a constant times that of random points. Bits are hashes of seed, dimension and
 //! digits, so that a point depends on its number alone.
 //!
-//! Of the crates, one of those that were looked at gives points as single precision, the other packs its table and has no
-//! scrambling: the recurrence is ten lines.
+//! Of the crates examined, one returns points in single precision, and the other has no scrambling: the recurrence is
+//! ten lines.
 
-/// Digits of a coordinate: with the middle of a cell one more, as many as a double has.
+/// Binary digits of a coordinate; the midpoint of a cell adds one, which makes the 53 of a double.
 const DIGITS: u32 = 52;
-/// Digits of the number of a point.
+/// Binary digits of the index of a point.
 const BITS: usize = 32;
 
-/// The most dimensions.
+/// Most dimensions.
 pub const MOST_DIMENSIONS: usize = INITIAL.len() + 1;
 
-/// From the second dimension on: the first direction numbers `m`, one for each degree of the polynomial, and its inner coefficients.
+/// Initial direction numbers `m`, one per degree of the polynomial, and its inner coefficients, from the second
+/// dimension on.
 #[rustfmt::skip]
 const INITIAL: [(&[u64], u64); 31] = [
     (&[1], 0),
@@ -58,7 +59,7 @@ const INITIAL: [(&[u64], u64); 31] = [
     (&[1, 3, 7, 3, 13, 59, 17], 42),
 ];
 
-/// Direction numbers of some dimensions.
+/// Direction numbers of a sequence in some dimensions.
 #[derive(Clone, Debug)]
 pub struct Sobol {
     directions: Vec<[u64; BITS]>,
@@ -66,7 +67,7 @@ pub struct Sobol {
 }
 
 impl Sobol {
-    /// Of so many dimensions, at most [`MOST_DIMENSIONS`].
+    /// A sequence in `dimensions` dimensions, at most [`MOST_DIMENSIONS`].
     pub fn new(dimensions: usize, seed: u64) -> Self {
         let first = std::array::from_fn(|j| 1 << (DIGITS as usize - 1 - j));
         let others = INITIAL.iter().map(|(initial, polynomial)| directions(initial, *polynomial));
@@ -78,21 +79,21 @@ impl Sobol {
         let directions = &self.directions[d];
         let plain = (0..BITS).filter(|j| k >> j & 1 == 1).fold(0, |digits, j| digits ^ directions[j]);
         let scrambled = self.scrambled(plain, d as u64);
-        // The middle of the cell, as zero has no quantile.
+        // Midpoint of the cell, since the quantile at zero may be infinite.
         (scrambled as f64 + 0.5) / (1_u64 << DIGITS) as f64
     }
 
     fn scrambled(&self, digits: u64, dimension: u64) -> u64 {
         let key = mixed(self.seed ^ mixed(dimension.wrapping_add(1)));
         (0..DIGITS).fold(digits, |scrambled, i| {
-            // The digits before number `i`, with a one in front of them: no two prefixes are the same.
+            // The digits before digit `i`, with a leading one, which makes all prefixes distinct.
             let prefix = 1 << i | digits.checked_shr(DIGITS - i).unwrap_or(0);
             scrambled ^ (mixed(key ^ mixed(prefix)) >> 63) << (DIGITS - 1 - i)
         })
     }
 }
 
-/// The direction numbers of a polynomial, as digits behind the point.
+/// Direction numbers of a polynomial, as binary fractions.
 fn directions(initial: &[u64], polynomial: u64) -> [u64; BITS] {
     let degree = initial.len();
     let mut m = [0_u64; BITS];
@@ -106,8 +107,8 @@ fn directions(initial: &[u64], polynomial: u64) -> [u64; BITS] {
     std::array::from_fn(|j| m[j] << (DIGITS as usize - 1 - j))
 }
 
-/// A hash of 64 bits in which each bit depends on every bit (`SplitMix64`; Steele, Lea and Flood 2014, *Fast splittable
-/// pseudorandom number generators*).
+/// A 64-bit hash in which each output bit depends on every input bit (`SplitMix64`; Steele, Lea and Flood 2014, *Fast
+/// splittable pseudorandom number generators*).
 pub fn mixed(x: u64) -> u64 {
     let x = x.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let x = (x ^ x >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -121,7 +122,7 @@ mod tests {
 
     #[test]
     fn points_are_those_of_the_published_generator() {
-        // The first points of new-joe-kuo-6 in three dimensions, in the order of k, not of Gray's code.
+        // The first points of new-joe-kuo-6 in three dimensions, in the order of k instead of the Gray code.
         let sobol = Sobol::new(3, 0);
         let plain = |k: u32, d: usize| {
             let digits = (0..BITS).filter(|j| k >> j & 1 == 1).fold(0, |digits, j| digits ^ sobol.directions[d][j]);
@@ -147,7 +148,7 @@ mod tests {
         for (seed, dimensions) in [(1, 2), (7, MOST_DIMENSIONS)] {
             let sobol = Sobol::new(dimensions, seed);
             for d in 0..dimensions {
-                // Each of 256 intervals has one of 256 points, of these as of the next.
+                // Each of 256 intervals contains one of the first 256 points, and one of the next 256.
                 for block in 0..2 {
                     let mut met = [false; 256];
                     for k in 0..256 {
@@ -156,7 +157,7 @@ mod tests {
                     assert!(met.iter().all(|met| *met), "dimension {d}");
                 }
             }
-            // Of the first two dimensions each of the 16 x 16 boxes has one point: it is a (0, m, 2)-net.
+            // In the first two dimensions, each of the 16 x 16 boxes contains one point: a (0, m, 2)-net.
             let mut met = [false; 256];
             for k in 0..256 {
                 let [x, y] = [0, 1].map(|d| (sobol.coordinate(k, d) * 16.0) as usize);

@@ -1,8 +1,8 @@
-//! Names of numbers in a document: `m`, a parameter; `x.initial`, the start of a state; `theta.velocity`, that of a coordinate;
-//! `R1`, the value of a component; `ball.mass`, a number of something that has a name.
+//! Names of numbers in a document: `m`, a parameter; `x.initial`, the initial value of a state; `theta.velocity`, the
+//! initial velocity of a coordinate; `R1`, the value of a component; `ball.mass`, a number of a named object.
 //!
-//! What is no parameter is made one before the document is read ([`lift`]): in the place of the number stands the name of a new
-//! parameter, so that other numbers are bound to the compiled problem.
+//! A swept number that is not a parameter becomes one before the document is read ([`lift`]): it is replaced by the
+//! name of a new parameter, so that other values can be bound to the compiled problem.
 
 use super::range::Range;
 use crate::error::{Errors, SpecificationError};
@@ -14,16 +14,17 @@ use expression::nearest;
 use serde::Deserialize;
 use serde_json::Number;
 
-/// A name of a sweep, and the parameter that stands for it.
+/// A swept name, and the parameter introduced for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
-    /// As the user wrote it.
+    /// The name as the user wrote it.
     pub name: String,
     /// The name of the parameter.
     pub parameter: String,
 }
 
-/// Keys of numbers of what has a name, also where they are expressions. The value of a component is the first of them that it has.
+/// Keys of numbers in named objects, also if they are given as expressions. The value of a component is the first of
+/// these keys that it has.
 const VALUES: [&str; 12] = [
     "ohms",
     "farads",
@@ -39,7 +40,7 @@ const VALUES: [&str; 12] = [
     "restitution",
 ];
 
-/// The names of the numbers of a document in which vectors are written out, each with its place.
+/// The names of the numbers in a document with expanded vectors, each with its path.
 pub fn targets(json: &Json) -> Vec<(String, Vec<Step>)> {
     let key = |name: &str| Step::Key(name.to_owned());
     let mut found = Vec::new();
@@ -81,7 +82,7 @@ pub fn targets(json: &Json) -> Vec<(String, Vec<Step>)> {
     found
 }
 
-/// The numbers of an entry of a list that has a name, or of one that is tagged by its kind.
+/// Adds the numbers of a list entry with a name, which may be externally tagged by its kind.
 fn of_named(item: &Json, mut path: Vec<Step>, found: &mut Vec<(String, Vec<Step>)>) {
     let Json::Object(mut members) = item.clone() else { return };
     if let [(kind, Json::Object(inner))] = members.as_slice() {
@@ -106,7 +107,7 @@ fn of_named(item: &Json, mut path: Vec<Step>, found: &mut Vec<(String, Vec<Step>
     }
 }
 
-/// The names that are swept, with ranges where these can be read: the keys of `sweep.over`, or the columns of `sweep.table`.
+/// The swept names, with their ranges if these are readable: the keys of `sweep.over`, or the columns of `sweep.table`.
 fn swept(json: &Json) -> Vec<(String, Vec<Step>, Option<Range>)> {
     let key = |name: &str| Step::Key(name.to_owned());
     let Some(sweep) = json.child(&key("sweep")) else { return Vec::new() };
@@ -128,7 +129,7 @@ fn swept(json: &Json) -> Vec<(String, Vec<Step>, Option<Range>)> {
     columns.iter().enumerate().filter_map(entry).collect()
 }
 
-/// Makes every name that is swept a parameter with a number for its value. Names that stand for nothing are reported.
+/// Makes every swept name a parameter with a numerical value. Unknown names are reported.
 pub fn lift(json: &mut Json, vectors: &mut Vectors, errors: &mut Errors) -> Vec<Target> {
     let swept = swept(json);
     if swept.is_empty() {
@@ -162,7 +163,7 @@ pub fn lift(json: &mut Json, vectors: &mut Vectors, errors: &mut Errors) -> Vec<
     found
 }
 
-/// Gives names of a document the values that it is to be read with. Those that are no names of it are given back.
+/// Sets named numbers of a document, and returns the names that it does not have.
 pub fn set<'a>(json: &mut Json, values: &'a [(String, f64)]) -> Vec<&'a str> {
     let known = targets(json);
     let mut unknown = Vec::new();
@@ -175,19 +176,19 @@ pub fn set<'a>(json: &mut Json, values: &'a [(String, f64)]) -> Vec<&'a str> {
     unknown
 }
 
-/// A number as JSON has it: one that is whole without a point, as sizes are written.
+/// A number in JSON; a whole number is written without a decimal point, as sizes require.
 fn number(value: f64) -> Option<Number> {
     let whole = value as i64;
-    // Beyond 2^53 not every whole number is a double; zero may have a sign.
+    // Above 2^53 doubles do not represent every whole number; zero may be negative.
     let is_whole = value.abs() < 9e15 && value == whole as f64 && value.to_bits() != (-0.0_f64).to_bits();
     if is_whole { Some(whole.into()) } else { Number::from_f64(value) }
 }
 
-/// The error of a name that stands for nothing.
+/// The error of an unknown name.
 pub fn unknown(name: &str, pointer: String, known: &[(String, Vec<Step>)]) -> SpecificationError {
     let names = || known.iter().map(|(name, _)| name.as_str());
     let detail = format!(
-        "`{}` is neither a parameter nor the start of a state, nor a number of something with a name",
+        "`{}` is neither a parameter nor the initial value of a state nor a number of a named object",
         abridged(name)
     );
     let expected = match known.is_empty() {
@@ -197,7 +198,7 @@ pub fn unknown(name: &str, pointer: String, known: &[(String, Vec<Step>)]) -> Sp
     SpecificationError::new(pointer, "unknown_name", detail).expected(expected).did_you_mean(nearest(name, names()))
 }
 
-/// Puts a value at a place; members of objects that are missing are made.
+/// Sets the value at a path; missing objects are created.
 pub fn put(json: &mut Json, path: &[Step], value: Json) {
     let Some((step, rest)) = path.split_first() else {
         *json = value;
@@ -220,7 +221,7 @@ pub fn put(json: &mut Json, path: &[Step], value: Json) {
     }
 }
 
-/// A name that stands nowhere in the document yet, made of another.
+/// Derives from `of` a name that does not occur in the document.
 fn free_name(json: &Json, of: &str) -> String {
     let mut name: String = of.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if name.starts_with(|c: char| c.is_ascii_digit()) {
@@ -233,7 +234,7 @@ fn free_name(json: &Json, of: &str) -> String {
     name
 }
 
-/// Puts a value where a JSON pointer (RFC 6901) says; a member of an object may be new.
+/// Sets the value at a JSON pointer (RFC 6901); the last key may be new.
 pub fn put_at(json: &mut Json, pointer: &str, value: Json, errors: &mut Errors) {
     let mut at = json;
     let mut keys = pointer.split('/').skip(1).map(|key| key.replace("~1", "/").replace("~0", "~")).peekable();

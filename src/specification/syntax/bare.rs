@@ -1,23 +1,23 @@
-//! Words, numbers and expressions that stand without quotes, or in quotes of other languages.
+//! Words, numbers and expressions without quotes, or in the quotes of other languages.
 
 use super::{Fault, Slip};
 use crate::wording::{abridged, quoted};
 
-/// Quotes of other languages, with what closes them.
+/// Quotes of other languages, opening and closing.
 const QUOTES: [(char, char); 5] =
     [('\'', '\''), ('`', '`'), ('\u{201c}', '\u{201d}'), ('\u{2018}', '\u{2019}'), ('\u{ab}', '\u{bb}')];
 
-/// Words of other languages for the words of JSON.
+/// Words of other languages for JSON's literals.
 const WORDS: [(&str, &[&str]); 3] = [
     ("true", &["true", "yes", "on", ".true."]),
     ("false", &["false", "no", "off", ".false."]),
     ("null", &["null", "none", "undefined", "nil", "nothing", "missing"]),
 ];
 
-/// What stands for no finite number.
+/// Words for numbers that are not finite.
 const NO_NUMBERS: [&str; 6] = ["nan", "inf", "infinity", "-inf", "-infinity", "+infinity"];
 
-/// The text up to where an entry ends: a comma or a closing bracket outside parentheses, or the end of the line.
+/// The text of an entry: up to a comma or closing bracket outside parentheses, or the end of the line.
 fn entry(rest: &str) -> &str {
     let mut depth = 0_usize;
     for (at, c) in rest.char_indices() {
@@ -33,7 +33,7 @@ fn entry(rest: &str) -> &str {
     rest.trim_end()
 }
 
-/// What a text begins with, as people would name it.
+/// The first word or character of a text, quoted for a message.
 pub(super) fn shown(rest: &str) -> String {
     let word: String = rest.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
     if word.is_empty() {
@@ -43,7 +43,7 @@ pub(super) fn shown(rest: &str) -> String {
     }
 }
 
-/// A text between quotes of another language.
+/// A text between quotes of another language, rewritten with JSON's.
 fn in_quotes(rest: &str) -> Option<String> {
     let first = rest.chars().next()?;
     let &(_, close) = QUOTES.iter().find(|(open, close)| *open == first || *close == first)?;
@@ -52,7 +52,7 @@ fn in_quotes(rest: &str) -> Option<String> {
     Some(quoted(&rest[..end]))
 }
 
-/// What a member's key is written as.
+/// Describes a faulty key of a member.
 pub(super) fn key(text: &str, fault: &Fault) -> Slip {
     let rest = &text[fault.at..];
     if let Some(key) = in_quotes(rest) {
@@ -74,7 +74,7 @@ pub(super) fn key(text: &str, fault: &Fault) -> Slip {
     Slip::new("a key without quotes", quoted(&word))
 }
 
-/// What stands behind a value where a comma or the end of a list or an object belongs.
+/// Describes the text after a value, where a comma or closing bracket belongs.
 pub(super) fn behind_a_value(text: &str, fault: &Fault) -> Slip {
     let (before, rest) = (&text[fault.before.clone()], &text[fault.at..]);
     let is_next = rest.starts_with(['"', '{', '[']);
@@ -90,14 +90,14 @@ pub(super) fn behind_a_value(text: &str, fault: &Fault) -> Slip {
     }
     match before.ends_with('"') {
         true => Slip::new(
-            format!("{} behind a string", shown(rest)),
+            format!("{} after a string", shown(rest)),
             "`,` or the end of the list or object; `\\\"` for a quote in a string",
         ),
         false => value(&text[fault.before.start..]),
     }
 }
 
-/// What is written for the value at the beginning of a text.
+/// Describes a faulty value at the beginning of a text.
 pub(super) fn value(rest: &str) -> Slip {
     if let Some(text) = in_quotes(rest) {
         return Slip::new(format!("{} where a quote `\"` belongs", shown(rest)), text);
@@ -109,7 +109,7 @@ pub(super) fn value(rest: &str) -> Slip {
         return Slip::new(what("the word"), format!("`{word}`"));
     }
     if NO_NUMBERS.contains(&folded.as_str()) {
-        let write = "a finite number: JSON has no NaN and no infinity; a bound that is left out is none";
+        let write = "a finite number: JSON has no NaN and no infinity; leave out a bound for none";
         return Slip::new(what("the word"), write);
     }
     if let Some(number) = number(entry) {
@@ -125,7 +125,7 @@ pub(super) fn value(rest: &str) -> Slip {
     Slip::new("an expression without quotes", quoted(entry))
 }
 
-/// How JSON writes a number that is one elsewhere.
+/// Rewrites a number of another notation in JSON's.
 fn number(entry: &str) -> Option<String> {
     let (sign, digits) = match entry.strip_prefix('-') {
         Some(rest) => ("-", rest),
@@ -158,6 +158,6 @@ fn number(entry: &str) -> Option<String> {
     Some(if unit.is_empty() {
         number
     } else {
-        format!("{number}: numbers have no units, and all are in one system, such as SI")
+        format!("{number}: numbers have no units; write all of them in one system, such as SI")
     })
 }

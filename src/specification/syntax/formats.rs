@@ -1,11 +1,11 @@
-//! Documents in other formats, by how they begin.
+//! Recognition of documents in other formats by their first lines.
 
 use super::Slip;
 
-/// Letters that the lines of a netlist begin with: resistors, capacitors, inductors, sources, diodes and switches.
+/// First letters of netlist lines: resistors, capacitors, inductors, sources, diodes and switches.
 const COMPONENTS: &str = "RCLVIDSrclvids";
 
-/// What a text is that does not begin as an object.
+/// Describes a text in another format, that is, one that does not begin like an object.
 pub(super) fn other(text: &str) -> Option<Slip> {
     let text = text.trim_start();
     let line = text.lines().next()?.trim_end();
@@ -26,7 +26,7 @@ pub(super) fn other(text: &str) -> Option<Slip> {
     } else if line.starts_with(['[', '"']) {
         return None;
     } else {
-        Slip::new("text that is no JSON", "a JSON object: {\"problem\": {...}, \"time\": {\"end\": 1}}")
+        Slip::new("text that is not JSON", "a JSON object: {\"problem\": {...}, \"time\": {\"end\": 1}}")
     })
 }
 
@@ -34,7 +34,7 @@ fn is_word(text: &str) -> bool {
     !text.is_empty() && text.chars().all(|c| c.is_ascii_alphanumeric() || "_-.".contains(c))
 }
 
-/// Whether a first line that is no title has a component between nodes.
+/// Whether the first line other than a title or comment is a component between nodes.
 fn is_netlist(text: &str) -> bool {
     let mut lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('*'));
     let is_component = |line: &str| line.starts_with(|c| COMPONENTS.contains(c)) && line.split_whitespace().count() > 3;

@@ -1,5 +1,5 @@
-//! What to write where a text is no JSON: comments, commas, quotes, numbers and words of other languages, and documents in
-//! other formats.
+//! Suggestions for texts that are not JSON: comments, commas, quotes, numbers and words of other languages, and
+//! documents in other formats.
 
 mod bare;
 mod formats;
@@ -10,7 +10,7 @@ use crate::pointer::{Step, pointer};
 use crate::wording::abridged;
 use scanner::{Fault, Wanted};
 
-/// What stands at a fault, and what to write.
+/// A description of a fault, and what to write instead.
 struct Slip {
     what: String,
     write: String,
@@ -22,7 +22,7 @@ impl Slip {
     }
 }
 
-/// The error of a text that is no JSON, as serde met it at `path`.
+/// The error of a text that is not JSON, where serde stopped at `path`.
 pub(super) fn error(text: &[u8], error: &serde_json::Error, path: &[Step]) -> SpecificationError {
     let message = error.to_string();
     if text.trim_ascii().is_empty() {
@@ -34,7 +34,7 @@ pub(super) fn error(text: &[u8], error: &serde_json::Error, path: &[Step]) -> Sp
             .expected("a number between -1.8e308 and 1.8e308");
     }
     if message.starts_with("recursion limit exceeded") {
-        // The path of a document that is nothing but depth says nothing.
+        // The path of a deeply nested document carries no information.
         return SpecificationError::new("", "too_deep", message).expected("at most 127 levels of lists and objects");
     }
     let otherwise = || SpecificationError::new(pointer(path), "syntax", message.clone()).expected("a JSON object");
@@ -50,7 +50,7 @@ pub(super) fn error(text: &[u8], error: &serde_json::Error, path: &[Step]) -> Sp
     SpecificationError::new(pointer(path), "syntax", detail).expected(write)
 }
 
-/// A line and a column, counted from 1.
+/// Line and column, counted from 1.
 fn position(text: &str, at: usize) -> String {
     let before = &text[..at];
     let line = before.matches('\n').count() + 1;
@@ -61,14 +61,17 @@ fn position(text: &str, at: usize) -> String {
 fn slip(text: &str, fault: &Fault) -> Slip {
     let rest = &text[fault.at..];
     if rest.starts_with("//") || rest.starts_with("/*") || rest.starts_with('#') || rest.starts_with("--") {
-        return Slip::new("a comment", "no comment: JSON has none; `label` has room for a remark");
+        return Slip::new(
+            "a comment",
+            "no comment: JSON has none; write a remark in `label`, or in a member `comment`",
+        );
     }
     let Some(next) = rest.chars().next() else { return end_of_text(text, fault) };
     let innermost = fault.open.last();
     match (fault.wanted, next) {
         (Wanted::Text, _) => in_string(text, fault, next),
         (Wanted::Key | Wanted::Value, ']' | '}') if text[fault.before.clone()] == *"," => {
-            Slip::new(format!("a comma before `{next}`"), "no comma behind the last entry")
+            Slip::new(format!("a comma before `{next}`"), "no comma after the last entry")
         }
         (Wanted::Value, ',') if text[fault.before.clone()] == *":" => {
             Slip::new("`,` where a value belongs", "a value before it")
@@ -86,16 +89,14 @@ fn slip(text: &str, fault: &Fault) -> Slip {
             )
         }
         (Wanted::End, ']' | '}') => Slip::new(
-            format!("a `{next}` too many"),
+            format!("an unmatched `{next}`"),
             "nothing: all brackets are closed before it, and the document ends",
         ),
         (Wanted::End, ':') => Slip::new(
             "a member outside an object",
             "the document between braces: {\"problem\": {...}, \"time\": {\"end\": 1}}",
         ),
-        (Wanted::End, _) => {
-            Slip::new("text behind the end of the document", "nothing: one document is one JSON object")
-        }
+        (Wanted::End, _) => Slip::new("text after the end of the document", "nothing: one document is one JSON object"),
         (Wanted::Colon, _) => {
             let key = &text[fault.before.clone()];
             match key.split_once(':') {
@@ -119,7 +120,7 @@ fn slip(text: &str, fault: &Fault) -> Slip {
     }
 }
 
-/// A text that ends too early.
+/// Describes a text that ends too early.
 fn end_of_text(text: &str, fault: &Fault) -> Slip {
     if fault.wanted == Wanted::Text {
         let string = abridged(text[fault.before.clone()].trim_end());
@@ -142,14 +143,17 @@ fn closing(bracket: u8) -> char {
     if bracket == b'{' { '}' } else { ']' }
 }
 
-/// A string that breaks off.
+/// Describes an unterminated or invalid string.
 fn in_string(text: &str, fault: &Fault, next: char) -> Slip {
     let begins = position(text, fault.before.start);
     match next {
-        '\\' => Slip::new("a backslash in a string", "`\\\\` for a backslash; behind one stand `\" \\ / b f n r t u`"),
+        '\\' => Slip::new(
+            "a backslash in a string",
+            "`\\\\` for a backslash; after one only `\" \\ / b f n r t u` may follow",
+        ),
         '\n' | '\r' => Slip::new(
             format!("the end of the line within the string that begins at {begins}"),
-            "a quote `\"` at the end of the string, which stands on one line",
+            "a quote `\"` at the end of the string, which must be on one line",
         ),
         control => Slip::new(
             format!("the control character U+{:04X} in a string", u32::from(control)),

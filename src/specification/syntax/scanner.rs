@@ -1,40 +1,40 @@
-//! Where a text stops being JSON (RFC 8259), and what would stand there.
+//! Locates the first fault of a text that is not JSON (RFC 8259), and the token expected there.
 
 use std::ops::Range;
 
-/// What JSON has at a place.
+/// The token that JSON expects at a place.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Wanted {
-    /// A value, of a list, behind a colon, or as the document.
+    /// A value: of a list, after a colon, or as the document.
     Value,
     /// The key of a member.
     Key,
-    /// A colon behind a key.
+    /// The colon after a key.
     Colon,
     /// A comma, or the end of the list or object.
     Separator,
-    /// Nothing more.
+    /// The end of the text.
     End,
     /// The rest of a string that begins at `Fault::before`.
     Text,
 }
 
-/// The first place at which a text is no JSON.
+/// The first fault of a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Fault {
-    /// The byte where the token begins that does not fit; the length of the text where it ends too early.
+    /// Byte offset of the unexpected token, or the length of a text that ends too early.
     pub at: usize,
-    /// What would fit.
+    /// The expected token.
     pub wanted: Wanted,
-    /// Whether a bracket was opened just before.
+    /// Whether the previous token is an opening bracket.
     pub is_first: bool,
-    /// The brackets that are open, with where they stand.
+    /// The open brackets with their byte offsets.
     pub open: Vec<(u8, usize)>,
-    /// The token before.
+    /// Byte range of the previous token.
     pub before: Range<usize>,
 }
 
-/// The first fault of a text; `None` for JSON, as far as tokens tell.
+/// Finds the first fault of a text; `None` if its tokens form JSON.
 pub(super) fn fault(text: &[u8]) -> Option<Fault> {
     let mut fault = Fault { at: 0, wanted: Wanted::Value, is_first: false, open: Vec::new(), before: 0..0 };
     loop {
@@ -83,7 +83,7 @@ impl Fault {
     }
 }
 
-/// The end of a string that begins at a quote; where it breaks off, if it does.
+/// The end of the string that begins at `start`, or the offset of its first invalid byte.
 fn string(text: &[u8], start: usize) -> Result<usize, usize> {
     let mut at = start + 1;
     loop {
@@ -96,7 +96,7 @@ fn string(text: &[u8], start: usize) -> Result<usize, usize> {
     }
 }
 
-/// The length of the number or word of JSON at the beginning of a text; 0 if there is none.
+/// The length of the JSON number or literal at the beginning of a text; 0 if there is none.
 fn literal(text: &[u8]) -> usize {
     let length = text.iter().take_while(|byte| byte.is_ascii_alphanumeric() || b"+-._".contains(byte)).count();
     let token = &text[..length];

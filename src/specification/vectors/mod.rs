@@ -1,9 +1,9 @@
-//! Vectors, written out before a document is read: a member `"x[1..n]"` stands for one member an element, in which the index
-//! `i` has its value; a name with a range in a list of names stands for all its elements; an entry of a list whose `name`,
-//! `label` or, in a box, whose `of` has a range stands for one entry an element. A list in the place of a number or an
-//! expression has one value for each element.
+//! Expansion of vectors before a document is read. A member `"x[1..n]"` becomes one member per element, in which the
+//! index `i` is replaced by its value; a name with a range in a list of names becomes the names of all elements; a list
+//! entry whose `name`, `label` or (for a box) `of` has a range becomes one entry per element. A list in the place of a
+//! number or an expression gives one value for each element.
 //!
-//! Nothing behind this knows of it: errors are told where the range stands.
+//! Later stages see only the expanded document; their errors are mapped back to the place of the range.
 
 mod range;
 
@@ -15,19 +15,19 @@ use super::wording::abridged;
 use range::{MOST_ELEMENTS, Range, Values, replaced};
 use std::collections::{HashMap, HashSet};
 
-/// What was written out.
+/// The record of an expansion.
 #[derive(Debug, Default)]
 pub(super) struct Vectors {
-    /// The parameters that say how many elements there are.
+    /// Parameters that determine numbers of elements.
     pub sizes: Vec<String>,
-    /// Where the document has what was written out, by pointers.
+    /// Pointers in the user's document, by pointers in the expanded one.
     origins: HashMap<String, String>,
-    /// Names whose range is wrong, which are left as they are.
+    /// Names with a faulty range, which are not expanded.
     wrong: HashSet<String>,
 }
 
 impl Vectors {
-    /// Errors where the document has what they are of, each once.
+    /// Maps the pointers of errors back to the user's document, and removes repetitions.
     pub fn at_origins(&self, errors: Vec<SpecificationError>) -> Vec<SpecificationError> {
         if self.origins.is_empty() && self.wrong.is_empty() {
             return errors;
@@ -40,7 +40,7 @@ impl Vectors {
         moved.filter(|error| seen.insert((error.pointer.clone(), error.code))).collect()
     }
 
-    /// Has errors at a place reported at another.
+    /// Redirects errors at the pointer `new` to the pointer `old`.
     pub fn stands_for(&mut self, new: String, old: String) {
         self.origins.insert(new, old);
     }
@@ -59,7 +59,7 @@ impl Vectors {
     }
 }
 
-/// Writes out the vectors of a document; what is wrong with them is reported, and they are left as they are.
+/// Expands the vectors of a document; faulty ones are reported and left as they are.
 pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
     let mut expansion = Expansion {
         vectors: Vectors::default(),
@@ -98,7 +98,7 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
     expansion.vectors
 }
 
-/// A place in the document, and in what it is written out to.
+/// A path in the expanded document, and the corresponding path in the user's.
 struct ExpandedPath {
     new: Vec<Step>,
     old: Vec<Step>,
@@ -107,7 +107,7 @@ struct ExpandedPath {
 struct Expansion<'e> {
     vectors: Vectors,
     parameters: HashMap<String, i64>,
-    /// Names that no index may have.
+    /// Names that indices must not have.
     taken: HashSet<String>,
     elements: usize,
     errors: &'e mut Errors,
@@ -129,7 +129,7 @@ impl Expansion<'_> {
             let Some(range) = self.range(&key, place, &step) else {
                 place.new.push(step.clone());
                 place.old.push(step);
-                // The columns of a table are no vectors of the problem.
+                // The columns of a table are not vectors of the problem.
                 if key != "tables" {
                     self.value(&mut value, place);
                 }
@@ -188,7 +188,7 @@ impl Expansion<'_> {
         }
     }
 
-    /// One element: its text with the values of its indices, of lists its value.
+    /// Returns one element: texts with the values of its indices, lists reduced to its value.
     fn element(
         &mut self,
         value: &Json,
@@ -224,7 +224,7 @@ impl Expansion<'_> {
         }
     }
 
-    /// The range of a name, where it has one that is right.
+    /// Reads the range of a name, if it has a valid one.
     fn range<'t>(&mut self, name: &'t str, place: &ExpandedPath, step: &Step) -> Option<Range<'t>> {
         let at = || pointer(&[place.old.as_slice(), std::slice::from_ref(step)].concat());
         let sizes = std::cell::RefCell::new(Vec::new());
@@ -244,7 +244,7 @@ impl Expansion<'_> {
             }
         };
         if let Some(index) = range.indices().find(|index| self.taken.contains(*index)) {
-            let detail = format!("the index `{index}` of `{}` has the name of something else", abridged(name));
+            let detail = format!("the index `{index}` of `{}` has a name that is in use already", abridged(name));
             let error = SpecificationError::new(at(), "duplicate_name", detail);
             self.errors.push(error.expected(format!("another name for it, as in `{}[k in 1..n]`", range.name)));
             self.vectors.wrong.insert(at());
@@ -265,12 +265,12 @@ impl Expansion<'_> {
     }
 }
 
-/// Whether a list has names with indices, of which none is the value of one element.
+/// Whether a list consists of indexed names, so that it does not give one value per element.
 fn is_of_names(items: &[Json]) -> bool {
     items.iter().all(|item| matches!(item, Json::Text(text) if text.ends_with(']') && !text.contains([' ', '*', '+'])))
 }
 
-/// The name that an entry of a list goes by, where it may have a range: of a text itself, of a box what it is of.
+/// The name of a list entry that may have a range: of a text the text itself, of a box its only variable.
 fn named(item: &Json) -> Option<&str> {
     match item {
         Json::Text(text) => Some(text),
@@ -286,7 +286,7 @@ fn named(item: &Json) -> Option<&str> {
     }
 }
 
-/// Gives an element its name, where the range stood.
+/// Gives an element its name, in place of the range.
 fn rename(element: &mut Json, name: &str) {
     let Json::Object(members) = element else { return };
     for (key, value) in members {

@@ -1,15 +1,15 @@
-//! Names with ranges of indices, `x[1..n]` and `x[i in 1..3, j in 0..n+1]`, and texts with indices replaced by their values.
+//! Names with index ranges, `x[1..n]` and `x[i in 1..3, j in 0..n+1]`, and substitution of indices in texts.
 
 use crate::error::SpecificationError;
 use crate::wording::abridged;
 
-/// The elements that all names with ranges of a document may have.
+/// Most elements of all vectors of a document together.
 pub(super) const MOST_ELEMENTS: usize = 200_000;
 
-/// The indices that a range has where none is named, in their order.
+/// Default names of the indices, in order.
 const INDICES: [&str; 3] = ["i", "j", "k"];
 
-/// A name with ranges of indices.
+/// A name with index ranges.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Range<'t> {
     /// The name of the vector.
@@ -22,10 +22,10 @@ pub(super) struct Range<'t> {
 pub(super) type Values<'t> = Vec<(&'t str, i64)>;
 
 impl<'t> Range<'t> {
-    /// The range that a text is; `None` where it is none. `size` knows parameters with whole values.
+    /// Parses a text; returns `None` if it has no range. `size` looks up parameters with whole values.
     ///
     /// # Errors
-    /// What is wrong with a range.
+    /// A faulty range.
     pub(super) fn read(
         text: &'t str,
         pointer: impl Fn() -> String,
@@ -45,13 +45,18 @@ impl<'t> Range<'t> {
         for (k, part) in inside.split(',').enumerate() {
             let (index, range) = match part.split_once(" in ") {
                 Some((index, range)) => (index.trim(), range),
-                None => (*INDICES.get(k).ok_or_else(|| wrong("the fourth index has no name".to_owned()))?, part),
+                None => (
+                    *INDICES
+                        .get(k)
+                        .ok_or_else(|| wrong("there are more than three indices without names".to_owned()))?,
+                    part,
+                ),
             };
             if !is_word(index) || indices.iter().any(|(other, ..)| *other == index) {
-                return Err(wrong(format!("`{}` is no name for an index", abridged(index))));
+                return Err(wrong(format!("`{}` is not a valid name for an index", abridged(index))));
             }
             let (first, last) =
-                range.split_once("..").ok_or_else(|| wrong(format!("`{}` is no range", abridged(part.trim()))))?;
+                range.split_once("..").ok_or_else(|| wrong(format!("`{}` is not a range", abridged(part.trim()))))?;
             let end = |text: &str| whole(text, &size).map_err(wrong);
             let (first, last) = (end(first)?, end(last)?);
             if first > last {
@@ -71,7 +76,7 @@ impl<'t> Range<'t> {
         self.indices.iter().map(|(name, ..)| *name)
     }
 
-    /// A single element whose indices are no plain numbers, as `x[n + 1]`.
+    /// A single element whose indices are not plain numbers, as in `x[n + 1]`.
     fn one(name: &'t str, inside: &'t str, size: impl Fn(&str) -> Option<i64>) -> Option<Self> {
         let parts: Vec<&str> = inside.split(',').collect();
         let values: Option<Vec<i64>> = parts.iter().map(|part| whole(part, &size).ok()).collect();
@@ -80,13 +85,13 @@ impl<'t> Range<'t> {
         (!is_plain).then_some(Self { name, indices })
     }
 
-    /// The number of elements, where there are not too many.
+    /// The number of elements; `None` if there are too many.
     pub(super) fn len(&self) -> Option<usize> {
         let sizes = self.indices.iter().map(|(_, first, last)| (last - first) as usize + 1);
         sizes.into_iter().try_fold(1_usize, usize::checked_mul).filter(|&count| count <= MOST_ELEMENTS)
     }
 
-    /// The name of each element with the values of its indices; the last index goes round first.
+    /// The name of each element with the values of its indices; the last index varies fastest.
     pub(super) fn elements(&self) -> impl Iterator<Item = (String, Values<'t>)> {
         let count = self.len().unwrap_or(0);
         (0..count).map(move |mut place| {
@@ -103,7 +108,7 @@ impl<'t> Range<'t> {
     }
 }
 
-/// The whole number that a sum of whole numbers and parameters is.
+/// Evaluates a sum of whole numbers and parameters.
 fn whole(text: &str, size: &impl Fn(&str) -> Option<i64>) -> Result<i64, String> {
     let mut sum = 0_i64;
     let mut rest = text.trim();
@@ -129,7 +134,7 @@ fn whole(text: &str, size: &impl Fn(&str) -> Option<i64>) -> Result<i64, String>
     }
 }
 
-/// A text with the values of indices in their place: words of their own that are not called as functions.
+/// Replaces indices in a text by their values, where they are separate words and not called as functions.
 pub(super) fn replaced(text: &str, values: &Values<'_>) -> String {
     let mut out = String::with_capacity(text.len());
     let mut rest = text;

@@ -70,7 +70,7 @@ fn linear(rays: &[Ray]) -> String {
             .map(|ray| Curve {
                 name: format!("{} stage{}", ray.stages, if ray.stages == 1 { "" } else { "s" }),
                 points: ray.points.iter().map(|&(z, r)| (z, r.max(LEAST))).collect(),
-                untrusted: Vec::new(),
+                ..Curve::default()
             })
             .collect();
         page += &double_logarithmic(&curves, &format!("|R(z)| {name}"), "|R(z)|", "|z|");

@@ -1,4 +1,5 @@
-//! All that a report says of stability: the table, the stability function, contraction, and the energy of contacts.
+//! The evidence of stability in a report: the table of cases, the stability function, contraction, and the energy of
+//! contact runs.
 
 use super::{Outcome, cases, run};
 use crate::contraction::{Contraction, contractions};
@@ -9,24 +10,24 @@ use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::time::{Duration, Instant};
 
-/// The longest that one row may take in a report.
+/// Time limit of one case in a report.
 const LONGEST: Duration = Duration::from_secs(20);
 
-/// What was measured.
+/// All measurements.
 #[derive(Clone, Debug, Default, Deserialize, Serialize)]
 pub struct Stability {
-    /// The rows of the table.
+    /// The outcomes of the cases in the table.
     pub outcomes: Vec<Outcome>,
     /// The stability function along rays.
     pub rays: Vec<Ray>,
-    /// Distances of pairs of solutions.
+    /// The contraction of pairs of solutions.
     pub contractions: Vec<Contraction>,
-    /// The energy of contact runs.
+    /// The energy balances of contact runs.
     pub balances: Vec<Balance>,
 }
 
 impl Stability {
-    /// Measures all of it; `progress` is told what part of it comes next.
+    /// Makes all measurements; `progress` is called with the name of each part before it begins.
     pub fn measure(mut progress: impl FnMut(&str)) -> Self {
         let cases = cases();
         let mut outcomes = Vec::with_capacity(cases.len());
@@ -46,13 +47,13 @@ impl Stability {
         Self { outcomes, rays, contractions, balances: balances() }
     }
 
-    /// Of the answers that reached the end and are right, or are wrong, how many are trusted and how many there are.
+    /// The numbers of trusted answers and of all answers, among those that reached the end and are right, or wrong.
     pub fn trusted(&self, right: bool) -> (usize, usize) {
         let of = self.outcomes.iter().filter(|outcome| outcome.passed() == right).filter_map(|outcome| outcome.trusted);
         of.fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))
     }
 
-    /// The rows of the table as CSV, with a header.
+    /// The table of cases as CSV, with a header.
     pub fn csv(&self) -> String {
         let mut text = String::from("part,case,expected,found,passed,trusted,seconds\n");
         let quoted = |text: &str| format!("\"{}\"", text.replace('"', "\"\""));

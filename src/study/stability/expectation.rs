@@ -1,5 +1,5 @@
-//! What must come of a row of the table: an answer to so many digits, a bound, no growth of energy, events at their times, a
-//! warning, or a refusal with its code.
+//! The expected outcome of a case: an answer to a number of digits, a bound, no growth of energy, events at their
+//! times, a warning, or a refusal with its code.
 
 use super::Case;
 use serde::{Deserialize, Serialize};
@@ -7,101 +7,101 @@ use serde_json::{Map, Value, json};
 use solution::{EventKind, Solution, Status};
 use specification::{Specification, SpecificationError};
 
-/// What is asked of a solution.
+/// An expected property of a solution.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Expectation {
-    /// Outputs that are known.
+    /// Known values of outputs.
     Answer(ExpectedValues),
-    /// Outputs that stay within a bound at all times.
+    /// Outputs bounded at all times.
     Bounded {
-        /// Their names.
+        /// The names of the outputs.
         of: Vec<String>,
-        /// The largest absolute value.
+        /// The bound on their absolute value.
         by: f64,
     },
-    /// Kinetic and potential energy together never grow by more than this, as a share of the largest of either.
+    /// Largest growth of the total energy, relative to the largest kinetic or potential energy.
     Energy(f64),
     /// Switches and impacts.
     Event(Events),
-    /// The most accepted steps.
+    /// Most accepted steps.
     Steps(u64),
     /// The code of a warning.
     Warning(String),
-    /// An end with a code instead of an answer.
+    /// A failure or refusal with a code.
     Refusal(ExpectedError),
 }
 
-/// Known outputs.
+/// Known values of outputs.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExpectedValues {
-    /// Expressions in `t` and the parameters of the problem, by name.
+    /// Expressions in `t` and the parameters of the problem, by the name of the output.
     pub of: Map<String, Value>,
-    /// `-log10` of the largest error, as a part of the largest value.
+    /// Least `-log10` of the largest error, relative to the largest value.
     pub digits: f64,
-    /// Whether at all output times or at the last.
+    /// Whether to compare at all output times or at the last.
     #[serde(default)]
     pub at: At,
 }
 
-/// Where an answer is compared.
+/// The times of a comparison.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum At {
     /// At all output times.
     #[default]
     Outputs,
-    /// At the last.
+    /// At the last output time.
     End,
 }
 
-/// Events, those of one instant once.
+/// Expected events; simultaneous ones count once.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Events {
-    /// Those of this kind only.
+    /// Restriction to one kind.
     pub kind: Option<EventKind>,
-    /// How many.
+    /// The number of events.
     pub count: Option<usize>,
-    /// When the first is.
+    /// The time of the first event.
     pub first: Option<f64>,
-    /// When the last is.
+    /// The time of the last event.
     pub last: Option<f64>,
-    /// How far off these times may be.
+    /// Tolerance of the times.
     #[serde(default)]
     pub within: f64,
 }
 
-/// An end with a code.
+/// An expected failure.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ExpectedError {
-    /// The code, of a specification or a run.
+    /// The code of the failure, in the specification or the run.
     pub code: String,
-    /// When the run ends.
+    /// The time at which the run ends.
     pub time: Option<f64>,
-    /// How far off this time may be.
+    /// Tolerance of this time.
     #[serde(default)]
     pub within: f64,
 }
 
-/// An expectation beside what came out.
+/// An expectation with the actual outcome.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Finding {
-    /// In words.
+    /// The expectation in words.
     pub expected: String,
-    /// In words.
+    /// The outcome in words.
     pub found: String,
-    /// Whether they agree.
+    /// Whether the outcome meets the expectation.
     pub passed: bool,
 }
 
-/// Digits of an error of zero.
+/// Number of digits assigned to an error of zero.
 const ALL_DIGITS: f64 = 17.0;
 
 impl Expectation {
-    /// Holds this against what came of a case.
+    /// Compares the expectation with the outcome of a case.
     pub fn judge(&self, case: &Case, solution: &Result<Solution, Vec<SpecificationError>>) -> Finding {
         let expected = self.words();
         let judged = match (self, solution) {
@@ -172,7 +172,7 @@ impl ExpectedValues {
         verdict(digits >= self.digits, format!("{digits:.1} digits"))
     }
 
-    /// The values at the output times, with the expressions read as those of a study of the problem.
+    /// The known values at the output times; the expressions are compiled like those of a study of the problem.
     fn exact(&self, case: &Case, times: &[f64]) -> Result<Vec<Vec<f64>>, String> {
         let mut document = case.specification.clone();
         let start = document["time"]["start"].as_f64().unwrap_or(0.0);
@@ -275,7 +275,7 @@ mod tests {
     use super::*;
     use problem::Control;
 
-    /// Whether `x = 2 - t` until it rests at zero, pushed by a variable, passes an expectation.
+    /// Whether the solution `x = max(2 - t, 0)` of a test problem meets an expectation.
     fn passes(expectation: &str) -> bool {
         let specification = json!({
             "problem": {"dvi": {"states": {"x": {"initial": 2, "rate": "-1 + z"}},

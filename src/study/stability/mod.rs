@@ -1,5 +1,5 @@
-//! Stability at the limits, as a table: stiff and extreme problems over all steppers, each with what must come of it. The
-//! rows are data (`cases/*.json`), and a row that fails is told as one that fails.
+//! Stability at the limits, as a table of cases: stiff and extreme problems for all steppers, each with its expected
+//! outcome. The cases are data (`cases/*.json`); a failing case is reported as such.
 
 mod evidence;
 mod expectation;
@@ -26,54 +26,54 @@ const PARTS: [(&str, &str); 7] = [
     ("refusals", include_str!("cases/refusals.json")),
 ];
 
-/// A case as it is written: one row, or one for each of the values in `with`.
+/// A case as written: a single one, or one for each of the values in `with`.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {
     name: String,
     title: String,
     specification: Value,
-    /// Values by the JSON pointers of the specification at which they take their turns, side by side.
+    /// Values by JSON pointer of the specification. The lists are traversed in parallel, one case per position.
     #[serde(default)]
     with: Map<String, Value>,
     expect: Vec<Expectation>,
 }
 
-/// A row of the table.
+/// One case of the table.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// The part of the table that it stands in.
+    /// The part of the table that it belongs to.
     pub part: &'static str,
     /// A name, unique in the table.
     pub name: String,
-    /// What is extreme about it.
+    /// A description of what is extreme about it.
     pub title: String,
-    /// The problem as a user would write it.
+    /// The specification, as a user would write it.
     pub specification: Value,
-    /// What must come of it.
+    /// The expected outcome.
     pub expect: Vec<Expectation>,
 }
 
-/// What came of a row.
+/// The outcome of a case.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Outcome {
     /// The part of the table.
     pub part: String,
     /// The name of the case.
     pub name: String,
-    /// What is extreme about it.
+    /// A description of what is extreme about the case.
     pub title: String,
-    /// One for each expectation.
+    /// One finding per expectation.
     pub findings: Vec<Finding>,
-    /// The verdict on its answer; absent where none reached the end.
+    /// Whether its answer is trusted; absent if the run did not reach the end.
     #[serde(default)]
     pub trusted: Option<bool>,
-    /// How long it took, in seconds.
+    /// Run time in seconds.
     pub seconds: f64,
 }
 
 impl Outcome {
-    /// Whether all came out as it must.
+    /// Whether all expectations are met.
     pub fn passed(&self) -> bool {
         self.findings.iter().all(|finding| finding.passed)
     }
@@ -84,10 +84,10 @@ pub fn parts() -> impl Iterator<Item = &'static str> {
     PARTS.iter().map(|(name, _)| *name)
 }
 
-/// All rows, in order.
+/// All cases, in order.
 ///
 /// # Panics
-/// Where the table is not what it must be, which every use of it shows.
+/// An invalid table, which every use would reveal.
 pub fn cases() -> Vec<Case> {
     let mut cases = Vec::new();
     for (part, text) in PARTS {
@@ -115,7 +115,7 @@ pub fn cases() -> Vec<Case> {
     cases
 }
 
-/// Solves a row, as long as `control` lets it, and judges what came of it.
+/// Solves a case, as long as `control` permits, and compares the outcome with the expectations.
 pub fn run(case: &Case, control: &Control) -> Outcome {
     let start = Instant::now();
     let specification = Specification::from_json(case.specification.to_string().as_bytes());
@@ -134,14 +134,14 @@ pub fn run(case: &Case, control: &Control) -> Outcome {
     }
 }
 
-/// What no answer may hold.
+/// A finding if the answer contains values that are not finite.
 fn not_finite(solution: &Solution) -> Option<Finding> {
     let field = solution.trajectory.fields.iter().find(|field| field.values.iter().any(|value| !value.is_finite()))?;
     let found = format!("`{}` is not finite", field.name);
     Some(Finding { expected: "finite values".to_owned(), found, passed: false })
 }
 
-/// Sets what a JSON pointer leads to, and makes the way there.
+/// Sets the value at a JSON pointer, creating missing objects.
 fn set(document: &mut Value, pointer: &str, value: Value) {
     let mut place = document;
     for key in pointer.split('/').skip(1) {
@@ -153,7 +153,7 @@ fn set(document: &mut Value, pointer: &str, value: Value) {
     *place = value;
 }
 
-/// A value as part of a name: of an object its members.
+/// A value as part of a case name; for an object, its members.
 fn short(value: &Value) -> String {
     match value {
         Value::Object(members) => {
@@ -166,7 +166,7 @@ fn short(value: &Value) -> String {
     }
 }
 
-/// A number in the shorter of its forms.
+/// A number in the shorter of its two notations.
 fn plain(x: f64) -> String {
     let (plain, power) = (x.to_string(), format!("{x:e}"));
     if plain.len() <= power.len() + 2 { plain } else { power }

@@ -12,7 +12,7 @@ pub use features::features;
 
 use problem::{Control, Stop};
 use rows::Template;
-use solution::{CheckCode, Failure, Solution, Status, Table, Unmergeable};
+use solution::{Incomplete, Solution, Table, Unmergeable};
 use specification::Specification;
 use std::collections::BTreeMap;
 use std::num::NonZeroUsize;
@@ -20,6 +20,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread;
+use std::time::Instant;
 
 /// The most members of which one thread makes the rows before it looks for others.
 const CHUNK: usize = 256;
@@ -30,7 +31,8 @@ const STACK_BYTES: usize = 8 << 20;
 
 /// The rows of some members of a sweep.
 ///
-/// `threads` share the work; it stops when `control` says so, and keeps the rows that are done.
+/// `threads` share the work; it stops when `control` says so, or when the time of its chunk is over, and keeps the rows that are
+/// done.
 pub fn sweep(
     specification: &Specification,
     members: Range<usize>,
@@ -41,8 +43,10 @@ pub fn sweep(
     let count = members.len();
     let chunk = (count / (threads.get() * CHUNKS)).clamp(1, CHUNK);
     let chunks = count.div_ceil(chunk);
+    let within = specification.sweep().and_then(|plan| plan.chunk().within);
     let work = Work {
         template: &template,
+        until: within.and_then(|within| Instant::now().checked_add(within)),
         control,
         members: members.clone(),
         chunk,
@@ -72,11 +76,11 @@ pub fn sweep(
         // Parts of one template have the same columns.
         let _ = table.append(part);
     }
-    let why = match control.poll() {
-        Some(Stop::Deadline) => ("wall_time", "the wall time allowed ended"),
-        Some(Stop::Cancelled) | None => ("cancelled", "the sweep was cancelled"),
+    let incomplete = match control.poll() {
+        Some(Stop::Deadline) => Incomplete::WALL_TIME,
+        Some(Stop::Cancelled) | None => Incomplete::CANCELLED,
     };
-    answer(table, count, why)
+    table.into_answer(count, incomplete)
 }
 
 /// The answer that parts of a sweep give together.
@@ -89,54 +93,14 @@ pub fn merge(parts: impl IntoIterator<Item = Table>) -> Result<Solution, Unmerge
     parts.try_for_each(|part| table.append(part))?;
     table.sort()?;
     let members = usize::try_from(table.members).unwrap_or(usize::MAX);
-    Ok(answer(table, members, ("members_missing", "parts are missing")))
-}
-
-/// The answer that has a table; `why` there are fewer rows than were asked for, where there are.
-fn answer(table: Table, asked: usize, (code, why): (&'static str, &str)) -> Solution {
-    let mut solution = Solution::default();
-    let rows = table.rows();
-    if rows < asked {
-        let message = format!("{why}: {rows} of {asked} members were done; the table has their rows");
-        solution.error = Some(Failure { code: code.into(), message, time: 0.0, state: Vec::new() });
-        solution.status = Status::Stopped;
-    }
-    let total = |name: &str| {
-        let values = table.column(name);
-        values
-            .map_or(0, |values| (0..values.len()).filter_map(|row| values.number(row)).map(|count| count as u64).sum())
-    };
-    let diagnostics = &mut solution.diagnostics;
-    diagnostics.method = "sweep";
-    (diagnostics.steps.accepted, diagnostics.switches) = (total("steps"), total("switches"));
-    judge(&table, &mut solution);
-    solution.summary = Some(table.summary());
-    solution.table = Some(table);
-    solution.judge(0.0);
-    for reason in solution.verdict.because.iter_mut().filter(|reason| reason.code == CheckCode::NotAtEnd) {
-        reason.value = asked.saturating_sub(rows) as f64;
-        reason.message = format!("{rows} of {asked} members were done");
-    }
-    solution
-}
-
-/// Records how many members are not to be relied upon.
-fn judge(table: &Table, solution: &mut Solution) {
-    let checks = &mut solution.diagnostics.checks;
-    let untrusted = table.untrusted();
-    checks.record(CheckCode::UntrustedMembers, untrusted as f64, 0.0, || {
-        format!("{untrusted} of {} members are not trusted: see `trusted` and `warnings` in their rows", table.rows())
-    });
-    if table.failed > 0 {
-        let message =
-            format!("{} of {} members failed: see `status` and `error` in their rows", table.failed, table.rows());
-        checks.caveat("failed_members", message);
-    }
+    Ok(table.into_answer(members, Incomplete::MEMBERS_MISSING))
 }
 
 /// What threads share.
 struct Work<'w> {
     template: &'w Template<'w>,
+    /// When no further member is begun.
+    until: Option<Instant>,
     control: &'w Control,
     members: Range<usize>,
     chunk: usize,
@@ -177,12 +141,18 @@ impl Work<'_> {
                 return;
             }
             let members = first..(first + self.chunk).min(self.members.end);
+            let count = members.len();
             let rows = self.template.rows(members, &beside, |steps| {
                 let rows = self.rows.fetch_add(1, Relaxed) + 1;
                 let steps = self.steps.fetch_add(steps, Relaxed) + steps;
                 self.control.report(rows as f64 / self.members.len() as f64, steps);
+                self.until.is_none_or(|until| Instant::now() < until)
             });
+            let is_over = rows.rows() < count || self.until.is_some_and(|until| Instant::now() >= until);
             self.done().take(number, rows);
+            if is_over {
+                return;
+            }
         }
     }
 

@@ -3,9 +3,11 @@
 use super::features;
 use problem::Control;
 use solution::{
-    CheckCode, Collected, Column, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance, Values, Words,
+    CheckCode, Collected, Column, Counts, Lists, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance,
+    Values, Words,
 };
 use specification::{Search, Specification, SpecificationError, SweepPlan};
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -24,6 +26,8 @@ pub struct Template<'s> {
     reducers: Arc<Reducers>,
     /// The problem as it is written, then those with another structure that members were found to have.
     structures: Vec<Specification>,
+    /// Why the members have no solution, where that is known beforehand.
+    lost: Option<(String, String)>,
     empty: Table,
 }
 
@@ -34,7 +38,7 @@ struct Rows {
 
 /// Why a member has no solution at all.
 struct Refused {
-    code: &'static str,
+    code: Cow<'static, str>,
     message: String,
 }
 
@@ -44,8 +48,11 @@ impl<'s> Template<'s> {
         let plan = specification.sweep().expect("a sweep is asked for");
         let reducers = Arc::new(plan.reducers.clone());
         let empty = empty(specification, plan, &reducers);
-        let mut template = Self { specification, plan, reducers, structures: vec![specification.clone()], empty };
-        template.find_structures(control);
+        let (structures, lost) = (vec![specification.clone()], plan.chunk().lost);
+        let mut template = Self { specification, plan, reducers, structures, lost, empty };
+        if template.lost.is_none() {
+            template.find_structures(control);
+        }
         template
     }
 
@@ -91,9 +98,12 @@ impl<'s> Template<'s> {
     }
 
     fn member(&self, values: &[f64], control: &Control) -> Result<Specification, Refused> {
+        if let Some((code, message)) = &self.lost {
+            return Err(Refused { code: code.clone().into(), message: message.clone() });
+        }
         if let Some(k) = values.iter().position(|value| !value.is_finite()) {
             let message = format!("`{}` is {}", self.plan.targets[k].name, values[k]);
-            return Err(Refused { code: "not_finite", message });
+            return Err(Refused { code: "not_finite".into(), message });
         }
         let errors = match self.bind(values) {
             Ok(bound) => return Ok(bound),
@@ -104,14 +114,15 @@ impl<'s> Template<'s> {
             Err(Unbound::Refused(errors)) => errors,
         };
         let first = errors.into_iter().next();
-        Err(first.map_or(Refused { code: "defect", message: String::new() }, |error| {
+        Err(first.map_or(Refused { code: "defect".into(), message: String::new() }, |error| {
             let message = error.detail.lines().next().unwrap_or_default().to_owned();
-            Refused { code: error.code, message }
+            Refused { code: error.code.into(), message }
         }))
     }
 
-    /// The rows of these members; those that were stopped on the way have none. `told` is given the steps of each.
-    pub fn rows(&self, members: Range<usize>, control: &Control, mut told: impl FnMut(u64)) -> Table {
+    /// The rows of these members, one after the other; a member that was stopped on the way has none. `goes_on` is given the
+    /// steps of each, and says whether to begin the next.
+    pub fn rows(&self, members: Range<usize>, control: &Control, mut goes_on: impl FnMut(u64) -> bool) -> Table {
         let mut rows = Rows { table: self.empty() };
         let mut values = vec![0.0; self.plan.targets.len()];
         for k in members {
@@ -129,7 +140,9 @@ impl<'s> Template<'s> {
             }
             let steps = row.as_ref().map_or(0, |solution| solution.diagnostics.steps.accepted);
             rows.push(k, &values, row, &self.reducers);
-            told(steps);
+            if !goes_on(steps) {
+                break;
+            }
         }
         rows.table
     }
@@ -137,8 +150,10 @@ impl<'s> Template<'s> {
     /// What to run: no trajectory but its end, where derivatives are taken.
     fn plan_of(&self, member: &Specification) -> Plan {
         let mut plan = member.plan();
-        plan.times = Some(vec![plan.end]);
-        plan.fields = Vec::new();
+        if self.plan.kept.is_none() {
+            plan.times = Some(vec![plan.end]);
+            plan.fields = Vec::new();
+        }
         // The program has the parameters of the member bound.
         plan.reducers = member.sweep().map(|sweep| Arc::new(sweep.reducers.clone()));
         plan
@@ -190,7 +205,7 @@ impl Rows {
         };
         let error = match &row {
             Ok(solution) => solution.error.as_ref().map(|error| (&*error.code, error.message.as_str())),
-            Err(refused) => Some((refused.code, refused.message.as_str())),
+            Err(refused) => Some((&*refused.code, refused.message.as_str())),
         };
         let error = error.map(|(code, message)| format!("{code}: {message}").chars().take(ERROR).collect::<String>());
         let (steps, switches) =
@@ -205,6 +220,11 @@ impl Rows {
             (None, None) => None,
         };
         let warnings = solution.map(warnings).filter(|warnings| !warnings.is_empty());
+        let trajectory = solution.map(|solution| solution.trajectory.fields.as_slice()).unwrap_or_default();
+        for column in columns.filter(|values| matches!(values, Values::Lists(_))).enumerate() {
+            let (field, lists) = column;
+            lists.push_list(trajectory.get(field).map(|field| field.values.as_slice()).unwrap_or_default());
+        }
         let own = self.table.columns.len() - self.table.own();
         for Column { name, values } in &mut self.table.columns[own..] {
             match name.as_str() {
@@ -216,7 +236,9 @@ impl Rows {
                 "steps" => values.push_number(Some(steps as f64)),
                 "switches" => values.push_number(Some(switches as f64)),
                 "residual" => values.push_number(residual),
-                _ => values.push_word(warnings.as_deref()),
+                "warnings" => values.push_word(warnings.as_deref()),
+                // Those of trajectories have theirs.
+                _ => {}
             }
         }
     }
@@ -239,11 +261,11 @@ fn warnings(solution: &Solution) -> String {
 /// A table with all columns and no row.
 fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -> Table {
     let words = || Values::Words(Words::default());
-    let mut columns = vec![("member", Values::Counts(Vec::new()))];
+    let mut columns = vec![("member", Values::Counts(Counts::default()))];
     columns.extend(plan.targets.iter().map(|target| (target.name.as_str(), Values::Numbers(Vec::new()))));
     for (name, reduction) in reducers.names.iter().zip(&reducers.reductions) {
         let values = match reduction {
-            Reduction::Count(_) => Values::Counts(Vec::new()),
+            Reduction::Count(_) => Values::Counts(Counts::default()),
             Reduction::ModeWord => words(),
             _ => Values::Numbers(Vec::new()),
         };
@@ -261,17 +283,22 @@ fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -
         ("status", words()),
         ("trusted", Values::Flags(Vec::new())),
         ("error", words()),
-        ("steps", Values::Counts(Vec::new())),
-        ("switches", Values::Counts(Vec::new())),
+        ("steps", Values::Counts(Counts::default())),
+        ("switches", Values::Counts(Counts::default())),
         ("residual", Values::Numbers(Vec::new())),
         ("warnings", words()),
     ]);
+    let kept = plan.kept.as_deref();
+    let of_trajectories: Vec<String> = kept.iter().flat_map(|kept| kept.columns()).collect();
+    let length = kept.map_or(0, |kept| kept.times.len());
+    columns.extend(of_trajectories.iter().map(|name| (name.as_str(), Values::Lists(Lists::new(length)))));
     Table {
         columns: columns.into_iter().map(|(name, values)| Column { name: name.to_owned(), values }).collect(),
         members: plan.members() as u64,
         failed: 0,
         swept: plan.targets.iter().map(|target| target.name.clone()).collect(),
         collected: reducers.names.clone(),
+        times: kept.map_or_else(Vec::new, |kept| kept.times.clone()),
         provenance: TableProvenance {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             features: features(),

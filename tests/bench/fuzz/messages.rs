@@ -5,7 +5,7 @@
 use super::mutation::Mutation;
 use dvi::problem::Control;
 use dvi::service::worker::{
-    Confinement, Event, Finished, Left, Limits, Order, Origin, Start, Supervisor, Task, Watch, frame, serve,
+    Confinement, Event, Finished, Left, Limits, Members, Order, Origin, Start, Supervisor, Task, Watch, frame, serve,
 };
 use serde_json::Value;
 use std::io::{self, Write};
@@ -21,6 +21,9 @@ const DOCUMENT: &[u8] = br#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate"
 
 /// The number of messages in one conversation.
 const TALK: usize = 12;
+
+/// A part of a sweep, which the document is not.
+const MEMBERS: Members = Members { first: 1, end: 3, lost: None, seconds: 1.0 };
 
 /// The limits of a task, low enough to notice an allocation of a declared length.
 const LIMITS: Limits = Limits { steps: 100, memory: 16 << 20, wall_seconds: Some(2.0), result_bytes: 1 << 20 };
@@ -120,6 +123,7 @@ async fn listen(talk: Vec<u8>) -> bool {
     let mut long = Vec::new();
     let task = &mut Task {
         solve: true,
+        members: None,
         document: DOCUMENT,
         limits: LIMITS,
         watch: &watch,
@@ -139,7 +143,8 @@ async fn listen(talk: Vec<u8>) -> bool {
 fn orders() -> Vec<Vec<u8>> {
     let origin = Origin { job: Some("job".to_owned()), request: None, traceparent: None };
     let orders = [
-        Order::Solve { task: 1, limits: LIMITS, origin: origin.clone() },
+        Order::Solve { task: 1, limits: LIMITS, origin: origin.clone(), members: None },
+        Order::Solve { task: 1, limits: LIMITS, origin: origin.clone(), members: Some(MEMBERS) },
         Order::Check { task: 2, limits: LIMITS, origin },
         Order::Look { task: 1 },
         Order::Cancel { task: 1 },
@@ -153,7 +158,7 @@ fn reports() -> Vec<Vec<u8>> {
     let order = |task, solve| {
         let origin = Origin::default();
         if solve {
-            Order::Solve { task, limits: LIMITS, origin }
+            Order::Solve { task, limits: LIMITS, origin, members: None }
         } else {
             Order::Check { task, limits: LIMITS, origin }
         }

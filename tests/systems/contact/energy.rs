@@ -1,11 +1,11 @@
-//! The balance of energy where surfaces, belts, joints, potentials and masses move or change by themselves.
+//! The energy balance with moving surfaces, belts and joints, and with potentials and masses that depend on time.
 
 use super::{located, stepped};
 use crate::systems::harness::{column, last, solve};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 
-/// Energies at the end: kinetic and potential together, work of drives, dissipated by friction, lost in impacts.
+/// Energies at the end: kinetic plus potential, work of drives, dissipated by friction, lost in impacts.
 fn balance(solution: &Solution) -> [f64; 4] {
     let energy = last(solution, "kinetic_energy") + last(solution, "potential_energy");
     let [drives, friction, impacts] =
@@ -15,7 +15,8 @@ fn balance(solution: &Solution) -> [f64; 4] {
     [energy, drives, friction, impacts]
 }
 
-/// That a problem ends with this balance: to rounding where impacts are located, and in time stepping ever closer.
+/// Asserts the energy balance at the end of a problem: to rounding with located impacts, and convergent with time
+/// stepping.
 fn assert_balance(problem: &Value, end: f64, expected: [f64; 4]) {
     let size = expected.iter().fold(1.0_f64, |most, x| most.max(x.abs()));
     let off = |solution: &Solution| {
@@ -34,7 +35,7 @@ fn assert_balance(problem: &Value, end: f64, expected: [f64; 4]) {
 
 #[test]
 fn a_belt_gives_a_block_as_much_as_friction_takes() {
-    // Friction mu m g acts until the block has the speed of the belt: half of the belt's work is lost.
+    // Friction mu m g acts until the block has the velocity of the belt: half of the belt's work is dissipated.
     let belt = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[2, 0], [0, 2]],
         "potential": "2*9.81*y",
         "contacts": [{"name": "belt", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot - 1"]}}]});
@@ -43,7 +44,7 @@ fn a_belt_gives_a_block_as_much_as_friction_takes() {
 
 #[test]
 fn a_block_held_on_a_belt_by_a_spring_loses_what_the_belt_does() {
-    // It comes to rest at mu m g / k only in theory: here it is let go there, and stays.
+    // The block approaches mu m g / k only asymptotically: here it is released there, and stays.
     let held = json!({"coordinates": {"x": {"initial": "0.3*2*9.81/5"}, "y": {"initial": 0}}, "mass": [[2, 0], [0, 2]],
         "potential": "2*9.81*y + 5*x^2/2",
         "contacts": [{"name": "belt", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot - 4"]}}]});
@@ -110,7 +111,7 @@ fn a_spring_whose_end_is_pulled_gives_what_the_hand_does() {
 
 #[test]
 fn a_cart_on_a_given_course_drags_what_lies_on_it() {
-    // The cart, of mass 1, has the acceleration a; its load, of mass 2, that of friction where it is less.
+    // The cart, of mass 1, has the acceleration a; its load, of mass 2, is accelerated by friction up to mu g.
     for (a, mu) in [(2.0, 0.3), (6.0, 0.3)] {
         let cart = json!({"parameters": {"a": a, "mu": mu},
             "coordinates": {"cart": {"initial": 0}, "load": {"initial": 0}, "y": {"initial": 0}},

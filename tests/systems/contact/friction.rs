@@ -1,4 +1,4 @@
-//! Coulomb's law at contacts whose load is not known beforehand.
+//! Coulomb's law at contacts with a normal force that is not known in advance.
 
 use super::{block, stepped};
 use crate::systems::harness::{column, distance, events, last, solve};
@@ -13,10 +13,10 @@ fn a_block_slides_to_rest_and_stays_exactly() {
     let (stop, way) = (0.764_525_993_883_792, 1.146_788_990_825_688);
     let solution = stepped(block(0.0, mu, v), 2.0, h);
     assert!((events(&solution, "slope").last().unwrap() - stop).abs() <= h);
-    // Symplectic: v0 h/2 short of the way.
+    // The symplectic scheme falls short by v0 h/2.
     assert!((last(&solution, "x") - way).abs() < 0.51 * v * h);
     assert_eq!(last(&solution, "x_dot"), 0.0);
-    // All of the kinetic energy went into friction.
+    // All kinetic energy is dissipated by friction.
     assert!((last(&solution, "dissipated_by_friction") - 9.0).abs() < 1e-12);
 }
 
@@ -32,7 +32,7 @@ fn a_block_sticks_just_below_the_angle_of_friction_and_slides_just_above() {
     let acceleration = G * (theta.sin() - mu * theta.cos());
     let error = distance(&solution, "x_dot", |t| acceleration * t);
     assert!(error < 1e-12, "the velocity is off by {error:e}");
-    // What holds a block one degree below the angle, against its weight.
+    // The friction force that balances the weight of a block one degree below the angle of friction.
     let theta = mu.atan() - 1.0_f64.to_radians();
     let solution = stepped(block(theta, mu, 0.0), 1.0, h);
     let force = -last(&solution, "slope_friction") / (2.0 * G);
@@ -47,7 +47,7 @@ fn a_spring_with_friction_stops_after_eight_half_swings() {
             "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot"]}}]});
         stepped(problem, 3.0, h)
     };
-    // Implicit forces damp: the error is of first order.
+    // Implicit forces damp, so the error is of first order.
     let errors = [4e-5, 2e-5].map(|h| (last(&solve_with(h), "x") - 0.02912).abs());
     assert!(errors[1] < 1e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
     let solution = solve_with(2e-5);
@@ -57,7 +57,7 @@ fn a_spring_with_friction_stops_after_eight_half_swings() {
     assert_eq!(last(&solution, "x_dot"), 0.0);
 }
 
-/// A block on a plane, launched at 25 degrees to the corners of a polygon.
+/// A block on a plane, launched at 25 degrees to a corner of the polygon.
 fn launched(cone: Value) -> Value {
     let mut friction = json!({"coefficient": 0.3, "slip": ["x_dot", "y_dot"]});
     for (key, value) in cone.as_object().unwrap() {
@@ -88,7 +88,8 @@ fn the_exact_cone_stops_a_block_on_a_straight_line_and_four_corners_where_their_
 
 #[test]
 fn a_block_thrown_across_a_slope_turns_without_a_stop() {
-    // At an angle phi from the way down its speed is c tan(phi/2)^k / sin phi, with k = mu cot alpha: least where cos phi = k.
+    // At an angle phi from the line of descent the speed is c tan(phi/2)^k / sin phi, with k = mu cot alpha: least
+    // where cos phi = k.
     let mu = 0.4;
     let k = mu * 3.0_f64.sqrt();
     let along = |phi: f64| (0.5 * phi).tan().powf(k) / phi.sin();
@@ -117,8 +118,8 @@ fn a_block_thrown_across_a_slope_turns_without_a_stop() {
     }
 }
 
-/// A disk or sphere of radius 0.1 on a slope; `k` is its moment of inertia over `m R^2`. Members of a JSON value are kept
-/// in alphabetical order: spin, x, y.
+/// A disc or sphere of radius 0.1 on a slope; `k` is its moment of inertia divided by `m R^2`. Members of a JSON value
+/// are sorted by name: spin, x, y.
 fn round(k: f64, mu: f64, theta: f64, velocity: f64) -> Value {
     json!({"parameters": {"theta": theta, "k": k, "R": 0.1},
            "coordinates": {"x": {"initial": 0, "velocity": velocity}, "y": {"initial": "R"}, "spin": {"initial": 0}},
@@ -145,7 +146,7 @@ fn disks_and_spheres_roll_down_a_slope_where_friction_suffices() {
     let acceleration = |k: f64, mu: f64| last(&stepped(round(k, mu, theta, 0.0), 1.0, 0.01), "x_dot");
     assert!((acceleration(0.5, 0.2) - 3.27).abs() < 1e-12);
     assert!((acceleration(0.4, 0.2) - 3.503_571_428_571_428_6).abs() < 1e-12);
-    // The critical coefficients, from both sides.
+    // The critical coefficients of rolling without slip, approached from both sides.
     for (k, critical, rolling) in
         [(0.5, 0.192_450_089_729_875_26, 3.27), (0.4, 0.164_957_219_768_464_5, 3.503_571_428_571_428_6)]
     {
@@ -188,7 +189,7 @@ fn a_ladder_stands_a_hundredth_of_a_degree_above_its_limit_and_slips_below() {
     }
 }
 
-/// A rod that slides on its lower end, leaning so that friction lifts it (Painleve 1895).
+/// A rod sliding on its lower end, leaning so that friction lifts it (Painleve 1895).
 fn rod(degrees: f64, mu: f64) -> Value {
     let mut problem = ladder(degrees, mu, 0.0);
     problem["contacts"].as_array_mut().unwrap().truncate(1);
@@ -206,16 +207,16 @@ fn the_paradox_of_painleve_is_met_by_an_impulse_and_named() {
         assert!(energy.kinetic_at_end <= energy.kinetic_at_start + 9.81 * 0.05);
         solution.diagnostics.warnings.iter().any(|warning| warning.code == "painleve")
     };
-    // The window of angles for mu = 1.5, with the sign of the lean.
+    // The range of angles with a paradox for mu = 1.5, by the sign of the inclination.
     assert!(warned(60.0) && !warned(120.0));
-    // The ends of the window, 50.642 and 73.048 degrees; the rod turns little before it is looked at first.
+    // The ends of the range are 50.642 and 73.048 degrees; the rod rotates little before it is first examined.
     assert!(warned(50.7) && warned(73.0));
     assert!(!warned(45.0) && !warned(135.0));
 }
 
 #[test]
 fn what_rests_has_nothing_to_tell() {
-    // A bead on a turning hoop, and a block that lies on a belt: both stick, at velocities of rounding.
+    // A bead on a rotating hoop, and a block on a belt: both stick, at velocities of the size of rounding.
     let bead = json!({"parameters": {"m": 0.3, "R": 0.5, "g": 9.81, "w": 6},
         "coordinates": {"r": {"initial": "R"}, "turn": {"initial": 0.2}}, "mass": [["m", 0], [0, "m*r^2"]],
         "potential": "-m*g*r*cos(turn) - 0.5*m*w^2*r^2*sin(turn)^2",
@@ -231,8 +232,8 @@ fn what_rests_has_nothing_to_tell() {
 
 #[test]
 fn time_stepping_tells_each_change_of_a_contact_once() {
-    // Thrown on the floor without restitution, it lands, is stopped from 0.4 by mu g = 3, breaks
-    // loose where 3 t - 3 = 3, and is lifted at t = 4.
+    // The block falls onto the floor without restitution, slides to rest from 0.4 with the deceleration mu g = 3, slips
+    // when 3 t - 3 = 3, and detaches at t = 4.
     let block = json!({"coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0.2}}, "mass": [[1, 0], [0, 1]],
         "potential": "10*y", "forces": {"x": "max(3*t - 3, 0)", "y": "10*max(t - 3, 0)"},
         "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot"]}}]});

@@ -1,4 +1,4 @@
-//! Impacts located: as exact as smooth motion is.
+//! Located impacts: as accurate as smooth motion.
 
 use super::{ball, block, located};
 use crate::systems::harness::{column, events, last, solve};
@@ -18,7 +18,7 @@ fn every_bounce_before_the_zeno_point_is_found_and_the_ball_rests_after_it() {
     let solution = located(ball(e), 10.0);
     let impacts = times(&solution, EventKind::Impact);
     let fall = (2.0 / G).sqrt();
-    // t_k = t_1 + 2 t_1 (e + .. + e^k).
+    // Times of the impacts: t_k = t_1 + 2 t_1 (e + .. + e^k).
     let exact = |k: usize| fall * (1.0 + 2.0 * (1..=k).map(|i| e.powi(i as i32)).sum::<f64>());
     assert!(impacts.len() > 150, "{} impacts", impacts.len());
     for (k, t) in impacts.iter().enumerate() {
@@ -29,7 +29,7 @@ fn every_bounce_before_the_zeno_point_is_found_and_the_ball_rests_after_it() {
     assert!(last(&solution, "y").abs() < 1e-12 && last(&solution, "y_dot").abs() < 1e-12);
     let energy = solution.diagnostics.energy.unwrap();
     assert!((energy.lost_in_impacts - G).abs() < 1e-9 && energy.largest_defect < 1e-9, "{energy:?}");
-    // At rest the floor carries the weight.
+    // At rest the floor's force equals the weight.
     let carried = last(&solution, "floor_impulse");
     assert!((carried - 10.0 * G).abs() < 1e-7, "{carried}");
 }
@@ -71,7 +71,7 @@ fn an_elastic_ball_keeps_its_energy_over_a_thousand_bounces() {
 
 #[test]
 fn a_ball_on_a_shaking_table_locks_its_phase() {
-    // Gamma = A w^2/g = 1.2, e = 1/2: cos(w t) = pi (1 - e)/((1 + e) Gamma) at each impact.
+    // Period-one orbit for Gamma = A w^2/g = 1.2, e = 1/2: cos(w t) = pi (1 - e)/((1 + e) Gamma) at each impact.
     let (omega, gamma, e) = (50.0, 1.2, 0.5);
     let amplitude = gamma * G / (omega * omega);
     let phase = (std::f64::consts::PI * (1.0 - e) / ((1.0 + e) * gamma)).acos();
@@ -79,7 +79,7 @@ fn a_ball_on_a_shaking_table_locks_its_phase() {
     let problem = json!({"parameters": {"A": amplitude, "w": omega, "f": phase},
         "coordinates": {"y": {"initial": "A*sin(f)", "velocity": speed}}, "mass": [[1]], "potential": "9.81*y",
         "contacts": [{"name": "table", "gap": "y - A*sin(w*t + f)", "restitution": e}]});
-    // The velocity after an impact: table + flight; the ball starts with it.
+    // The velocity after an impact, table plus flight, is the initial velocity of the ball.
     let table = amplitude * omega * phase.cos();
     let mut problem = problem;
     problem["coordinates"]["y"]["velocity"] = json!(speed);
@@ -112,7 +112,7 @@ fn a_particle_leaves_a_sphere_at_the_time_of_the_theory() {
         "potential": "9.81*y", "contacts": [{"name": "sphere", "gap": "sqrt(x^2 + y^2) - 1"}]});
     let solution = located(problem, 1.0);
     let leaves = times(&solution, EventKind::LiftOff);
-    // Within the tolerance it may come down once more.
+    // Within the tolerance it may touch the surface once more.
     assert!(!leaves.is_empty() && leaves.iter().all(|t| (t - 0.754_238_838_002_552).abs() < 1e-9), "{leaves:?}");
     assert!(solution.diagnostics.energy.unwrap().largest_defect < 1e-8);
 }
@@ -134,7 +134,8 @@ fn a_sliding_block_stops_at_the_time_of_the_theory_and_stays() {
 
 #[test]
 fn a_spinning_disk_is_stopped_by_the_friction_of_its_whole_face() {
-    // Of uniform pressure: the mean of |r x w| over the face, by which friction acts on the spin, is 2/3 R |w|.
+    // Uniform pressure: the mean of |r x w| over the face, from which the friction torque on the spin follows, is 2/3 R
+    // |w|.
     let problem = json!({"parameters": {"R": 0.1, "m": 1.5},
         "coordinates": {"angle": {"initial": 0, "velocity": 20}, "z": {"initial": 0}},
         "mass": [["m*R^2/2", 0], [0, "m"]], "potential": "9.81*m*z",
@@ -179,7 +180,7 @@ fn a_rocking_block_loses_what_housner_says() {
     assert!((impacts[1] - 0.820_592_229_082_600_9).abs() < 1e-8, "{impacts:?}");
     let lowest = solution.trajectory.t.iter().zip(column(&solution, "angle")).filter(|(t, _)| **t < impacts[1]);
     let least = lowest.map(|(_, angle)| *angle).fold(0.0, f64::min);
-    // The steps need not meet the extreme.
+    // The steps need not hit the extreme.
     assert!(least > -0.094_736_793_120_816_74 - 1e-9 && least < -0.08, "{least}");
     let spins: Vec<f64> = column(&solution, "kinetic_energy").to_vec();
     let at = solution.trajectory.t.iter().position(|t| *t == impacts[0]).unwrap();
@@ -232,7 +233,8 @@ fn a_pendulum_on_a_rod_is_the_pendulum_in_its_angle() {
     assert!((last(&rod, "x") - a.sin()).abs() < 1e-7 && (last(&rod, "y") + a.cos()).abs() < 1e-7);
 }
 
-/// Impacts, curves and friction at once: a ball in a rough bowl comes to rest at its bottom, with the books in balance.
+/// Impacts, curvature and friction together: a ball in a rough bowl comes to rest at its bottom, and the energy balance
+/// closes.
 #[test]
 fn the_energy_of_a_ball_in_a_bowl_goes_where_the_books_say() {
     let bowl: Value = json!({"coordinates": {"x": {"initial": -0.5}, "y": {"initial": 0.5}}, "mass": [[1, 0], [0, 1]],

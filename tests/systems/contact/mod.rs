@@ -1,4 +1,4 @@
-//! Mechanical systems with impacts and friction, held to closed forms.
+//! Mechanical systems with impacts and friction, compared with closed forms.
 
 mod between;
 mod energy;
@@ -8,6 +8,7 @@ mod located;
 mod rest;
 mod scenes;
 mod units;
+mod varying;
 
 use crate::systems::harness::solve;
 use dvi::solution::Solution;
@@ -18,7 +19,7 @@ pub fn stepped(problem: Value, end: f64, h: f64) -> Solution {
     solve(&json!({"problem": {"mechanical": problem}, "time": {"end": end}, "method": {"step": h}}))
 }
 
-/// The same with impacts located.
+/// A mechanical problem solved over `[0, end]` with located impacts.
 pub fn located(problem: Value, end: f64) -> Solution {
     solve(&json!({"problem": {"mechanical": problem}, "time": {"end": end},
                   "method": {"impacts": "locate", "rtol": 1e-10, "atol": 1e-13}}))
@@ -30,7 +31,7 @@ pub fn ball(restitution: f64) -> Value {
            "contacts": [{"name": "floor", "gap": "y", "restitution": restitution}]})
 }
 
-/// A block on a slope, with coordinates along it and away from it.
+/// A block on a slope, with coordinates parallel and normal to it.
 pub fn block(theta: f64, mu: f64, velocity: f64) -> Value {
     json!({"parameters": {"theta": theta, "mu": mu},
            "coordinates": {"x": {"initial": 0, "velocity": velocity}, "y": {"initial": 0}},

@@ -1,11 +1,11 @@
-//! Bodies that come to rest on more contacts than they need, and stay.
+//! Bodies that come to rest on redundant contacts, and stay.
 
 use super::located;
 use crate::systems::harness::{column, last};
 use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
 
-/// A block of half width `b` and half height `h` on its two lower corners, with coordinates along a slope.
+/// A block of half width `b` and half height `h` on its two lower corners, with coordinates relative to the slope.
 fn on_corners(parameters: Value, tilt: &str, potential: &str) -> Value {
     json!({"parameters": parameters,
         "coordinates": {
@@ -37,14 +37,15 @@ fn a_block_that_rocks_comes_to_rest_at_the_limit_of_its_blows_and_stays() {
     }
     let blows = solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Impact);
     let last_blow = blows.map(|event| event.t).fold(0.0, f64::max);
-    // At a spin of 1e-7 per second corners rise by less than the rounding of their gaps, 5e-7 s before the limit.
+    // At an angular velocity of 1e-7 per second, 5e-7 s before the limit, corners rise by less than the rounding of
+    // their gaps.
     assert!((last_blow - rest).abs() < 1e-6, "{last_blow}");
 }
 
 #[test]
 fn a_block_rests_on_a_slope_though_half_of_the_friction_is_more_than_its_upper_corner_gives() {
-    // With tan(20 degrees) = 0.364 and b = h the upper corner carries 0.318 of the weight across the slope: 0.159 of it
-    // is all the friction it has, and half of what is needed is 0.182.
+    // With tan(20 degrees) = 0.364 and b = h, the upper corner carries 0.318 of the weight component normal to the
+    // slope. Its friction is at most 0.159 of that component, and half of the required friction is 0.182.
     let problem = on_corners(
         json!({"b": 0.2, "h": 0.2, "mu": 0.5, "theta": 0.349_065_850_398_865_9}),
         "0",
@@ -59,7 +60,8 @@ fn a_block_rests_on_a_slope_though_half_of_the_friction_is_more_than_its_upper_c
 
 #[test]
 fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
-    // The centre of mass, which is pushed, is not in the middle of the feet, so that each carries another load.
+    // The centre of mass, where the force acts, is not at the centre of the feet, so that each foot has a different
+    // load.
     let feet = [(-0.7, -0.3), (0.3, -0.3), (0.3, 0.5), (-0.7, 0.5)];
     let contacts: Vec<Value> = feet
         .iter()
@@ -83,7 +85,7 @@ fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
     let limit = 0.4 * 98.1 / 13.0;
     assert!(!starts.is_empty() && starts.iter().all(|t| (t - limit).abs() < 1e-8), "{:?}, not {limit}", starts.first());
     assert!(solution.diagnostics.steps.accepted < 200, "{:?}", solution.diagnostics.steps);
-    // From then on m x'' = 13 (t - limit) along the push.
+    // After slip begins, m x'' = 13 (t - limit) in the direction of the force.
     let moved = 13.0 * (4.0 - limit).powi(3) / 60.0;
     let (x, y) = (last(&solution, "x"), last(&solution, "y"));
     assert!((x - moved * 12.0 / 13.0).abs() < 1e-7 && (y - moved * 5.0 / 13.0).abs() < 1e-7, "{x} {y} {moved}");
@@ -96,7 +98,7 @@ fn a_force_that_leaves_zero_as_a_high_power_of_time_lifts_a_body() {
             "forces": {"y": format!("(t/T - 1)^{power}/T^2")}, "contacts": [{"name": "floor", "gap": "y"}]});
         let solution = located(problem, 3.0 * unit);
         let rises = f64::from(power + 1) * f64::from(power + 2);
-        // y = (t - 1)^(p + 2)/((p + 1) (p + 2)) from t = 1 on.
+        // The exact height is y = (t - 1)^(p + 2)/((p + 1) (p + 2)) for t >= 1.
         let exact = 2.0_f64.powi(power + 2) / rises;
         let error = last(&solution, "y") / exact - 1.0;
         assert!(error.abs() < 1e-8, "power {power}, unit {unit:e}: {error:e}");

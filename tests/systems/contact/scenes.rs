@@ -1,4 +1,4 @@
-//! Whole scenes: curved gaps, joints, a toy.
+//! Larger systems: curved gaps, joints, a toy.
 
 use super::stepped;
 use crate::systems::harness::{column, events, last, solve};
@@ -35,7 +35,7 @@ fn a_double_pendulum_on_rods_keeps_their_lengths_and_moves_as_one_in_angles() {
         let angles = stepped(angles.clone(), end, h);
         ([last(&rods, "x1"), last(&rods, "y1")], last(&angles, "a"))
     };
-    // Both forms converge to one motion, at first order.
+    // Both formulations converge to the same motion, at first order.
     let distance = |h: f64| {
         let ([x, y], a) = place(h);
         (x - a.sin()).hypot(y + a.cos())

@@ -1,4 +1,4 @@
-//! An arch of stones, held up by nothing but their weight and friction.
+//! An arch of stones, supported by weight and friction alone.
 
 use super::on_the_ground;
 use crate::systems::harness::{column, solve};
@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 
 const STONES: usize = 11;
 
-/// The corners of a stone of a half circle of mean radius 1, thickness `t` and depth 0.5.
+/// The vertices of a stone of a semicircular arch of mean radius 1, thickness `t` and depth 0.5.
 fn stone(k: usize, t: f64) -> Value {
     let mut points = Vec::new();
     for side in [k, k + 1] {
@@ -38,7 +38,7 @@ fn a_thick_arch_of_eleven_stones_stands() {
     }
 }
 
-/// A half circle stands from a thickness of 0.1075 of its radius on (Milankovitch 1907; Heyman 1969).
+/// A semicircular arch stands if its thickness is at least 0.1075 of its radius (Milankovitch 1907; Heyman 1969).
 #[test]
 fn an_arch_thinner_than_any_line_of_thrust_falls() {
     let solution = solve(&arch(0.06));

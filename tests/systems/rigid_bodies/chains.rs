@@ -1,4 +1,4 @@
-//! Chains, closed loops and tops: joints under tension, each against an answer from outside.
+//! Chains, closed loops and tops: joints under tension, each compared with an answer from outside.
 
 use super::weightless;
 use crate::systems::harness::{column, last, solve};
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 const G: f64 = 9.81;
 
-/// Links of 0.1 m along x from the origin, of 0.1 kg each, and a ball of this mass fixed to the last one's end.
+/// Links of 0.1 m and 0.1 kg along x from the origin, and a ball of the given mass fixed to the end of the last one.
 fn chain(links: usize, ball: f64, end: f64, step: f64) -> Value {
     let turn = std::f64::consts::FRAC_1_SQRT_2;
     let mut bodies = Vec::new();
@@ -33,8 +33,8 @@ fn chain(links: usize, ball: f64, end: f64, step: f64) -> Value {
     })
 }
 
-/// What becomes of energy and joints, as parts of the largest kinetic energy and of a link: energy beyond that of the start,
-/// energy that the balance lacks, and the drift of joints.
+/// Faults of energy and joints, relative to the largest kinetic energy and to a link: energy above the initial one,
+/// defect of the energy balance, and drift of joints.
 fn faults(solution: &Solution) -> [f64; 3] {
     let (kinetic, potential) = (column(solution, "kinetic_energy"), column(solution, "potential_energy"));
     let largest = kinetic.iter().copied().fold(0.0, f64::max);
@@ -54,10 +54,10 @@ fn a_chain_of_light_links_with_a_heavy_end_keeps_its_energy_and_its_joints() {
     }
 }
 
-/// The same three links in their angles from the vertical, exactly as Lagrange has them, by Radau IIA.
+/// Reference: the three links in their angles from the vertical, by Lagrange's equations and Radau IIA.
 #[test]
 fn a_ball_on_three_light_links_swings_as_in_generalised_coordinates() {
-    // Multiples of the length of a link at which the centres are, by angle; masses.
+    // Distances of the centres by angle, in multiples of the length of a link, and masses.
     let bodies = [([0.5, 0.0, 0.0], 0.1), ([1.0, 0.5, 0.0], 0.1), ([1.0, 1.0, 0.5], 0.1), ([1.0, 1.0, 1.0], 100.0)];
     let sum = |of: &dyn Fn(&[f64; 3]) -> f64| bodies.iter().map(|(at, mass)| mass * of(at)).sum::<f64>();
     let inertia = [1e-4, 1e-4, 1e-4 + 0.036];
@@ -85,14 +85,16 @@ fn a_ball_on_three_light_links_swings_as_in_generalised_coordinates() {
         let solution = solve(&chain(3, 100.0, 0.5, step));
         (last(&solution, "ball.x") - x).hypot(last(&solution, "ball.z") - z)
     };
-    // The links swing under tension at some 600 rad/s: long steps do not resolve that, and the ball is right all the same.
+    // The links swing under tension at some 600 rad/s: long steps do not resolve this, and the ball is right
+    // nonetheless.
     let long = error(2e-3);
     assert!(long < 3e-5, "{long:e}");
     let (coarse, fine) = (error(6.25e-5), error(3.125e-5));
     assert!(fine < 1e-7 && (coarse / fine).log2() > 1.9, "{coarse:e} {fine:e}");
 }
 
-/// A free chain that turns as one body does so for ever: energy, momentum and its straightness are kept whatever the step.
+/// A free straight chain rotates for ever as one body: energy, momentum and straightness are conserved for any step
+/// size.
 #[test]
 fn a_straight_chain_without_weight_turns_as_one_body_in_long_steps() {
     let mut specification = weightless(chain(20, 0.0, 20.0, 0.05));
@@ -105,14 +107,15 @@ fn a_straight_chain_without_weight_turns_as_one_body_in_long_steps() {
     let solution = solve(&specification);
     let [gain, lacking, drift] = faults(&solution);
     assert!(gain < 1e-12 && lacking < 1e-12 && drift < 1e-12, "{gain:e} {lacking:e} {drift:e}");
-    // Chords instead of arcs: an angle of 2 atan(h w / 2) a step.
+    // The scheme moves along chords instead of arcs: an angle of 2 atan(h w / 2) per step.
     let angle = 2.0 * (0.05_f64 * 3.0 / 2.0).atan() * 400.0;
     let [x, z] =
         ["x", "z"].map(|axis| last(&solution, &format!("l19.{axis}")) - last(&solution, &format!("l0.{axis}")));
     assert!((x - 1.9 * angle.cos()).abs() < 1e-9 && (z + 1.9 * angle.sin()).abs() < 1e-9, "{x} {z}");
 }
 
-/// `A W^2 cos a - C n W + m g l = 0` for the precession `W` of a top at an angle `a` (Goldstein, *Classical Mechanics*, 5.7).
+/// Steady precession `W` of a top at an angle `a`: `A W^2 cos a - C n W + m g l = 0` (Goldstein, *Classical Mechanics*,
+/// 5.7).
 #[test]
 fn a_spinning_top_precesses_steadily_at_second_order() {
     let (l, across, along, tilt, precession) = (0.3_f64, 0.003, 0.004, 0.5_f64, 2.0);
@@ -139,7 +142,7 @@ fn a_spinning_top_precesses_steadily_at_second_order() {
     assert!(coarse < 2e-4 && (coarse / fine).log2() > 1.9, "{coarse:e} {fine:e}");
 }
 
-/// Four bars in a square whose hinges say things twice: the least change of velocities in the norm of the masses, by the
+/// Four bars in a square with redundant hinges. The least change of velocities in the norm of the mass matrix, by the
 /// pseudoinverse of `G M^-1 G^T`, leaves an energy of 0.08261986301369863 J of the 0.125 J of one bar.
 #[test]
 fn a_redundant_loop_takes_no_more_energy_than_its_joints_must() {

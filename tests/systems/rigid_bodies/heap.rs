@@ -1,5 +1,5 @@
-//! The heap of spheres: layers of radius 0.1 m that start in a loose grid, each a little off its place, and fall between
-//! four walls; friction 0.5, no restitution, steps of 2 ms.
+//! A heap of spheres: layers of radius 0.1 m that start in a loose grid with small random displacements, and fall
+//! between four walls; friction 0.5, no restitution, steps of 2 ms.
 
 use dvi::contact::law::Cone;
 use dvi::contact::{ImpactLaw, Settings};
@@ -7,13 +7,13 @@ use dvi::models::rigid_bodies::{Body, Collider, Law, Laws, MultibodySystem, Shap
 use nalgebra::{Isometry3, Matrix3, Vector3};
 use std::collections::HashSet;
 
-/// Of every sphere, in metres.
+/// Radius of every sphere, in metres.
 pub const RADIUS: f64 = 0.1;
 
-/// Seconds a step.
+/// Step size, in seconds.
 pub const H: f64 = 2e-3;
 
-/// Of every run.
+/// Settings of every run.
 pub const SETTINGS: Settings =
     Settings { step: H, default_step: false, impact_law: ImpactLaw::Simultaneous, tolerance: 1e-6 };
 
@@ -35,7 +35,7 @@ fn body(shape: Shape, at: Vector3<f64>, mass: f64) -> Body {
     }
 }
 
-/// `side` spheres in each direction.
+/// A heap with `side` spheres in each direction.
 pub fn scene(side: usize) -> MultibodySystem {
     let mut random = 1_u64;
     let mut jitter = || {

@@ -1,5 +1,5 @@
-//! Many spheres strike each other at once: the law holds in every step, and bodies neither sink into each other nor gain
-//! energy.
+//! Simultaneous impacts of many spheres: the contact law is satisfied in every step, and bodies neither penetrate each
+//! other nor gain energy.
 
 use super::heap::{H, RADIUS, SETTINGS, scene};
 use dvi::models::rigid_bodies::MoreauStepping;
@@ -19,6 +19,6 @@ fn a_heap_of_spheres_that_falls_obeys_the_law_in_every_step() {
         assert!(energy <= last + 1e-9 * start, "step {step}: energy {last} becomes {energy}");
         (last, most) = (energy, most.max(report.closed));
     }
-    // A quarter of the energy is lost, and more contacts carry than there are spheres.
+    // A quarter of the energy is dissipated, and there are more closed contacts than spheres.
     assert!(last < 0.75 * start && most > 150, "{last} of {start}, {most} contacts");
 }

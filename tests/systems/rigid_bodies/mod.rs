@@ -1,4 +1,4 @@
-//! Rigid bodies in space, from specification to trajectory, each against a closed form.
+//! Rigid bodies in space, from specification to trajectory, each compared with a closed form.
 
 mod arches;
 mod chains;
@@ -10,6 +10,7 @@ mod heap;
 mod heaps;
 mod impacts;
 mod joints;
+mod mounts;
 mod stacks;
 
 use serde_json::{Value, json};
@@ -26,13 +27,13 @@ fn on_the_ground(bodies: &[Value], contacts: &Value, end: f64, step: f64) -> Val
     })
 }
 
-/// The same without gravity.
+/// The specification without gravity.
 fn weightless(mut specification: Value) -> Value {
     specification["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);
     specification
 }
 
-/// A box, a capsule, a hull and a sphere that fall on each other.
+/// A box, a capsule, a hull and a sphere that fall onto each other.
 fn falling_on_each_other() -> Value {
     let shapes = [
         json!({"box": {"size": [1, 1, 1]}}),

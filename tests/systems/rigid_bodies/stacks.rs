@@ -34,6 +34,6 @@ fn a_box_that_lands_askew_on_another_comes_to_lie_flat() {
     let at_end = |name: &str| column(&solution, name)[100];
     assert!((at_end("upper.z") - 1.5).abs() < 1e-6, "{}", at_end("upper.z"));
     assert!(at_end("kinetic_energy") < 1e-12);
-    // Flat: of the quaternion only the turn about z is left.
+    // The box lies flat: its quaternion is a rotation about z.
     assert!(at_end("upper.qx").hypot(at_end("upper.qy")) < 1e-6);
 }

@@ -1,9 +1,9 @@
-//! Rigid bodies: joints that tear, energies from nothing, scenes at rest.
+//! Rigid bodies: joints that fail, energy errors, bodies at rest.
 
 use super::*;
 use crate::systems::harness::column;
 
-/// Links on ball joints, let go horizontally, with a ball at the end.
+/// Links on ball joints, released horizontally, with a ball at the end.
 fn chain(links: usize, mass: f64, step: f64, unit: f64) -> Value {
     let (length, turn) = (0.1 * unit, [0.5_f64.sqrt(), 0.0, 0.5_f64.sqrt(), 0.0]);
     let mut bodies = Vec::new();
@@ -39,7 +39,8 @@ fn a_box_at_rest_gains_nothing_and_is_trusted_in_any_units() {
 
 #[test]
 fn cards_that_lean_against_each_other_stand_where_statics_says_so() {
-    // A card of this thickness whose lower edge is at the floor and whose upper edge meets the other's at x = 0.
+    // A card of the given thickness, with its lower edge on the floor and its upper edge touching the other card's at x
+    // = 0.
     for (degrees, friction, stands) in
         [(20.0_f64, 0.25, true), (20.0, 0.12, false), (30.0, 0.35, true), (12.0, 0.13, true)]
     {
@@ -69,7 +70,8 @@ fn a_chain_of_light_links_with_a_heavy_end_is_trusted_in_any_units() {
     for unit in [1.0, 1e3] {
         let solution = solve(&chain(10, 100.0, 2e-3, unit));
         assert_trusted(&solution);
-        // It once gained 33 digits of energy; now it may lose one part in a hundred of the largest there is in motion.
+        // An early version gained 33 digits of energy; the permitted defect is a hundredth of the largest kinetic
+        // energy.
         let (kinetic, potential) = (column(&solution, "kinetic_energy"), column(&solution, "potential_energy"));
         let largest = kinetic.iter().copied().fold(0.0, f64::max);
         let energy = solution.diagnostics.energy.as_ref().expect("a balance");

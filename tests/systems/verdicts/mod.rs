@@ -1,4 +1,5 @@
-//! Verdicts of runs with contacts, obstacles and memory: what is right is trusted, what is wrong is not, in any units.
+//! Verdicts on runs with contacts, obstacles and memory: right answers are trusted and wrong ones are not, in any
+//! units.
 
 mod bodies;
 mod impacts;
@@ -8,12 +9,12 @@ use super::harness::{last, solve};
 use dvi::solution::{CheckCode, Solution};
 use serde_json::{Value, json};
 
-/// The codes that speak against an answer.
+/// The codes of the reasons against an answer.
 fn reasons(solution: &Solution) -> Vec<CheckCode> {
     solution.verdict.because.iter().map(|reason| reason.code).collect()
 }
 
-/// The ratio of what was measured to what is allowed.
+/// The ratio of the measured to the permitted value.
 fn excess(solution: &Solution, code: CheckCode) -> f64 {
     let (value, allowed) = solution.diagnostics.checks.get(code).unwrap_or_else(|| panic!("no check {code:?}"));
     value / allowed

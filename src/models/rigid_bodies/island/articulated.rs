@@ -23,13 +23,14 @@
 mod compliance;
 mod contacts;
 mod displacement;
+mod restoration;
 
 use super::super::contact::Contact;
 use super::super::drive::DriveState;
 use super::super::linkage::Linked;
-use super::super::midpoint::{CONVERGED, Midpoint, apart, join};
+use super::super::midpoint::{CONVERGED, Midpoint, apart, join, twist};
 use super::super::motion::Motion;
-use super::{Carried, Island, Mechanism, Unsolved, Work};
+use super::{Carried, Guess, Island, Mechanism, Unsolved, Work};
 use contact::law::Law;
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
@@ -53,6 +54,13 @@ const STIFF: f64 = 1e-2;
 /// Limit on Newton iterations: three to six suffice unless the step is too long.
 const ITERATIONS: usize = 12;
 
+/// The bound on the error that iterations leave, relative to the change at which they end anyway. It rests on the ratio of
+/// two changes, which may be off by as much.
+const AHEAD: f64 = 0.1;
+
+/// Steps up to this multiple of a length are as long: lengths are products with powers of two, but for rounding.
+const WITHIN: f64 = 1.0 + 1e-9;
+
 /// The relative change of velocities below which a stagnating iteration with contacts counts as converged: the accuracy
 /// left by the tolerance of the contact law, 1e-4 of this value, for mass ratios of 1e4. A larger value would cause
 /// visible joint drift.
@@ -73,6 +81,7 @@ type Home = (usize, usize);
 struct Kept {
     moving: Vec<Motion>,
     joints: Vec<(Vec<Vector6<f64>>, Vec<DriveState>)>,
+    accelerations: Vec<Option<Vector6<f64>>>,
     t: f64,
     done: Work,
     steps: u64,
@@ -81,11 +90,13 @@ struct Kept {
 impl Kept {
     fn of(island: &Island, linked: &[Linked<'_>]) -> Self {
         let joints = linked.iter().map(|linked| (linked.forces.clone(), linked.states.clone())).collect();
-        Self { moving: island.moving.clone(), joints, t: island.t, done: island.done, steps: island.steps }
+        let (moving, accelerations) = (island.moving.clone(), island.accelerations.clone());
+        Self { moving, joints, accelerations, t: island.t, done: island.done, steps: island.steps }
     }
 
     fn restore(&self, island: &mut Island, linked: &mut [Linked<'_>]) {
         island.moving.clone_from(&self.moving);
+        island.accelerations.clone_from(&self.accelerations);
         (island.t, island.done, island.steps) = (self.t, self.done, self.steps);
         for (linked, (forces, states)) in linked.iter_mut().zip(&self.joints) {
             linked.forces.clone_from(forces);
@@ -122,15 +133,26 @@ impl Island {
     /// repeated with the closing contacts.
     pub(super) fn solve_joined(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
         let (mut linked, homes) = self.linked(mechanism);
+        self.accelerations.clear();
+        self.accelerations.resize(self.bodies.len(), None);
+        for (linked, carried) in linked.iter().zip(&self.carried) {
+            for (&body, acceleration) in linked.bodies.iter().zip(&carried.accelerations) {
+                self.accelerations[body as usize] = Some(*acceleration);
+            }
+        }
         let is_solved = self.step_without_contacts(&mut linked, h, mechanism, control).unwrap_or_else(|closing| {
-            self.step_with_contacts(closing, &mut linked, &homes, h, mechanism, law, control)
+            // A step that the last ones show to be too long is not tried.
+            (h <= self.parts.pushed * WITHIN || self.is_shortest)
+                && self.step_with_contacts(closing, &mut linked, &homes, h, mechanism, law, control)
         });
         if !is_solved {
             self.unsolved = Some(Unsolved::TooLong);
         }
         for (carried, linked) in self.carried.iter_mut().zip(linked) {
+            let of_bodies = linked.bodies.iter().map(|&body| self.accelerations[body as usize]);
+            carried.accelerations = of_bodies.collect::<Option<_>>().unwrap_or_default();
             (carried.tensions, carried.states, carried.reactions) = (linked.forces, linked.states, linked.reactions);
-            (carried.largest_energy, carried.halvings) = (self.largest_energy, self.halvings);
+            (carried.largest_energy, carried.parts) = (self.largest_energy, self.parts);
         }
     }
 
@@ -152,6 +174,8 @@ impl Island {
         } else {
             let kept = Kept::of(self, linked);
             let is_solved = self.advance_in_parts(linked, h, mechanism, 0, control);
+            // The last part of several is no guess for the whole.
+            self.guess = self.guess.take().filter(|_| self.steps == kept.steps + 1);
             if self.contacts.is_empty() || control.go_on().is_err() {
                 return Ok(is_solved);
             }
@@ -166,7 +190,7 @@ impl Island {
         Err(self.contacts.iter().map(|contact| carries(contact) || contact.stays_closed()).collect())
     }
 
-    /// Makes a step without contacts, with as many halvings as in the last step, and fewer if the loss permits.
+    /// Makes a step without contacts, in parts as long as in the last step, and longer if the loss permits.
     fn advance_in_parts(
         &mut self,
         linked: &mut [Linked<'_>],
@@ -178,12 +202,12 @@ impl Island {
         if control.go_on().is_err() {
             return true;
         }
-        if halvings >= self.halvings {
+        if h <= self.parts.free * WITHIN || halvings == HALVINGS {
             if let Some(room) = self.advance_freely(linked, h, mechanism) {
-                self.halvings = if room > ROOM { halvings.saturating_sub(1) } else { halvings };
+                self.parts.free = if room > ROOM { 2.0 * h } else { h };
                 return true;
             }
-            self.halvings = (halvings + 1).min(HALVINGS);
+            self.parts.free = 0.5 * h;
         }
         halvings < HALVINGS
             && self.advance_in_parts(linked, 0.5 * h, mechanism, halvings + 1, control)
@@ -201,7 +225,10 @@ impl Island {
         let weight = |motion: &Motion| join(&(mechanism.gravity * (motion.mass * h)), &Vector3::zeros());
         // Bodies from explicit islands may have velocities of the midpoint of their last step.
         let start = self.moving.iter().map(|motion| motion.kicked(&(mechanism.gravity * motion.lag)));
-        Midpoint::new(start.collect(), self.moving.iter().map(weight).collect(), self.actions.clone(), [self.t, h])
+        let forces = self.moving.iter().map(weight).collect();
+        let mut midpoint = Midpoint::new(start.collect(), forces, self.actions.clone(), [self.t, h]);
+        midpoint.extrapolate(&self.accelerations);
+        midpoint
     }
 
     /// Makes a step without contacts; returns the ratio of admissible to actual projection loss, or `None` if the step
@@ -209,7 +236,9 @@ impl Island {
     fn advance_freely(&mut self, linked: &mut [Linked<'_>], h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
         let mut midpoint = self.midpoint(h, mechanism);
         let course = mechanism.signals.over(self.t, h);
-        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course));
+        let t = self.t;
+        let ground = |k: u32| mechanism.grounding(k, t, h);
+        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course, ground));
         let (mut iterations, mut last) = (0, f64::INFINITY);
         while !iterate(&mut midpoint, linked, &mut last, |_, _| true) {
             iterations += 1;
@@ -218,7 +247,8 @@ impl Island {
                 return None;
             }
         }
-        let (velocities, lost, driven) = end(&midpoint, linked)?;
+        let Ended { velocities, lost, driven } = end(&midpoint, linked)?;
+        let lost: f64 = lost.iter().sum();
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
         let largest = self.largest_energy.max(energy).max(0.5 * midpoint.size());
         let most = LOSS * largest;
@@ -227,6 +257,7 @@ impl Island {
         }
         self.arrive(&midpoint, linked, &velocities, energy);
         self.done.drives += driven;
+        self.guess = Some(Guess::of(midpoint, linked));
         Some(if lost > 0.0 { most / lost } else { f64::INFINITY })
     }
 
@@ -236,6 +267,9 @@ impl Island {
             let (velocity, omega) = apart(velocities);
             motion.arrive(&moved.pose, &velocity, &omega);
         }
+        let changes = velocities.iter().zip(&midpoint.start).map(|(end, start)| (end - twist(start)) / midpoint.h);
+        self.accelerations.clear();
+        self.accelerations.extend(changes.map(Some));
         for linked in linked {
             linked.end(midpoint);
             self.done.drives += linked.done.drives;
@@ -275,25 +309,47 @@ fn iterate(
     }
     midpoint.arrive();
     let change = (midpoint.weigh(&changes) / size).sqrt();
+    // Changes that fall faster than in proportion leave an error below the last one times its ratio to the one before.
+    let left = if last.is_finite() && change < *last { change * (change / *last) } else { f64::INFINITY };
     // Without any velocities the scale is zero, and `change` is not a number.
-    let is_over = change <= CONVERGED || midpoint.weigh(&changes) == 0.0 || change >= 0.5 * *last && change <= STAGNANT;
+    let is_over = change <= CONVERGED
+        || left <= AHEAD * CONVERGED
+        || midpoint.weigh(&changes) == 0.0
+        || change >= 0.5 * *last && change <= STAGNANT;
     *last = change;
     is_over
 }
 
-/// The velocities at the end of the step projected onto the joint constraints, the energy loss by the projection, and
-/// the work of drives in it. The matrices of the linkages are then those of the end of the step.
-fn end(midpoint: &Midpoint, linked: &mut [Linked<'_>]) -> Option<(Vec<Vector6<f64>>, f64, f64)> {
+impl Guess {
+    fn of(midpoint: Midpoint, linked: &[Linked<'_>]) -> Self {
+        Self { mean: midpoint.mean, impulses: linked.iter().map(|linked| linked.impulses().to_vec()).collect() }
+    }
+}
+
+/// The end of a step.
+struct Ended {
+    /// The velocities projected onto the joint constraints.
+    velocities: Vec<Vector6<f64>>,
+    /// The energy loss by the projection, by linkage.
+    lost: Vec<f64>,
+    /// The work of drives in the projection.
+    driven: f64,
+}
+
+/// Projects the velocities at the end of the step onto the joint constraints. The matrices of the linkages are then those
+/// of the end of the step.
+fn end(midpoint: &Midpoint, linked: &mut [Linked<'_>]) -> Option<Ended> {
     let moved = midpoint.moved_bodies();
-    let mut velocities = midpoint.end_velocities();
-    let energy = midpoint.kinetic_energy_at_end(&velocities);
-    let mut driven = 0.0;
+    let mut ended =
+        Ended { velocities: midpoint.end_velocities(), lost: Vec::with_capacity(linked.len()), driven: 0.0 };
     for linked in linked {
         if !linked.hold(&midpoint.ends, &moved) {
             return None;
         }
-        driven += linked.project(&midpoint.ends, &mut velocities, false);
+        let before = midpoint.kinetic_energy_at_end(&linked.bodies, &ended.velocities);
+        let driven = linked.project(&midpoint.ends, &mut ended.velocities, false);
+        ended.lost.push(before + driven - midpoint.kinetic_energy_at_end(&linked.bodies, &ended.velocities));
+        ended.driven += driven;
     }
-    let lost = energy + driven - midpoint.kinetic_energy_at_end(&velocities);
-    Some((velocities, lost, driven))
+    Some(ended)
 }

@@ -39,6 +39,17 @@ pub struct Plan {
     entries: usize,
 }
 
+/// The slots of the blocks that a joint contributes to, for its first and its second body; zero for a body that is none.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct JointSlots {
+    /// Rows of the joint and columns of a body.
+    pub rows: [u32; 2],
+    /// Rows of a body and columns of the joint.
+    pub columns: [u32; 2],
+    /// Rows of a body and columns of a body.
+    pub bodies: [[u32; 2]; 2],
+}
+
 /// The position and size of a column-major block.
 #[derive(Clone, Copy, Debug)]
 struct Block {
@@ -145,6 +156,17 @@ impl Plan {
         2 * self.entries * size_of::<f64>() + 3 * lists + pairs + headers + blocks
     }
 
+    /// The slots of the node `joint` between a pair of bodies.
+    pub fn slots_of_joint(&self, joint: u32, pair: [Option<u32>; 2]) -> JointSlots {
+        let of = |body: Option<u32>, slot: &dyn Fn(u32) -> u32| body.map_or(0, slot);
+        JointSlots {
+            rows: pair.map(|body| of(body, &|body| self.slot(joint, body))),
+            columns: pair.map(|body| of(body, &|body| self.slot(body, joint))),
+            bodies: pair
+                .map(|body| pair.map(|other| of(body.and(other), &|other| self.slot(body.unwrap_or(other), other)))),
+        }
+    }
+
     /// The slot of the block with the given row and column.
     pub fn slot(&self, row: u32, column: u32) -> u32 {
         if row == column { row } else { self.slots[&(row, column)] }
@@ -174,9 +196,12 @@ impl Blocks {
         }
     }
 
-    /// Factorises in place, with `diagonals` added to the joint blocks; returns false if a pivot is singular.
-    pub fn factorise(&mut self, plan: &Plan, diagonals: &[Vector6<f64>]) -> bool {
-        self.whole.clone_from(&self.blocks);
+    /// Factorises in place, with `diagonals` added to the joint blocks; returns false if a pivot is singular. Keeps the
+    /// matrix for [`solve_without_diagonals`](Self::solve_without_diagonals) if that `is_refined`.
+    pub fn factorise(&mut self, plan: &Plan, diagonals: &[Vector6<f64>], is_refined: bool) -> bool {
+        if is_refined {
+            self.whole.clone_from(&self.blocks);
+        }
         let bodies = plan.nodes - diagonals.len();
         for (block, diagonal) in plan.blocks[bodies..plan.nodes].iter().zip(diagonals) {
             (0..block.rows).for_each(|i| self.blocks[block.at + i * (block.rows + 1)] += diagonal[i]);
@@ -301,7 +326,7 @@ mod tests {
                 .map(|node| Vector6::from_fn(|i, _| if i < size(node) { random() } else { 0.0 }))
                 .collect();
             let mut x = right.clone();
-            assert!(blocks.factorise(&plan, &vec![Vector6::zeros(); joints.len()]));
+            assert!(blocks.factorise(&plan, &vec![Vector6::zeros(); joints.len()], false));
             blocks.solve(&plan, &mut x);
             let mut rest = right;
             for (i, j, block) in entries {

@@ -16,16 +16,17 @@ mod dense;
 mod elimination;
 mod tangent;
 
-pub use elimination::{Blocks, Plan};
+pub use elimination::{Blocks, JointSlots, Plan};
 
 use super::drive::{Done, DriveState, Driving};
 use super::frame::Frame;
 use super::joint::{Joint, Reaction, Row};
 use super::midpoint::{Midpoint, apart as apart_of};
 use super::motion::Motion;
+use super::prescribed::Grounding;
 use super::signals::SignalStep;
 use contact::islands::Islands;
-use nalgebra::{Matrix3, Matrix6, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// Regularising diagonal of a joint, relative to the mobility of its bodies, so that redundant joints of a loop give a
 /// regular matrix. Redundant forces are accurate to rounding over this value, `2e-5`. Two refinements reduce the error
@@ -36,6 +37,15 @@ const REDUNDANT: f64 = 1e-11;
 /// Iterations of the projection of velocities; the second and the third reduce rounding errors.
 const PASSES: usize = 3;
 
+/// An instant of a step at which frames are evaluated.
+#[derive(Clone, Copy, Debug)]
+enum Instant {
+    Start,
+    /// The mean of both ends.
+    Mean,
+    End,
+}
+
 /// Bodies connected by joints.
 #[derive(Clone, Debug, Default)]
 pub struct Linkage {
@@ -45,14 +55,19 @@ pub struct Linkage {
     pub joints: Vec<u32>,
     /// The bodies of each joint, as indices into `bodies`.
     pairs: Vec<[Option<u32>; 2]>,
+    /// The second body of each joint, as an index among the bodies with prescribed motion.
+    grounds: Vec<Option<u32>>,
     plan: Plan,
+    /// The blocks of each joint.
+    slots: Vec<JointSlots>,
     /// Whether joints form a loop and may be redundant.
     has_loops: bool,
 }
 
 impl Linkage {
-    /// All linkages of the joints; `places` are the indices of the system's bodies among the `moving` bodies.
-    pub fn all(joints: &[Joint], places: &[Option<u32>], moving: usize) -> Vec<Self> {
+    /// All linkages of the joints; `places` are the indices of the system's bodies among the `moving` bodies, `given` those
+    /// among the bodies with prescribed motion.
+    pub fn all(joints: &[Joint], places: &[Option<u32>], given: &[Option<u32>], moving: usize) -> Vec<Self> {
         let of = |joint: &Joint| {
             let [a, b] = joint.places(&|body| places[body]);
             (a.unwrap_or(0) as usize, b.map(|b| b as usize))
@@ -70,7 +85,12 @@ impl Linkage {
             let nodes = bodies.len() + usize::from(pairs.iter().any(|pair| pair.contains(&None)));
             let has_loops = pairs.len() >= nodes;
             let equations: Vec<usize> = joints_of.iter().map(|joint| joints[*joint as usize].rank()).collect();
-            Self { plan: Plan::new(bodies.len(), &pairs, &equations), bodies, joints: joints_of, pairs, has_loops }
+            let ground = |joint: &u32| joints[*joint as usize].bodies.1.and_then(|body| given[body]);
+            let grounds = joints_of.iter().map(ground).collect();
+            let plan = Plan::new(bodies.len(), &pairs, &equations);
+            let nodes = (bodies.len() as u32..).zip(&pairs);
+            let slots = nodes.map(|(node, pair)| plan.slots_of_joint(node, *pair)).collect();
+            Self { plan, bodies, joints: joints_of, pairs, grounds, slots, has_loops }
         };
         (0..islands.len()).map(linkage).collect()
     }
@@ -110,6 +130,11 @@ pub struct Linked<'a> {
     /// Whether the last linear system had a solution.
     pub is_solved: bool,
     matrix: Blocks,
+    /// The motion of the second body of each joint where it does not move by its mass, in the current step.
+    groundings: Vec<Grounding>,
+    /// The velocities that each joint has at the end of the step, less those of bodies that move by their masses: those of
+    /// motors, and of bodies with prescribed motion.
+    rates: Vec<Vector6<f64>>,
     /// The regularising joint diagonals, see [`REDUNDANT`].
     diagonals: Vec<Vector6<f64>>,
     /// The right-hand side of a linear system, replaced by its solution.
@@ -135,6 +160,8 @@ impl<'a> Linked<'a> {
         Self {
             corrections: impulses.clone(),
             reactions,
+            groundings: vec![Grounding::WORLD; joints.len()],
+            rates: vec![Vector6::zeros(); joints.len()],
             diagonals,
             states,
             driving,
@@ -150,8 +177,12 @@ impl<'a> Linked<'a> {
         }
     }
 
-    /// Begins a step, with the joint forces of the last step as initial guess.
-    pub fn begin(&mut self, starts: &[Frame], course: &SignalStep) {
+    /// Begins a step, with the joint forces of the last step as initial guess; `ground` gives the motion of a body with
+    /// prescribed motion over the step.
+    pub fn begin(&mut self, starts: &[Frame], course: &SignalStep, ground: impl Fn(u32) -> Grounding) {
+        for (grounding, of) in self.groundings.iter_mut().zip(&self.linkage.grounds) {
+            *grounding = of.map_or(Grounding::WORLD, &ground);
+        }
         let h = course.h;
         self.impulses.iter_mut().zip(&self.forces).for_each(|(impulse, force)| *impulse = force * h);
         self.corrections.fill(Vector6::zeros());
@@ -159,7 +190,7 @@ impl<'a> Linked<'a> {
         self.done = Done::default();
         for k in 0..self.joints.len() {
             if let Some(drive) = &self.joints[k].drive {
-                let frames = self.frames(starts, k);
+                let frames = self.frames(starts, Instant::Start, k);
                 let (_, apart) = self.joints[k].arms(frames);
                 let start = drive.value(frames, &apart, self.states[k].coordinate);
                 self.driving[k] = drive.begin(start, &self.states[k], course);
@@ -168,10 +199,10 @@ impl<'a> Linked<'a> {
     }
 
     /// The value of the drive equation of joint `k` for given frames; `None` without a drive.
-    fn deviation(&self, k: usize, frames: &[Frame]) -> Option<f64> {
+    fn deviation(&self, k: usize, frames: &[Frame], at: Instant) -> Option<f64> {
         let (joint, driving) = (self.joints[k], &self.driving[k]);
         let drive = joint.drive.as_ref()?;
-        let frames = self.frames(frames, k);
+        let frames = self.frames(frames, at, k);
         let (arms, apart) = joint.arms(frames);
         Some(match drive.equation(driving.reference) {
             Some(equation) => equation.row(frames, arms, apart).value - drive.offset(driving.reference),
@@ -181,7 +212,7 @@ impl<'a> Linked<'a> {
 
     /// The reaction of joint `k` on its first body, averaged over a step.
     fn reaction(&self, k: usize, midpoint: &Midpoint) -> Reaction {
-        let (joint, frames) = (self.joints[k], self.frames(&midpoint.means, k));
+        let (joint, frames) = (self.joints[k], self.frames(&midpoint.means, Instant::Mean, k));
         let (arms, apart) = joint.arms(frames);
         let drive = joint.drive.as_ref();
         let of_drive = drive.and_then(|drive| drive.equation(self.driving[k].reference));
@@ -201,9 +232,12 @@ impl<'a> Linked<'a> {
         self.forces.iter_mut().zip(&self.impulses).for_each(|(force, impulse)| *force = impulse / h);
         for k in 0..self.joints.len() {
             self.reactions[k] = self.reaction(k, midpoint);
-            let (Some(drive), Some(from), Some(to)) =
-                (&self.joints[k].drive, self.deviation(k, &midpoint.starts), self.deviation(k, &midpoint.ends))
-            else {
+            self.done.drives += self.work_of_ground(k, midpoint);
+            let (Some(drive), Some(from), Some(to)) = (
+                &self.joints[k].drive,
+                self.deviation(k, &midpoint.starts, Instant::Start),
+                self.deviation(k, &midpoint.ends, Instant::End),
+            ) else {
                 continue;
             };
             let work = self.impulses[k][self.joints[k].equations.len()] * (to - from) / h;
@@ -217,14 +251,71 @@ impl<'a> Linked<'a> {
         }
     }
 
+    /// The work of the second body of joint `k` over the step, where its motion is prescribed: by the discrete gradient,
+    /// what the impulses do on the first body less what the values of the equations change by.
+    fn work_of_ground(&self, k: usize, midpoint: &Midpoint) -> f64 {
+        let (Some(_), [Some(body), None]) = (self.linkage.grounds[k], self.linkage.pairs[k]) else { return 0.0 };
+        let joint = self.joints[k];
+        let mean = self.frames(&midpoint.means, Instant::Mean, k);
+        let (arms, apart) = joint.arms(mean);
+        let [from, to] = [(&midpoint.starts, Instant::Start), (&midpoint.ends, Instant::End)].map(|(frames, at)| {
+            let frames = self.frames(frames, at, k);
+            (frames, joint.arms(frames))
+        });
+        let of = [apart_of(&midpoint.mean[self.bodies[body as usize] as usize]), Default::default()];
+        let drive = joint.drive.as_ref();
+        let of_drive = drive.and_then(|drive| drive.equation(self.driving[k].reference));
+        let mut work = 0.0;
+        for (equation, impulse) in joint.equations.iter().chain(&of_drive).zip(&self.impulses[k]) {
+            let [before, after] = [from, to].map(|(frames, (arms, apart))| equation.row(frames, arms, apart).value);
+            let rate = equation.row(mean, arms, apart).velocity(of);
+            work += impulse * (rate - (after - before) / midpoint.h);
+        }
+        if drive.is_some() && of_drive.is_none() {
+            let [before, after] = [from, to].map(|(_, (_, apart))| apart.norm());
+            if before + after > 0.0 {
+                let along = apart * (2.0 / (before + after));
+                let rate = along.dot(&(of[0].0 + of[0].1.cross(&arms[0])));
+                work += self.impulses[k][joint.equations.len()] * (rate - (after - before) / midpoint.h);
+            }
+        }
+        work
+    }
+
+    /// The joint impulses of the current step.
+    pub fn impulses(&self) -> &[Vector6<f64>] {
+        &self.impulses
+    }
+
+    /// Sets the joint impulses with which iterations begin.
+    pub fn guess(&mut self, impulses: &[Vector6<f64>]) {
+        self.impulses.copy_from_slice(impulses);
+    }
+
+    /// Whether a joint holds on to the world or a body with prescribed motion.
+    pub fn is_grounded(&self) -> bool {
+        self.linkage.pairs.iter().any(|pair| pair.contains(&None))
+    }
+
+    /// Whether motors or bodies with prescribed motion give joints a rate at the end of the step.
+    pub fn is_driven(&self) -> bool {
+        self.rates.iter().any(|rates| rates.iter().any(|rate| *rate != 0.0))
+    }
+
     /// Whether the linkage has joints.
     pub fn has_joints(&self) -> bool {
         !self.joints.is_empty()
     }
 
-    fn frames<'f>(&self, frames: &'f [Frame], joint: usize) -> [&'f Frame; 2] {
-        self.linkage.pairs[joint]
-            .map(|body| body.map_or(&Frame::WORLD, |body| &frames[self.bodies[body as usize] as usize]))
+    /// The frames of the bodies of a joint at an instant, with those of the bodies that move by their masses.
+    fn frames<'f>(&'f self, frames: &'f [Frame], at: Instant, joint: usize) -> [&'f Frame; 2] {
+        let Grounding { start, mean, end, .. } = &self.groundings[joint];
+        let ground = match at {
+            Instant::Start => start,
+            Instant::Mean => mean,
+            Instant::End => end,
+        };
+        self.linkage.pairs[joint].map(|body| body.map_or(ground, |body| &frames[self.bodies[body as usize] as usize]))
     }
 
     /// Solves the equations linearised at the current mean velocities; the changes are in `x`. Returns false if they
@@ -237,8 +328,8 @@ impl<'a> Linked<'a> {
             self.x[k] = -rest;
             self.matrix.add(plan, k as u32, &matrix);
         }
-        self.is_solved =
-            tangent::assemble(self, midpoint) && self.matrix.factorise(&self.linkage.plan, &self.diagonals);
+        self.is_solved = tangent::assemble(self, midpoint)
+            && self.matrix.factorise(&self.linkage.plan, &self.diagonals, self.linkage.has_loops);
         if self.is_solved {
             self.respond();
             self.is_solved = self.x.iter().all(|x| x.iter().all(|x| x.is_finite()));
@@ -246,8 +337,8 @@ impl<'a> Linked<'a> {
         self.is_solved
     }
 
-    /// Assembles and factorises the matrix of the velocity constraints at given frames: masses and constraint
-    /// gradients.
+    /// Assembles and factorises the matrix of the velocity constraints at the end of a step, with its frames: masses and
+    /// constraint gradients.
     pub fn hold(&mut self, frames: &[Frame], moving: &[Motion]) -> bool {
         let plan = &self.linkage.plan;
         self.matrix.clear(plan);
@@ -262,21 +353,27 @@ impl<'a> Linked<'a> {
         for k in 0..self.joints.len() {
             let joint = (self.bodies.len() + k) as u32;
             let mut gradients = [Matrix6::zeros(); 2];
-            let (of, rank) = (self.frames(frames, k), self.joints[k].rank());
-            let rows = self.joints[k].rows(of).chain(self.joints[k].driven(of, self.driving[k].reference));
-            for (i, row) in rows.enumerate() {
+            let (this, rank) = (self.joints[k], self.joints[k].rank());
+            let of = self.frames(frames, Instant::End, k);
+            let ground = [Default::default(), self.groundings[k].at_end];
+            let rows: Vec<Row> = this.rows(of).chain(this.driven(of, self.driving[k].reference)).collect();
+            let mut rates = Vector6::zeros();
+            for (i, row) in rows.iter().enumerate() {
+                rates[i] = if i < this.equations.len() { 0.0 } else { self.driving[k].rate } - row.velocity(ground);
                 for (side, sign) in [(0, 1.0), (1, -1.0)] {
                     gradients[side].fixed_view_mut::<1, 3>(i, 0).copy_from(&(row.force * sign).transpose());
                     gradients[side].fixed_view_mut::<1, 3>(i, 3).copy_from(&row.torques[side].transpose());
                 }
             }
+            self.rates[k] = rates;
             let mut diagonal = Vector6::zeros();
             for (side, body) in self.linkage.pairs[k].into_iter().enumerate() {
                 let Some(body) = body else { continue };
                 let motion = &moving[self.bodies[body as usize] as usize];
                 diagonal += tangent::mobilities(&gradients[side], motion);
-                self.matrix.add(plan, plan.slot(joint, body), &gradients[side]);
-                self.matrix.add(plan, plan.slot(body, joint), &gradients[side].transpose());
+                let slots = &self.linkage.slots[k];
+                self.matrix.add(plan, slots.rows[side], &gradients[side]);
+                self.matrix.add(plan, slots.columns[side], &gradients[side].transpose());
             }
             self.diagonals[k] = diagonal * -REDUNDANT;
             if self.joints[k].drive.is_some_and(|drive| !drive.prescribes()) {
@@ -286,7 +383,7 @@ impl<'a> Linked<'a> {
                 self.matrix.add(plan, joint, &none);
             }
         }
-        self.matrix.factorise(plan, &self.diagonals)
+        self.matrix.factorise(plan, &self.diagonals, self.linkage.has_loops)
     }
 
     /// Projects velocities onto the joint constraints; if `closes`, constraint violations are closed within a unit of
@@ -302,16 +399,14 @@ impl<'a> Linked<'a> {
                         (v.fixed_rows::<3>(0).into_owned(), v.fixed_rows::<3>(3).into_owned())
                     })
                 });
-                let (joint, driving) = (self.joints[k], &self.driving[k]);
-                let frames = self.frames(frames, k);
-                let rest = |row: &Row| -row.velocity(of) - if closes { row.value } else { 0.0 };
-                let right = &mut self.x[self.bodies.len() + k];
-                for (i, row) in joint.rows(frames).enumerate() {
-                    right[i] = rest(&row);
+                let joint = self.joints[k];
+                let frames = self.frames(frames, Instant::End, k);
+                let rows = joint.rows(frames).chain(joint.driven(frames, self.driving[k].reference));
+                let mut right = Vector6::zeros();
+                for ((right, rate), row) in right.iter_mut().zip(&self.rates[k]).zip(rows) {
+                    *right = if closes { -row.value } else { *rate } - row.velocity(of);
                 }
-                if let Some(row) = joint.driven(frames, driving.reference) {
-                    right[joint.equations.len()] = rest(&row) + if closes { 0.0 } else { driving.rate };
-                }
+                self.x[self.bodies.len() + k] = right;
             }
             self.respond();
             self.add(velocities);
@@ -320,17 +415,13 @@ impl<'a> Linked<'a> {
         work
     }
 
-    /// Adds the joint impulses in `x` to the corrections at the end of the step; returns the work of drives that
-    /// prescribe a rate.
+    /// Adds the joint impulses in `x` to the corrections at the end of the step; returns the work of drives and of bodies
+    /// that prescribe a rate.
     pub fn correct(&mut self) -> f64 {
         for (correction, x) in self.corrections.iter_mut().zip(&self.x[self.bodies.len()..]) {
             *correction -= x;
         }
-        let driven = |(k, joint): (usize, &&Joint)| {
-            let rate = self.driving[k].rate;
-            if rate == 0.0 { 0.0 } else { -self.x[self.bodies.len() + k][joint.equations.len()] * rate }
-        };
-        self.joints.iter().enumerate().map(driven).sum()
+        self.x[self.bodies.len()..].iter().zip(&self.rates).map(|(x, rates)| -x.dot(rates)).sum()
     }
 
     /// The energy of the change of damper impulses between the mean velocities and `velocities` at the end of the step.
@@ -338,18 +429,18 @@ impl<'a> Linked<'a> {
         let energy = |k: usize| {
             let joint = self.joints[k];
             let drive = joint.drive.as_ref().filter(|drive| drive.damping() > 0.0)?;
-            let (_, apart) = joint.arms(self.frames(&midpoint.ends, k));
-            let row = joint.along(
-                drive,
-                self.frames(&midpoint.ends, k),
-                self.states[k].coordinate + self.deviation(k, &midpoint.ends)?,
-                &apart,
-            )?;
-            let rate = |of: &[Vector6<f64>]| {
-                row.velocity(self.linkage.pairs[k].map(|body| {
-                    body.map_or_else(Default::default, |body| apart_of(&of[self.bodies[body as usize] as usize]))
-                }))
+            let frames = self.frames(&midpoint.ends, Instant::End, k);
+            let (_, apart) = joint.arms(frames);
+            let value = self.states[k].coordinate + self.deviation(k, &midpoint.ends, Instant::End)?;
+            let row = joint.along(drive, frames, value, &apart)?;
+            let rate = |of: &[Vector6<f64>], ground: (Vector3<f64>, Vector3<f64>)| {
+                row.velocity(
+                    self.linkage.pairs[k]
+                        .map(|body| body.map_or(ground, |body| apart_of(&of[self.bodies[body as usize] as usize]))),
+                )
             };
+            let Grounding { velocities: of_ground, at_end, .. } = self.groundings[k];
+            let change = rate(velocities, at_end) - rate(&midpoint.mean, of_ground);
             let mobility: f64 = (0..2)
                 .filter_map(|side| {
                     let motion = &midpoint.start[self.bodies[self.linkage.pairs[k][side]? as usize] as usize];
@@ -359,7 +450,7 @@ impl<'a> Linked<'a> {
                     )
                 })
                 .sum();
-            Some(0.5 * (drive.damping() * midpoint.h * (rate(velocities) - rate(&midpoint.mean))).powi(2) * mobility)
+            Some(0.5 * (drive.damping() * midpoint.h * change).powi(2) * mobility)
         };
         (0..self.joints.len()).filter_map(energy).sum()
     }

@@ -12,7 +12,7 @@
 use super::super::joint::Beta;
 use super::super::midpoint::Midpoint;
 use super::super::motion::Motion;
-use super::{Linked, REDUNDANT};
+use super::{Instant, Linked, REDUNDANT};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// The first row or column of velocities.
@@ -28,7 +28,10 @@ pub fn assemble(linked: &mut Linked<'_>, midpoint: &Midpoint) -> bool {
 
 fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> bool {
     let (joint, h) = (linked.joints[k], midpoint.h);
-    let [mean, end] = [&midpoint.means, &midpoint.ends].map(|frames| linked.frames(frames, k));
+    let [mean, end] = [(&midpoint.means, Instant::Mean), (&midpoint.ends, Instant::End)]
+        .map(|(frames, at)| linked.frames(frames, at, k).map(|frame| *frame));
+    let ([mean_first, mean_second], [end_first, end_second]) = (&mean, &end);
+    let (mean, end) = ([mean_first, mean_second], [end_first, end_second]);
     let (arms, apart) = joint.arms(mean);
     let (_, apart_at_end) = joint.arms(end);
     let driving = linked.driving[k];
@@ -143,17 +146,18 @@ fn assemble_joint(linked: &mut Linked<'_>, midpoint: &Midpoint, k: usize) -> boo
     }
     let plan = &linked.linkage.plan;
     let node = (linked.bodies.len() + k) as u32;
-    let pair = linked.linkage.pairs[k];
+    let (pair, slots) = (linked.linkage.pairs[k], linked.linkage.slots[k]);
     let mut diagonal = Vector6::zeros();
     for (side, body) in pair.into_iter().enumerate() {
         let (Some(body), Some(place)) = (body, places[side]) else { continue };
         linked.x[body as usize] += wrenches[side].tr_mul(&linked.impulses[k]);
-        linked.matrix.add(plan, plan.slot(node, body), &gradients[side]);
-        linked.matrix.add(plan, plan.slot(body, node), &wrenches[side].transpose());
+        linked.matrix.add(plan, slots.rows[side], &gradients[side]);
+        linked.matrix.add(plan, slots.columns[side], &wrenches[side].transpose());
         diagonal += mobilities(&wrenches[side], &midpoint.start[place]) * 0.5;
         for (other_side, other) in pair.into_iter().enumerate() {
-            let Some(other) = other else { continue };
-            linked.matrix.add(plan, plan.slot(body, other), &stiffness[side][other_side]);
+            if other.is_some() {
+                linked.matrix.add(plan, slots.bodies[side][other_side], &stiffness[side][other_side]);
+            }
         }
     }
     linked.x[node as usize] = rests;

@@ -2,6 +2,7 @@
 
 use super::super::contact::Contact;
 use super::super::frame::Frame;
+use super::super::joint::Joint;
 use super::super::touches::Touched;
 use super::MoreauStepping;
 use nalgebra::Vector3;
@@ -52,14 +53,18 @@ impl MoreauStepping<'_> {
         }
     }
 
+    /// The current frames of the bodies of a joint.
+    pub(super) fn frames_of(&self, joint: &Joint) -> [Frame; 2] {
+        let second = joint.bodies.1.map_or(Frame::WORLD, |body| Frame::of(self.pose(body)));
+        [Frame::of(self.pose(joint.bodies.0)), second]
+    }
+
     /// Measures the constraint violation (drift) of joints at the end of the step: positions relative to the size of
     /// their bodies, directions in radians.
     pub(super) fn measure_joints(&mut self) {
         let scene = self.scene;
         for (place, joint) in scene.joints.iter().enumerate() {
-            let frames = joint
-                .places(&|body| self.places[body])
-                .map(|body| body.map_or(Frame::WORLD, |body| Frame::of(&self.moving[body as usize].pose)));
+            let frames = self.frames_of(joint);
             let size = joint.size(&scene.bodies);
             for row in joint.rows([&frames[0], &frames[1]]) {
                 let unit = if row.force == Vector3::zeros() { 1.0 } else { size };

@@ -21,6 +21,7 @@ impl MoreauStepping<'_> {
     /// # Errors
     /// If contact detection fails or is interrupted.
     pub fn resolve(&mut self, control: &Control) -> Result<bool, StepFailure> {
+        self.ground();
         for _ in 0..ROUNDS_AT_START {
             self.detect(0.0, control)?;
             if self.depth(OVERLAP) <= 0.0 {

@@ -84,6 +84,7 @@ impl MoreauStepping<'_> {
         for (k, island) in self.tasks.iter_mut().take(self.islands.len()).enumerate() {
             island.clear();
             island.t = self.t;
+            island.is_shortest = self.is_shortest;
             let mut actions = Vec::new();
             for &link in self.islands.links(k) {
                 let link = link as usize;
@@ -108,7 +109,7 @@ impl MoreauStepping<'_> {
             for &linkage in &island.linkages {
                 let carried = &self.carried[linkage as usize];
                 island.largest_energy = island.largest_energy.max(carried.largest_energy);
-                island.halvings = island.halvings.max(carried.halvings);
+                island.parts = island.parts.shortest(carried.parts);
                 island.carried.push(carried.clone());
             }
             island.bodies.sort_unstable();

@@ -3,9 +3,9 @@
 use super::super::collision::ContactPoint;
 use super::super::contact::{Contact, STOPS};
 use super::super::drive::Coordinate;
-use super::super::frame::Frame;
 use super::super::scene::Law;
 use super::{MoreauStepping, overlaps};
+use nalgebra::Vector3;
 
 impl MoreauStepping<'_> {
     /// Adds the stops of all joints with finite limits to the contacts.
@@ -15,15 +15,14 @@ impl MoreauStepping<'_> {
                 let joint = &self.scene.joints[place as usize];
                 let Some(drive) = &joint.drive else { continue };
                 let bodies = joint.places(&|body| self.places[body]);
-                let of =
-                    bodies.map(|body| body.map_or(Frame::WORLD, |body| Frame::of(&self.moving[body as usize].pose)));
+                let of = self.frames_of(joint);
                 let frames = [&of[0], &of[1]];
                 let (arms, apart) = joint.arms(frames);
                 let coordinate = drive.value(frames, &apart, state.coordinate);
                 let (axis, turns, size) = match drive.coordinate {
                     Coordinate::Angle { second: [along, across], .. } => (of[1].axes * along.cross(&across), true, 1.0),
                     Coordinate::Distance(axis) => (of[1].axes * axis, false, joint.size(&self.scene.bodies)),
-                    Coordinate::Length => continue,
+                    Coordinate::Length | Coordinate::Product { .. } => continue,
                 };
                 let law = Law { friction: 0.0, restitution: drive.limits.restitution };
                 let pair = (joint.bodies.0 as u32, joint.bodies.1.unwrap_or(joint.bodies.0) as u32);
@@ -35,6 +34,11 @@ impl MoreauStepping<'_> {
                     let mut contact = Contact { turns, size, no_gap: overlaps::OVERLAP * size, ..contact };
                     contact.before = contact
                         .velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega));
+                    if let Some(ground) = joint.bodies.1.and_then(|body| self.given[body]) {
+                        let ground = &self.prescribed[ground as usize];
+                        let surface = if turns { ground.omega } else { ground.velocity_at(&point.position) };
+                        contact = contact.carried([surface, Vector3::zeros()]);
+                    }
                     self.contacts.push(contact);
                 }
             }

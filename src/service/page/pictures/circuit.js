@@ -144,7 +144,7 @@ export function make(specification, run) {
     time = at;
     redraw();
   };
-  return { element: canvas, draw, dispose, hint: "Rails are nodes, red above ground and blue below; dots move with the current; what conducts is coloured." };
+  return { element: canvas, draw, dispose, hint: "Rails are nodes, red above ground and blue below; dots move with the current; conducting components are coloured." };
 }
 
 // The charge that has passed, by the trapezoidal rule.

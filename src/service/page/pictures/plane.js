@@ -89,7 +89,7 @@ function drawn(specification, run, view) {
     lamps(context, size, contacts.map(({ name }) => ({ name, ...state(run, name, time, specification) })), height - 10);
   };
   const { canvas, redraw, dispose } = surface("The system in its plane at the time of the cursor", 360, paint);
-  return { element: canvas, dispose, draw: (to) => ((time = to), redraw()), hint: "Drawn as `view` says; lines behind points are where they were." };
+  return { element: canvas, dispose, draw: (to) => ((time = to), redraw()), hint: "Drawn by `view`; lines behind points are their paths." };
 }
 
 // Whether a contact is closed, and how recently it was struck: 1 at an impact, 0 long after.

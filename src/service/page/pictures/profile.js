@@ -113,7 +113,7 @@ export function obstacleMake(specification, run) {
     element: canvas,
     dispose,
     draw: (to) => ((time = to), redraw()),
-    hint: ys ? "u by colour; white dots: it rests on an obstacle." : "Blue: u; dashed: the obstacle; red: where u rests on it.",
+    hint: ys ? "Colour: u; white dots: contact with an obstacle." : "Blue: u; dashed: the obstacle; red: contact.",
   };
 }
 
@@ -210,7 +210,7 @@ export function elasticMake(specification, run) {
     element: canvas,
     dispose,
     draw: (to) => ((time = to), redraw()),
-    hint: grid.ys ? "Displacements as they are; red: nodes at the obstacle." : grid.kind === "string" ? "The string; grey: the obstacle." : "Sections of the bar as they move; grey: the obstacle.",
+    hint: grid.ys ? "Displacements to scale; red: nodes in contact with the obstacle." : grid.kind === "string" ? "The string; grey: the obstacle." : "Displaced sections of the bar; grey: the obstacle.",
   };
 }
 

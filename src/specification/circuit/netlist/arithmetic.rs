@@ -1,20 +1,20 @@
-//! Constant expressions of a netlist, in braces or quotes: `{2*pi*f}`, `'r1 + 4.7k'`. Numbers have the suffixes of
-//! [`value`](super::value); names are those of `.param`.
+//! Constant expressions of a netlist, in braces or quotes: `{2*pi*f}`, `'r1 + 4.7k'`. Numbers take the suffixes of
+//! [`value`](super::value); names are defined by `.param`.
 
 use super::value::scaled;
 use std::collections::HashMap;
 use std::f64::consts::{E, PI};
 
-/// Values by name, in small letters.
+/// Values of `.param` by name, in lower case.
 pub(super) type Scope = HashMap<String, f64>;
 
-/// Levels of brackets, signs and powers.
+/// Maximum nesting depth of brackets, signs and powers.
 const DEEPEST: usize = 64;
 
-/// The value of an expression, or what is wrong with it.
+/// Evaluates an expression.
 ///
 /// # Errors
-/// In words.
+/// The fault, in words.
 pub(super) fn evaluate(text: &str, scope: &Scope) -> Result<f64, String> {
     let mut parser = Parser { rest: text.trim_start(), scope, depth: 0 };
     let value = parser.sum()?;
@@ -32,14 +32,14 @@ struct Parser<'t> {
 }
 
 impl<'t> Parser<'t> {
-    /// Passes over a symbol and the blanks behind it, if it stands here.
+    /// Consumes a symbol and the blanks after it, if it comes next.
     fn takes(&mut self, symbol: &str) -> bool {
         let Some(rest) = self.rest.strip_prefix(symbol) else { return false };
         self.rest = rest.trim_start();
         true
     }
 
-    /// Passes over the longest beginning of such characters.
+    /// Consumes the longest prefix of characters that satisfy `is`.
     fn while_is(&mut self, is: impl Fn(char) -> bool) -> &'t str {
         let end = self.rest.find(|c| !is(c)).unwrap_or(self.rest.len());
         let (taken, rest) = self.rest.split_at(end);
@@ -85,7 +85,7 @@ impl<'t> Parser<'t> {
 
     fn power(&mut self) -> Result<f64, String> {
         let base = self.atom()?;
-        // A product begins with one star, a power with two.
+        // `**` is a power; a single `*` is consumed by `product`.
         Ok(if self.takes("**") || self.takes("^") { base.powf(self.signed()?) } else { base })
     }
 
@@ -97,7 +97,7 @@ impl<'t> Parser<'t> {
         match self.rest.chars().next() {
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_alphabetic() || c == '_' => self.name(),
-            Some(c) => Err(format!("`{c}` stands where a value belongs")),
+            Some(c) => Err(format!("found `{c}` where a value is expected")),
             None => Err("a value is missing at the end".to_owned()),
         }
     }
@@ -126,7 +126,7 @@ impl<'t> Parser<'t> {
                 (Some(value), _) => Ok(value),
                 (None, "pi") => Ok(PI),
                 (None, "e") => Ok(E),
-                (None, _) => Err(format!("nothing is called `{name}` here: .param gives values names")),
+                (None, _) => Err(format!("there is no parameter `{name}`: define it by .param")),
             };
         }
         let mut arguments = vec![self.sum()?];

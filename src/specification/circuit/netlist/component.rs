@@ -1,4 +1,4 @@
-//! A component of a line.
+//! Reads one line of a netlist as a component.
 
 use super::arithmetic::Scope;
 use super::device::{Kind, Model};
@@ -13,7 +13,7 @@ use std::collections::HashMap;
 const KINDS: &str =
     "a component: a name that begins with R, C, L, V, I, D, E, F, G, H, S, W, K or X; a comment begins with `*`";
 
-/// The tokens of a component that have not been read, and the last that was.
+/// The unread tokens of a statement, and the last one read.
 pub(super) struct Rest<'a, 's> {
     tokens: std::vec::IntoIter<Token<'a>>,
     last: Token<'a>,
@@ -21,7 +21,7 @@ pub(super) struct Rest<'a, 's> {
 }
 
 impl<'a, 's> Rest<'a, 's> {
-    /// Of a statement behind its first word.
+    /// Begins after the first token of a statement.
     pub fn new(statement: &Statement<'a>, scope: &'s Scope) -> Self {
         let mut tokens = statement.tokens.clone().into_iter();
         let last = tokens.next().unwrap_or(Token { text: "", line: 1, column: 1 });
@@ -41,12 +41,12 @@ impl<'a, 's> Rest<'a, 's> {
         self.tokens.as_slice().first().copied()
     }
 
-    /// The words to come.
+    /// The unread tokens.
     pub fn words(&self) -> &[Token<'a>] {
         self.tokens.as_slice()
     }
 
-    /// Whether a word stands for a number.
+    /// Whether a token is a number or the name of a value.
     pub fn is_value(&self, token: Token<'_>) -> bool {
         token.is_like_a_number() || self.scope.contains_key(&token.text.to_lowercase())
     }
@@ -60,7 +60,7 @@ impl<'a, 's> Rest<'a, 's> {
         self.number(token)
     }
 
-    /// All values up to a word or the end.
+    /// Reads values until a token that is not one, or the end.
     pub fn values(&mut self) -> Result<Vec<Token<'a>>, NetlistError> {
         let mut values = Vec::new();
         while let Some(token) = self.peek().filter(|token| self.is_value(*token)) {
@@ -70,7 +70,7 @@ impl<'a, 's> Rest<'a, 's> {
         Ok(values)
     }
 
-    /// `KEY=value` for any of the keys, in any order, up to the end.
+    /// Reads `KEY=value` pairs for the given keys, in any order, up to the end.
     pub fn options<const N: usize>(&mut self, keys: [&str; N]) -> Result<[Option<f64>; N], NetlistError> {
         let mut found = [None; N];
         let expected = match keys.as_slice() {
@@ -85,7 +85,7 @@ impl<'a, 's> Rest<'a, 's> {
             };
             let equals = self.next("`=`")?;
             if equals.text != "=" {
-                let detail = format!("`{}` stands where `=` belongs", equals.shown());
+                let detail = format!("found `{}` where `=` is expected", equals.shown());
                 return Err(NetlistError::new(equals, "unexpected_word", detail, "`=`"));
             }
             found[k] = Some(self.value("a value")?);
@@ -94,7 +94,8 @@ impl<'a, 's> Rest<'a, 's> {
     }
 }
 
-/// Reads the components that a line is: one, and the resistances of its model.
+/// Reads the components that one line describes: the component itself, and the series and parallel resistances of its
+/// model.
 pub(super) fn read<'a>(
     statement: &Statement<'a>,
     frame: &Frame<'_>,
@@ -107,7 +108,7 @@ pub(super) fn read<'a>(
     if !"RCLVIDEFGHSW".contains(kind) {
         let detail = match kind {
             '.' => format!("the command `{}` has no meaning here", first.shown()),
-            _ => format!("`{}` is no component known here", first.shown()),
+            _ => format!("`{}` is not a known component", first.shown()),
         };
         return Err(NetlistError::new(first, "unknown_component", detail, KINDS));
     }
@@ -154,7 +155,7 @@ pub(super) fn read<'a>(
     }])
 }
 
-/// A diode with what its line or its model says.
+/// Reads a diode, with the values of its line or else of its model.
 fn diode(
     (name, nodes): (String, (String, String)),
     rest: &mut Rest<'_, '_>,
@@ -168,7 +169,7 @@ fn diode(
         }
         _ => None,
     };
-    // The area of a junction says nothing of an ideal one.
+    // Skip the junction area, which an ideal diode does not have.
     rest.values()?;
     let [forward, breakdown] = rest.options(["VF", "BV"])?;
     let of_model = |keys: &[&str]| model.and_then(|model| model.value(keys));
@@ -191,7 +192,7 @@ fn diode(
     Ok(components)
 }
 
-/// A switch that a voltage or a current closes, with the resistances of its model.
+/// Reads a switch controlled by a voltage or a current, with the resistances of its model.
 fn switch(
     kind: char,
     (name, nodes): (String, (String, String)),
@@ -216,7 +217,7 @@ fn switch(
         _ => false,
     };
     rest.options([])?;
-    // Thresholds by PSpice, VON and VOFF, are those of a hysteresis around their middle.
+    // PSpice's thresholds VON and VOFF are a hysteresis around their mean.
     let on_and_off = model.value(&threshold[1..]).zip(model.value(&["voff", "ioff"]));
     let (at, half) = match on_and_off {
         Some((on, off)) => (0.5 * (on + off), 0.5 * (on - off)),
@@ -228,7 +229,7 @@ fn switch(
     }
     let mut components = Vec::new();
     let across = nodes.clone();
-    // What SPICE takes where nothing is given.
+    // Default of SPICE: 1 ohm.
     let resistance = model.value(&["ron"]).or(Some(1.0)).filter(|ohms| *ohms > 0.0);
     let nodes = series(&mut components, (&name, nodes), resistance);
     parallel(&mut components, (&name, across), model.value(&["roff"]).filter(|ohms| *ohms > 0.0));
@@ -243,7 +244,7 @@ fn switch(
     Ok(components)
 }
 
-/// The model of that name, if it is of that kind.
+/// Finds the model of the given name, which must be of the given kind.
 fn model<'m>(token: Token<'_>, kind: Kind, models: &'m HashMap<String, Model>) -> Result<&'m Model, NetlistError> {
     let written = match kind {
         Kind::Diode => "D",
@@ -262,7 +263,7 @@ fn model<'m>(token: Token<'_>, kind: Kind, models: &'m HashMap<String, Model>) -
     }
 }
 
-/// A resistor before a component; the nodes that are left to it.
+/// Adds a resistor in series, if there is one; returns the nodes that remain for the component.
 fn series(
     components: &mut Vec<Component>,
     (name, (a, b)): (&str, (String, String)),
@@ -275,14 +276,14 @@ fn series(
     (between, b)
 }
 
-/// A resistor beside a component.
+/// Adds a resistor in parallel, if there is one.
 fn parallel(components: &mut Vec<Component>, (name, nodes): (&str, (String, String)), ohms: Option<f64>) {
     if let Some(ohms) = ohms {
         components.push(Component::Resistor(Resistor { name: format!("{name}.roff"), nodes, ohms: ohms.into() }));
     }
 }
 
-/// Whether a name is that of ground.
+/// Whether a node name means ground.
 pub(super) fn is_ground(name: &str) -> bool {
     name == GROUND || name.eq_ignore_ascii_case("gnd")
 }

@@ -11,7 +11,7 @@ use super::{NetlistError, Rest};
 use crate::circuit::components::{Component, Inductor, Transformer};
 use crate::expression::Expression;
 
-/// A line `K`.
+/// A line `K` of a netlist.
 pub(super) struct Coupling<'a> {
     pub first: Token<'a>,
     pub name: String,
@@ -20,7 +20,7 @@ pub(super) struct Coupling<'a> {
 }
 
 impl<'a> Coupling<'a> {
-    /// Reads a line behind its first word.
+    /// Reads a line after its first word.
     pub fn read(
         first: Token<'a>,
         name: String,
@@ -34,16 +34,16 @@ impl<'a> Coupling<'a> {
         }
         let k = rest.value("a coupling from 0 to 1")?;
         if !(k > 0.0 && k <= 1.0) {
-            let detail = format!("a coupling of {k}");
+            let detail = format!("the coupling coefficient is {k}");
             return Err(NetlistError::new(first, "out_of_range", detail, "a coupling above 0, and 1 at most"));
         }
         Ok(Self { first, name, inductors, k })
     }
 
-    /// Puts a transformer in the place of the two inductors.
+    /// Replaces the two inductors by a transformer with leakage and magnetising inductances.
     ///
     /// # Errors
-    /// They are not there, or their values are no numbers.
+    /// The inductors do not exist, are coupled already, or have no positive numbers as inductances.
     pub fn apply(&self, components: &mut Vec<Component>, lines: &mut Vec<usize>) -> Result<(), NetlistError> {
         let place = |name: &String| {
             components
@@ -51,7 +51,8 @@ impl<'a> Coupling<'a> {
                 .position(|component| matches!(component, Component::Inductor(inductor) if inductor.name == *name))
         };
         let [Some(p), Some(s)] = [place(&self.inductors[0]), place(&self.inductors[1])] else {
-            let detail = format!("`{}` couples what are no two inductors, or are coupled already", self.first.shown());
+            let detail =
+                format!("`{}` must couple two inductors of the netlist that no other `K` couples", self.first.shown());
             return Err(NetlistError::new(self.first, "unknown_name", detail, "two inductors, each in one coupling"));
         };
         let (Component::Inductor(primary), Component::Inductor(secondary)) = (&components[p], &components[s]) else {
@@ -64,7 +65,10 @@ impl<'a> Coupling<'a> {
         let [i1, i2] = [&primary, &secondary].map(|inductor| inductor.amperes.as_ref().map(number));
         let ratio = self.k * (l1 / l2).sqrt();
         if !(ratio > 0.0 && ratio.is_finite()) || p == s {
-            let detail = format!("`{}` couples inductors whose inductances are not above zero", self.first.shown());
+            let detail = format!(
+                "`{}` couples two inductors, and their inductances must be positive numbers",
+                self.first.shown()
+            );
             return Err(NetlistError::new(self.first, "out_of_range", detail, "inductances above 0"));
         }
         let magnetising = i1.zip(i2.or(Some(0.0))).map(|(i1, i2)| Expression::Number(i1 + i2 / ratio));
@@ -91,7 +95,7 @@ impl<'a> Coupling<'a> {
         let transformer =
             Transformer { name: self.name.clone(), primary: nodes, secondary: secondary.nodes, ratio: ratio.into() };
         made.push(Component::Transformer(transformer));
-        // The later one first, so that the place of the other stays.
+        // Remove the later component first, which keeps the index of the other valid.
         for k in [p.max(s), p.min(s)] {
             components.remove(k);
             lines.remove(k);

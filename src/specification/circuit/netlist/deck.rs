@@ -1,5 +1,5 @@
-//! The lines of a netlist that are no components: what they give names, models, starts and a horizon to, and subcircuits, which
-//! are written out where they are used, their nodes and components named `X1.R1`.
+//! The statements of a netlist other than components: `.param`, `.model`, `.ic`, `.tran` and `.subckt`. Subcircuits are
+//! expanded where they are used, and their nodes and components named `X1.R1`.
 
 use super::arithmetic::Scope;
 use super::device::Model;
@@ -7,7 +7,7 @@ use super::tokens::{Statement, Token};
 use super::{NetlistError, value_in};
 use std::collections::HashMap;
 
-/// Commands of output, and options of numerics that are others here: they say nothing of the circuit.
+/// Commands for output or for numerical options of SPICE, ignored because they do not describe the circuit.
 const SAY_NOTHING: [&str; 18] = [
     ".end",
     ".option",
@@ -28,40 +28,39 @@ const SAY_NOTHING: [&str; 18] = [
     ".endc",
     ".ends",
 ];
-/// Analyses that are not made.
+/// Analyses other than `.tran`; they are ignored, with a warning.
 const OTHER_ANALYSES: [&str; 8] = [".ac", ".dc", ".op", ".noise", ".tf", ".disto", ".pz", ".sens"];
 
-const COMMANDS: &str =
-    ".tran, .param, .model, .ic, .subckt; analyses other than .tran and commands of output are passed over";
+const COMMANDS: &str = ".tran, .param, .model, .ic, .subckt; analyses other than .tran and output commands are ignored";
 
-/// A subcircuit as it is declared.
+/// A subcircuit declaration.
 #[derive(Clone, Debug)]
 pub(super) struct Subcircuit<'a> {
-    /// Its nodes, in small letters.
+    /// The names of the port nodes, in lower case.
     pub ports: Vec<String>,
-    /// Its parameters with their defaults, as they are written.
+    /// The parameters of the subcircuit with their default values, as tokens.
     pub defaults: Vec<(Token<'a>, Token<'a>)>,
     pub body: Vec<Statement<'a>>,
 }
 
-/// What `.tran` asks for.
+/// The transient analysis of `.tran`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Transient {
     pub end: f64,
-    /// Whether the start is as `IC=` and `.ic` say, and not a point of operation.
+    /// Whether the start is given by `IC=` and `.ic` (`UIC`) instead of an operating point.
     pub from_initial: bool,
 }
 
-/// A start that `.ic` gives.
+/// An initial value given by `.ic`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Given<'a> {
-    /// The node, or the inductor.
+    /// The node (voltage) or the inductor (current).
     pub of: Token<'a>,
     pub is_current: bool,
     pub value: f64,
 }
 
-/// A netlist apart from its order.
+/// The statements of a netlist, sorted by kind.
 #[derive(Debug, Default)]
 pub(super) struct Deck<'a> {
     pub title: Option<&'a str>,
@@ -71,13 +70,13 @@ pub(super) struct Deck<'a> {
     pub scope: Scope,
     pub initial: Vec<Given<'a>>,
     pub transient: Option<Transient>,
-    /// Analyses that are passed over.
+    /// Ignored analyses.
     pub passed_over: Vec<Token<'a>>,
 }
 
-/// Sorts the lines of a netlist.
+/// Sorts the statements of a netlist by kind.
 ///
-/// With `.tran` it is a deck as it is posted, whose first line is its title, whatever that says.
+/// A netlist with `.tran` is a complete deck: its first line is the title, whatever it contains.
 pub(super) fn sort<'a>(text: &'a str, statements: Vec<Statement<'a>>, errors: &mut Vec<NetlistError>) -> Deck<'a> {
     let is = |statement: &Statement<'_>, command: &str| {
         statement.tokens.first().is_some_and(|token| token.text.eq_ignore_ascii_case(command))
@@ -91,7 +90,7 @@ pub(super) fn sort<'a>(text: &'a str, statements: Vec<Statement<'a>>, errors: &m
             statements.remove(0);
         }
     }
-    // Parameters and models may be used before they stand.
+    // Collect parameters and models first: they may be used before their definition.
     let mut parameters: Vec<(Token<'a>, Token<'a>)> = Vec::new();
     let (mut models, mut others): (Vec<Statement<'a>>, Vec<Statement<'a>>) = (Vec::new(), Vec::new());
     let mut open: Option<(Token<'a>, Subcircuit<'a>)> = None;
@@ -130,7 +129,7 @@ pub(super) fn sort<'a>(text: &'a str, statements: Vec<Statement<'a>>, errors: &m
     }
     if let Some((name, _)) = open {
         let detail = format!("the subcircuit `{}` has no end", name.shown());
-        errors.push(NetlistError::new(name, "incomplete_component", detail, ".ends behind its last component"));
+        errors.push(NetlistError::new(name, "incomplete_component", detail, ".ends after its last component"));
     }
     resolve(parameters, &mut deck.scope, errors);
     for statement in models {
@@ -165,17 +164,17 @@ impl<'a> Deck<'a> {
         Ok(())
     }
 
-    /// `V(node)=volts` and `I(inductor)=amperes`, of which blanks have taken the brackets.
+    /// Reads `V(node)=volts` and `I(inductor)=amperes`; the tokeniser has removed the brackets.
     fn starts(&mut self, words: &[Token<'a>]) -> Result<(), NetlistError> {
         const EXPECTED: &str = "V(node)=volts or I(inductor)=amperes";
         for group in words.chunks(4) {
             let &[kind, of, equals, number] = group else {
-                let detail = format!("`{}` begins no start", group[0].shown());
+                let detail = format!("`{}` is not an initial value", group[0].shown());
                 return Err(NetlistError::new(group[0], "unexpected_word", detail, EXPECTED));
             };
             let is_current = kind.text.eq_ignore_ascii_case("i");
             if equals.text != "=" || !(is_current || kind.text.eq_ignore_ascii_case("v")) {
-                let detail = format!("`{}` begins no start", kind.shown());
+                let detail = format!("`{}` is not an initial value", kind.shown());
                 return Err(NetlistError::new(kind, "unexpected_word", detail, EXPECTED));
             }
             self.initial.push(Given { of, is_current, value: value_in(number, &self.scope)? });
@@ -186,7 +185,7 @@ impl<'a> Deck<'a> {
 
 /// `.tran step end [start [largest step]] [UIC]`, or `.tran end` alone.
 fn transient(first: Token<'_>, words: &[Token<'_>], scope: &Scope) -> Result<Transient, NetlistError> {
-    const EXPECTED: &str = ".tran STEP END, with UIC behind it where the start is as IC= says";
+    const EXPECTED: &str = ".tran STEP END, followed by UIC if the initial values are those of IC=";
     let is_word = |token: &&Token<'_>| {
         token.text.starts_with(char::is_alphabetic) && !scope.contains_key(&token.text.to_lowercase())
     };
@@ -212,7 +211,7 @@ fn subcircuit<'a>(statement: &Statement<'a>) -> Result<(Token<'a>, Subcircuit<'a
     Ok((name, Subcircuit { ports, defaults: assignments(options)?, body: Vec::new() }))
 }
 
-/// The words before the first `key=`, and those from there on; `PARAMS:` between them says nothing.
+/// Splits words at the first `key=` into nodes and options; an optional `PARAMS:` between them is dropped.
 pub(super) fn nodes_and_options<'t, 'a>(words: &'t [Token<'a>]) -> (&'t [Token<'a>], &'t [Token<'a>]) {
     let equals = words.iter().position(|token| token.text == "=").unwrap_or(words.len() + 1);
     let (nodes, options) = words.split_at(equals.saturating_sub(1).min(words.len()));
@@ -222,7 +221,7 @@ pub(super) fn nodes_and_options<'t, 'a>(words: &'t [Token<'a>]) -> (&'t [Token<'
     }
 }
 
-/// `key=value ..`.
+/// Reads `key=value ..`.
 pub(super) fn assignments<'a>(words: &[Token<'a>]) -> Result<Vec<(Token<'a>, Token<'a>)>, NetlistError> {
     let mut given = Vec::new();
     for group in words.chunks(3) {
@@ -242,7 +241,7 @@ pub(super) fn assignments<'a>(words: &[Token<'a>]) -> Result<Vec<(Token<'a>, Tok
     Ok(given)
 }
 
-/// Puts parameters into a scope, in whatever order they build on each other.
+/// Evaluates parameters into a scope, in any order of dependence.
 fn resolve<'a>(mut given: Vec<(Token<'a>, Token<'a>)>, scope: &mut Scope, errors: &mut Vec<NetlistError>) {
     loop {
         let before = given.len();

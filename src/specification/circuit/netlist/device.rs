@@ -1,5 +1,5 @@
-//! Models of devices: `.model NAME D(..)`, `SW(..)` and `CSW(..)`. Diodes and switches are ideal: of what a model says, their
-//! voltages and resistances are taken, and what it says of their exponential and of charges is told to be left out.
+//! Device models: `.model NAME D(..)`, `SW(..)` and `CSW(..)`. Diodes and switches are ideal: a model supplies their
+//! voltages and resistances. Its exponential characteristic and its charges are ignored, with a warning.
 
 use super::NetlistError;
 use super::arithmetic::Scope;
@@ -11,24 +11,24 @@ use std::collections::HashMap;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Diode,
-    /// Closed by a voltage.
+    /// A switch controlled by a voltage.
     Switch,
-    /// Closed by a current.
+    /// A switch controlled by a current.
     CurrentSwitch,
 }
 
-/// What a model says, by keys in small letters.
+/// The values of a model, by keys in lower case.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     pub kind: Kind,
     values: HashMap<String, f64>,
 }
 
-/// What is read of a diode, in all spellings.
+/// The keys that an ideal diode uses, in all spellings.
 const OF_DIODES: [&str; 8] = ["vf", "vfwd", "bv", "vrev", "vb", "rs", "ron", "roff"];
 
 impl Model {
-    /// Reads the words of `.model` behind its name; keys without numbers, such as a maker, say nothing.
+    /// Reads the words of `.model` after its name; keys without a numerical value, such as a manufacturer, are ignored.
     pub fn read(first: Token<'_>, words: &[Token<'_>], scope: &Scope) -> Result<Self, NetlistError> {
         const KINDS: &str = "a kind of model: D, SW or CSW";
         let Some((kind, words)) = words.split_first() else {
@@ -55,12 +55,12 @@ impl Model {
         Ok(Self { kind: known, values })
     }
 
-    /// The value of the first of these keys that it has.
+    /// The value of the first of the given keys that the model has.
     pub fn value(&self, keys: &[&str]) -> Option<f64> {
         keys.iter().find_map(|key| self.values.get(*key)).copied()
     }
 
-    /// The keys of a diode that an ideal one has no use for, in order.
+    /// The sorted keys of a diode model that an ideal diode ignores.
     pub fn left_out(&self) -> Vec<&str> {
         let mut keys: Vec<&str> =
             self.values.keys().map(String::as_str).filter(|key| !OF_DIODES.contains(key)).collect();

@@ -1,4 +1,4 @@
-//! The components of a deck, those of subcircuits written out where these are used.
+//! Expansion of a deck into components, with every subcircuit written out at each use.
 
 use super::arithmetic::Scope;
 use super::component::{self, Rest, is_ground};
@@ -14,12 +14,12 @@ use crate::circuit::lowering::GROUND;
 use crate::expression::Expression;
 use std::collections::HashMap;
 
-/// Levels of subcircuits in subcircuits.
+/// Maximum nesting depth of subcircuits.
 const DEEPEST: usize = 16;
-/// Remarks that are told.
+/// Largest number of warnings reported for one netlist.
 const MOST_REMARKS: usize = 20;
 
-/// Where a line stands: what its names begin with, what its nodes are called outside, and its parameters.
+/// The scope of a line: the prefix of its names, the outer names of its port nodes, and its parameters.
 pub(super) struct Frame<'f> {
     prefix: &'f str,
     ports: HashMap<String, String>,
@@ -48,7 +48,7 @@ struct Expansion<'d, 'a> {
     netlist: Netlist,
     couplings: Vec<Coupling<'a>>,
     errors: Vec<NetlistError>,
-    /// Subcircuits that have been written out.
+    /// Number of subcircuit instances expanded so far.
     instances: usize,
     is_too_large: bool,
 }
@@ -56,7 +56,7 @@ struct Expansion<'d, 'a> {
 /// Reads the components of a deck.
 ///
 /// # Errors
-/// These, and the first of every line that has one.
+/// The given errors, followed by the first error of each faulty line.
 pub(super) fn expand(deck: &Deck<'_>, errors: Vec<NetlistError>) -> Result<Netlist, Vec<NetlistError>> {
     let netlist = Netlist {
         components: Vec::new(),
@@ -111,7 +111,7 @@ impl<'a> Expansion<'_, 'a> {
                 self.errors.push(error);
             }
             for token in statement.tokens.iter().skip(1) {
-                // The value of a capacitor alone may be meant in farads.
+                // The hint about farads applies to the value of a capacitor alone.
                 let meant = likely_meant(token.text);
                 if let Some(meant) =
                     meant.filter(|meant| !meant.contains("farad") || first.text.starts_with(['C', 'c']))
@@ -131,7 +131,7 @@ impl<'a> Expansion<'_, 'a> {
         Ok(())
     }
 
-    /// `X1 nodes NAME [key=value ..]`.
+    /// Expands `X1 nodes NAME [key=value ..]`.
     fn instance(&mut self, statement: &Statement<'a>, frame: &Frame<'_>, depth: usize) -> Result<(), NetlistError> {
         const EXPECTED: &str = "nodes, and the name of a .subckt";
         let first = statement.tokens[0];
@@ -151,11 +151,11 @@ impl<'a> Expansion<'_, 'a> {
         };
         if nodes.len() != subcircuit.ports.len() {
             let (given, wanted) = (nodes.len(), subcircuit.ports.len());
-            let detail = format!("`{}` has {wanted} nodes, and is given {given}", name.shown());
+            let detail = format!("`{}` has {wanted} nodes, and {given} are given", name.shown());
             return Err(NetlistError::new(name, "wrong_count", detail, EXPECTED));
         }
         if depth >= DEEPEST {
-            let detail = format!("subcircuits in subcircuits, {DEEPEST} levels deep");
+            let detail = format!("subcircuits are nested more than {DEEPEST} levels deep");
             return Err(NetlistError::new(name, "too_deep", detail, "subcircuits that do not contain themselves"));
         }
         self.instances += 1;
@@ -170,7 +170,7 @@ impl<'a> Expansion<'_, 'a> {
         for (key, value) in assignments(options)? {
             given.insert(key.text.to_lowercase(), value_in(value, &frame.scope)?);
         }
-        // Defaults build on what is given in place of others.
+        // Default values may refer to the values given at the instance.
         scope.extend(given.clone());
         for &(key, value) in &subcircuit.defaults {
             let key = key.text.to_lowercase();
@@ -180,7 +180,7 @@ impl<'a> Expansion<'_, 'a> {
             }
         }
         let prefix = format!("{}.", frame.component(first, &mut self.names));
-        // A parameter of its own is one of this instance.
+        // A `.param` within the subcircuit is local to the instance.
         let mut body = Vec::with_capacity(subcircuit.body.len());
         for statement in &subcircuit.body {
             match statement.tokens.split_first() {
@@ -198,7 +198,7 @@ impl<'a> Expansion<'_, 'a> {
         Ok(())
     }
 
-    /// Puts the starts of `.ic` into capacitors and inductors that have none of their own.
+    /// Copies the initial values of `.ic` to capacitors and inductors without an `IC=` of their own.
     fn starts(&mut self, frame: &Frame<'_>) {
         let mut volts = HashMap::from([(GROUND.to_owned(), 0.0)]);
         let mut used: Vec<bool> = Vec::new();
@@ -246,7 +246,7 @@ impl<'a> Expansion<'_, 'a> {
             } else {
                 "no capacitor from it to ground or to another node of .ic"
             };
-            let detail = format!(".ic of `{}`: there is {what}, so that nothing holds this start", given.of.shown());
+            let detail = format!(".ic of `{}` cannot be set: there is {what}", given.of.shown());
             self.errors.push(NetlistError::new(
                 given.of,
                 "inconsistent_start",
@@ -256,7 +256,7 @@ impl<'a> Expansion<'_, 'a> {
         }
     }
 
-    /// What is read otherwise than SPICE reads it, once for the whole netlist.
+    /// Warns, once per netlist, of everything that is read differently from SPICE.
     fn remarks(&mut self) {
         let mut idealised: Vec<(&String, Vec<&str>)> = self
             .deck
@@ -268,17 +268,19 @@ impl<'a> Expansion<'_, 'a> {
         idealised.sort_unstable();
         for (name, left_out) in idealised {
             let which = if left_out.is_empty() { String::new() } else { format!(" without {}", left_out.join(", ")) };
-            let message =
-                format!("the diodes of the model `{name}` are ideal{which}: no drop but that of `VF=`, no recovery");
+            let message = format!(
+                "the diodes of the model `{name}` are ideal{which}: no voltage drop except `VF=`, no reverse recovery"
+            );
             self.remark(message);
         }
         let passed_over: Vec<String> =
             self.deck.passed_over.iter().map(|token| format!("`{}`", token.shown())).collect();
         if !passed_over.is_empty() {
-            self.remark(format!("{} is passed over: `.tran` alone is run", passed_over.join(", ")));
+            self.remark(format!("{} is ignored: only `.tran` is run", passed_over.join(", ")));
         }
         if self.netlist.transient.is_some_and(|transient| !transient.from_initial) {
-            let message = "the start is as IC= and .ic say, else zero, as with UIC behind .tran: no point of operation is looked for";
+            let message = "initial values are those of IC= and .ic, else zero, as with UIC after .tran: no operating \
+                           point is computed";
             self.remark(message.to_owned());
         }
     }

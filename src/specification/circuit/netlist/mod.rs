@@ -1,5 +1,5 @@
-//! Netlists as SPICE reads them (Nagel 1975, *SPICE2*; the ngspice manual, chapters 2 to 4), of ideal components: a component
-//! a line, its first letter its kind.
+//! Netlists in the syntax of SPICE (Nagel 1975, *SPICE2*; the ngspice manual, chapters 2 to 4), with ideal components:
+//! one component per line, whose first letter is its kind.
 //!
 //! ```text
 //! V1 in 0 SIN(0 10 50)   ; offset, amplitude, hertz, delay, damping, phase in degrees
@@ -11,8 +11,8 @@
 //! X1 in out filter       ; .subckt filter a b .. .ends
 //! ```
 //!
-//! Letters are the same in either case; a name is told as it is written first. `gnd` is ground as well. A netlist with `.tran`
-//! is a deck, whose first line is its title.
+//! Case is ignored; a name is reported as it is first written. `gnd` also means ground. The first line of a netlist
+//! with `.tran` is its title.
 
 mod arithmetic;
 mod component;
@@ -34,26 +34,26 @@ use std::collections::HashMap;
 use tokens::{Token, statements};
 use value::value;
 
-/// The longest netlist, in bytes.
+/// Maximum length of a netlist, in bytes.
 const LONGEST: usize = 64 * 1024;
 
-/// What a netlist holds.
+/// The content of a netlist.
 pub(crate) struct Netlist {
     pub components: Vec<Component>,
-    /// The line that each begins on.
+    /// The line on which each component begins.
     pub lines: Vec<usize>,
-    /// The title of a deck.
+    /// The title, if there is a `.tran`.
     pub title: Option<String>,
-    /// The horizon of a deck.
+    /// The transient analysis, if there is a `.tran`.
     pub transient: Option<Transient>,
-    /// What SPICE would read otherwise.
+    /// Warnings about differences from SPICE.
     pub remarks: Vec<String>,
 }
 
-/// Something wrong in a netlist.
+/// An error in a netlist.
 #[derive(Clone, Debug)]
 pub(crate) struct NetlistError {
-    /// Counted from 1; columns in characters.
+    /// Line, counted from 1; columns are counted in characters.
     line: usize,
     column: usize,
     code: &'static str,
@@ -66,7 +66,7 @@ impl NetlistError {
         Self { line: token.line, column: token.column, code, detail, expected: expected.to_owned() }
     }
 
-    /// The error at the place of the netlist.
+    /// Converts to a specification error at the JSON pointer of the netlist.
     pub fn at(self, place: &Pointer<'_>) -> SpecificationError {
         let detail = format!("line {}, column {}: {}", self.line, self.column, self.detail);
         SpecificationError::new(place.to_string(), self.code, detail).expected(self.expected)
@@ -76,7 +76,7 @@ impl NetlistError {
 /// Reads a netlist.
 ///
 /// # Errors
-/// The first error of every line that has one.
+/// The first error of each faulty line.
 pub(crate) fn read(text: &str) -> Result<Netlist, Vec<NetlistError>> {
     if text.len() > LONGEST {
         let detail = format!("the netlist has {} bytes", text.len());
@@ -88,7 +88,7 @@ pub(crate) fn read(text: &str) -> Result<Netlist, Vec<NetlistError>> {
     expansion::expand(&deck, errors)
 }
 
-/// The number that a word is, or the value of the expression or the parameter.
+/// The value of a token: a number, an expression or the name of a parameter.
 fn value_in(token: Token<'_>, scope: &Scope) -> Result<f64, NetlistError> {
     if let Some(expression) = token.expression() {
         return arithmetic::evaluate(expression, scope).map_err(|why| {
@@ -106,7 +106,7 @@ fn value_in(token: Token<'_>, scope: &Scope) -> Result<f64, NetlistError> {
     }
 }
 
-/// Names, each as it is written first.
+/// Names by their lower-case form, each as it is first written.
 #[derive(Default)]
 struct Names {
     spelled: HashMap<String, String>,

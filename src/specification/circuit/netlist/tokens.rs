@@ -1,6 +1,6 @@
-//! The words of a netlist. Blanks, commas and parentheses part them; `=` is a word of its own, and so is what stands in braces
-//! or quotes. A line that begins with `*` is a comment, as is what stands after `;` or ` $ `; one that begins with `+` goes on
-//! with the line before.
+//! The tokens of a netlist. Blanks, commas and parentheses separate them; `=` is a token of its own, and so is a text
+//! in braces or quotes. A line that begins with `*` is a comment, as is the text after `;` or ` $ `; a line that begins
+//! with `+` continues the previous one.
 
 use crate::wording::abridged;
 use std::ops::Range;
@@ -9,41 +9,41 @@ use winnow::prelude::*;
 use winnow::stream::LocatingSlice;
 use winnow::token::take_while;
 
-/// A word, and where it stands.
+/// A token and its place.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Token<'a> {
     pub text: &'a str,
-    /// Counted from 1.
+    /// Line, counted from 1.
     pub line: usize,
-    /// Counted from 1, in characters.
+    /// Column, counted from 1, in characters.
     pub column: usize,
 }
 
 impl<'a> Token<'a> {
-    /// Whether it begins as a number does.
+    /// Whether it begins like a number.
     pub fn is_like_a_number(self) -> bool {
         self.text.starts_with(|c: char| c.is_ascii_digit() || "+-.{'".contains(c))
     }
 
-    /// What stands between braces or quotes, if it is an expression in them.
+    /// The text between braces or quotes, if the token is an expression in them.
     pub fn expression(self) -> Option<&'a str> {
         let within = |open, close| self.text.strip_prefix(open)?.strip_suffix(close);
         within('{', '}').or_else(|| within('\'', '\''))
     }
 
-    /// As it can stand in a message.
+    /// The text, shortened for a message.
     pub fn shown(self) -> String {
         abridged(self.text)
     }
 }
 
-/// The words of a line and of those that go on with it.
+/// The tokens of a line and its continuations.
 #[derive(Clone, Debug)]
 pub(super) struct Statement<'a> {
     pub tokens: Vec<Token<'a>>,
 }
 
-/// The lines of a netlist that say something, in order.
+/// The statements of a netlist in order, without empty lines and comments.
 pub(super) fn statements(text: &str) -> Vec<Statement<'_>> {
     let mut statements: Vec<Statement<'_>> = Vec::new();
     for (number, line) in text.lines().enumerate() {
@@ -71,7 +71,7 @@ pub(super) fn statements(text: &str) -> Vec<Statement<'_>> {
     statements
 }
 
-/// The words of a text, and which bytes they are.
+/// Splits a line into words with their byte ranges.
 fn words(text: &str) -> Vec<(&str, Range<usize>)> {
     fn is_blank(c: char) -> bool {
         c.is_whitespace() || "(),".contains(c)
@@ -85,7 +85,7 @@ fn words(text: &str) -> Vec<(&str, Range<usize>)> {
     ));
     let blanks = || take_while::<_, LocatingSlice<&str>, winnow::error::EmptyError>(0.., is_blank);
     let mut all = repeat(0.., preceded(blanks(), word.with_span()));
-    // Whatever is not blank is a word, so that only blanks are left.
+    // Every character that is not a blank belongs to a word, so only blanks can remain unread.
     all.parse_next(&mut LocatingSlice::new(text)).unwrap_or_default()
 }
 

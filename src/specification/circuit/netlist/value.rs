@@ -1,5 +1,5 @@
-//! Numbers with a suffix for their scale, as `4.7k`, `10u` or `1Meg`. What letters follow is a unit, and says nothing:
-//! `10uF`, `50Hz`. In either case `m` is a thousandth and `meg` a million; so `1F` is a femtofarad, as in SPICE.
+//! Numbers with a scale suffix, as `4.7k`, `10u` or `1Meg`. Letters after the suffix are a unit and are ignored:
+//! `10uF`, `50Hz`. In either case `m` is 1e-3 and `meg` is 1e6; therefore `1F` is a femtofarad, as in SPICE.
 
 use super::NetlistError;
 use super::tokens::Token;
@@ -8,7 +8,7 @@ use winnow::error::EmptyError;
 use winnow::prelude::*;
 use winnow::token::take_while;
 
-/// Suffixes and their scales; of two that fit, the first.
+/// Suffixes and their scales; the first suffix that matches applies.
 const SCALES: [(&str, f64); 11] = [
     ("meg", 1e6),
     ("t", 1e12),
@@ -23,7 +23,7 @@ const SCALES: [(&str, f64); 11] = [
     ("f", 1e-15),
 ];
 
-/// The number that a word is.
+/// Reads a token as a number.
 pub(super) fn value(token: Token<'_>) -> Result<f64, NetlistError> {
     let letters = take_while::<_, _, EmptyError>(0.., char::is_alphabetic);
     let mut number = (float, letters).map(|(number, letters): (f64, &str)| scaled(number, letters));
@@ -36,14 +36,14 @@ pub(super) fn value(token: Token<'_>) -> Result<f64, NetlistError> {
     }
 }
 
-/// The number scaled as the letters say, and rounded once: the reciprocal of a small scale is exact, itself it is not.
+/// Scales a number by its suffix with one rounding: a scale below 1 is inexact in binary, its reciprocal is exact.
 pub(super) fn scaled(number: f64, letters: &str) -> f64 {
     let letters = letters.to_lowercase();
     let scale = SCALES.iter().find(|(suffix, _)| letters.starts_with(suffix)).map_or(1.0, |&(_, scale)| scale);
     if scale < 1.0 { number / (1.0 / scale).round() } else { number * scale }
 }
 
-/// What someone else than SPICE would read a number as, where that is likely: `1M` as a million, `1F` as a farad.
+/// Warns where a reader would expect another scale than that of SPICE: `1M` as a million, `1F` as a farad.
 pub(super) fn likely_meant(text: &str) -> Option<&'static str> {
     let letters = text.trim_start_matches(|c: char| c.is_ascii_digit() || "+-.".contains(c));
     let is_number = letters.len() < text.len();

@@ -1,5 +1,5 @@
-//! The sources of a netlist as expressions in `t`. Ramps are written with `min` and `max` and jumps with `heaviside`, whose
-//! changes steps end on.
+//! Sources of a netlist as expressions in `t`. Ramps are written with `min` and `max`, jumps with `heaviside`, so that
+//! integration steps end at their kinks and jumps.
 //!
 //! ```text
 //! DC value                        the default
@@ -16,10 +16,10 @@ use std::f64::consts::PI;
 
 const KINDS: &str = "a value, DC, SIN, PULSE, PWL or EXP";
 
-/// The most points of a piecewise linear source.
+/// Most points of a piecewise linear source.
 const MOST_POINTS: usize = 500;
 
-/// Reads a source to the end of its line. A waveform replaces the value that stands before it.
+/// Reads a source to the end of its line. A waveform overrides a constant value given before it.
 pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> {
     let mut token = rest.next(KINDS)?;
     let mut source = None;
@@ -28,7 +28,7 @@ pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> 
     } else if rest.is_value(token) {
         source = Some(rest.number(token)?.into());
     }
-    // What an analysis of small signals would take says nothing here.
+    // Ignore the amplitude and phase of the AC analysis.
     if source.is_some() && rest.peek().is_some_and(|token| token.text.eq_ignore_ascii_case("ac")) {
         rest.next("AC")?;
         rest.values()?;
@@ -45,7 +45,7 @@ pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> 
         "pwl" => piecewise_linear,
         "exp" => exponential,
         _ => {
-            let detail = format!("`{}` is no source known here", token.shown());
+            let detail = format!("`{}` is not a known source", token.shown());
             return Err(NetlistError::new(token, "unknown_source", detail, KINDS));
         }
     };
@@ -55,7 +55,7 @@ pub(super) fn read(rest: &mut Rest<'_, '_>) -> Result<Expression, NetlistError> 
     read(token, &values, &numbers)
 }
 
-/// What is wrong with the values of a waveform.
+/// An error in the values of a waveform.
 fn refuse(token: Token<'_>, detail: &str, expected: &str) -> NetlistError {
     NetlistError::new(token, "malformed_source", detail.to_owned(), expected)
 }
@@ -94,7 +94,8 @@ fn pulse(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> Result<Expr
     let (since, gate) = match numbers.get(6) {
         None => (format!("t - ({delay:?})"), String::new()),
         Some(&period) if period >= length && period > 0.0 => {
-            // The time since the start of the pulse whose middle is nearest: where it jumps, the source is low.
+            // Time since the start of the nearest pulse, wrapped half a period after the middle of the pulse, where the
+            // source is low.
             let middle = delay + 0.5 * length;
             let turns = 2.0 * PI / period;
             let angle = format!("({turns:?})*(t - ({middle:?}))");
@@ -117,11 +118,11 @@ fn piecewise_linear(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> 
     const EXPECTED: &str = "PWL(time value time value ..), times in order";
     let count = numbers.len();
     if count < 2 || !count.is_multiple_of(2) || count > 2 * MOST_POINTS {
-        let detail = format!("PWL has {count} values: pairs are wanted, at most {MOST_POINTS}");
+        let detail = format!("PWL has {count} values, not pairs of a time and a value, at most {MOST_POINTS} of them");
         return Err(refuse(token, &detail, EXPECTED));
     }
     if let Some(k) = (2..count).step_by(2).find(|&k| numbers[k] < numbers[k - 2]) {
-        return Err(refuse(values[k], "the times of PWL go back", EXPECTED));
+        return Err(refuse(values[k], "the times of PWL decrease", EXPECTED));
     }
     let mut sum = format!("({:?})", numbers[1]);
     for k in (2..count).step_by(2) {
@@ -142,7 +143,13 @@ fn exponential(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> Resul
     let back = match back {
         [] => String::new(),
         &[delay_back, constant_back] if constant_back > 0.0 => format!(" - {}", term(delay_back, constant_back)),
-        _ => return Err(refuse(values.last().copied().unwrap_or(token), "EXP cannot go back so", EXPECTED)),
+        _ => {
+            return Err(refuse(
+                values.last().copied().unwrap_or(token),
+                "the return of EXP needs a delay and a time constant above 0",
+                EXPECTED,
+            ));
+        }
     };
     if constant <= 0.0 {
         return Err(refuse(values[3], "a time constant of EXP is not above zero", EXPECTED));
@@ -150,7 +157,7 @@ fn exponential(token: Token<'_>, values: &[Token<'_>], numbers: &[f64]) -> Resul
     Ok(Expression::Text(format!("({low:?}) + ({height:?})*({}{back})", term(delay, constant))))
 }
 
-/// From 0 where `since` is negative to 1 where it is more than `duration`.
+/// Ramp from 0 at `since = 0` to 1 at `since = duration`.
 fn ramp(since: &str, duration: f64) -> String {
     if duration > 0.0 { format!("min(max(({since})/({duration:?}), 0), 1)") } else { format!("heaviside({since})") }
 }

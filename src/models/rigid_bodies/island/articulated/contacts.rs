@@ -5,7 +5,10 @@ use super::super::super::linkage::Linked;
 use super::super::super::midpoint::{CONVERGED, apart};
 use super::super::{Island, Mechanism};
 use super::compliance::{Compliance, respond};
-use super::{Home, ITERATIONS, Kept, LOSS, LOSS_IN_IMPACTS, STAGNANT, STIFF, end, iterate, stiffness};
+use super::restoration::restore;
+use super::{
+    Ended, Guess, Home, ITERATIONS, Kept, LOSS, LOSS_IN_IMPACTS, ROOM, STAGNANT, STIFF, end, iterate, stiffness,
+};
 use contact::law::Law;
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
@@ -29,6 +32,8 @@ impl Island {
         let mut all = std::mem::take(&mut self.contacts);
         let kept = Kept::of(self, linked);
         let is_solved = loop {
+            // An attempt that fails is not tried again at this length.
+            self.parts.pushed = 0.5 * h;
             self.contacts =
                 all.iter().zip(&closing).filter(|(_, closes)| **closes).map(|(contact, _)| *contact).collect();
             if !self.advance(linked, homes, h, mechanism, law, control) || control.go_on().is_err() {
@@ -68,7 +73,14 @@ impl Island {
     ) -> bool {
         let mut midpoint = self.midpoint(h, mechanism);
         let course = mechanism.signals.over(self.t, h);
-        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course));
+        let t = self.t;
+        let ground = |k: u32| mechanism.grounding(k, t, h);
+        linked.iter_mut().for_each(|linked| linked.begin(&midpoint.starts, &course, ground));
+        if let Some(guess) = self.guess.take() {
+            midpoint.mean = guess.mean;
+            midpoint.arrive();
+            linked.iter_mut().zip(&guess.impulses).for_each(|(linked, impulses)| linked.guess(impulses));
+        }
         let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
         let mut p: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.impulse).collect();
         let mut last = f64::INFINITY;
@@ -105,12 +117,20 @@ impl Island {
                 break;
             }
         }
-        let Some((mut velocities, lost, driven)) = end(&midpoint, linked) else { return false };
+        let Some(Ended { mut velocities, lost: of_linkages, driven }) = end(&midpoint, linked) else { return false };
+        let lost: f64 = of_linkages.iter().sum();
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
         let most = if p.iter().any(|p| p.x > 0.0) { LOSS_IN_IMPACTS } else { LOSS };
         let largest = self.largest_energy.max(energy).max(0.5 * midpoint.size());
         if lost > most * largest || stiffness(&midpoint, linked, &velocities) > STIFF * largest {
             return false;
+        }
+        self.parts.pushed = if lost * ROOM <= most * largest { 2.0 * h } else { h };
+        if p.iter().any(|p| p.x > 0.0) {
+            let moved = midpoint.moved_bodies();
+            for (linked, lost) in linked.iter().zip(&of_linkages) {
+                restore(linked, &moved, &mut velocities, *lost);
+            }
         }
         self.judge_positions(&midpoint.mean, h);
         let positions = self.report;
@@ -119,6 +139,11 @@ impl Island {
         if are_replaced {
             self.done.drives += driven + linked.iter_mut().map(Linked::correct).sum::<f64>();
             self.arrive(&midpoint, linked, &velocities, energy);
+            if p.iter().any(|p| p.x > 0.0) {
+                // The velocities have jumped.
+                self.accelerations.fill(None);
+            }
+            self.guess = Some(Guess::of(midpoint, linked));
         }
         are_replaced
     }

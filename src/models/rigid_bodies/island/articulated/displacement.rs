@@ -58,7 +58,7 @@ impl Island {
         let frames: Vec<Frame> = self.moving.iter().map(|motion| Frame::of(&motion.pose)).collect();
         let mut velocities: Vec<Vector6<f64>> = self.moving.iter().map(twist).collect();
         for linked in linked {
-            linked.begin(&frames, &course);
+            linked.begin(&frames, &course, |k| mechanism.grounding(k, self.t, 0.0));
             if !linked.hold(&frames, &self.moving) {
                 self.unsolved = Some(Unsolved::Joints);
                 return None;

@@ -1,0 +1,120 @@
+//! Coefficients of friction that vary. A step takes them at its end, as it takes velocities: with the impulses `r(mu)` of
+//! the law of contact and the state that they lead to,
+//!
+//! ```text
+//! mu_k = mu_k(t+, q+, v+, |u_t,k+|)
+//! ```
+//!
+//! is solved by a secant iteration from the coefficients at the beginning. Where friction falls steeply with the speed of
+//! the slip there may be several solutions: iterations without the secant lead away from an unstable one, to the next.
+
+use super::{State, VelocityStep};
+use crate::active_contacts::ActiveContacts;
+use crate::law::{Contacts, Report};
+use crate::settings::ContactError;
+use nalgebra::{Vector2, Vector3};
+use problem::Control;
+use vi::Outcome;
+
+/// Largest number of solutions of the law of contact for one step.
+const ROUNDS: usize = 60;
+
+/// Change of a coefficient, which has no unit, at which iterations end: the law of contact is solved no more accurately.
+const SETTLED: f64 = 1e-11;
+
+/// Coefficients down to minus this are rounding of zero.
+const ROUNDING: f64 = 1e-12;
+
+/// A coefficient of friction that can be: not negative, but for rounding.
+pub(crate) fn admissible(mu: f64) -> Option<f64> {
+    (mu.is_finite() && mu >= -ROUNDING).then_some(mu.max(0.0))
+}
+
+/// The velocities of contacts at the ends of a step without impulses, and at its beginning; with gaps and restitution.
+pub(super) struct Motion<'a> {
+    pub without: &'a [Vector3<f64>],
+    pub before: &'a [Vector3<f64>],
+    pub gap: &'a [f64],
+    pub restitution: &'a [f64],
+    /// The velocities of the system at the end of the step without impulses.
+    pub free: &'a [f64],
+    /// The step size of the law, and that of the motion: zero at an instant.
+    pub h: f64,
+    pub duration: f64,
+}
+
+impl VelocityStep<'_> {
+    /// The coefficients of friction of contacts at a state where they have the velocities `u`.
+    ///
+    /// # Errors
+    /// If a coefficient is negative or not finite.
+    pub(super) fn coefficients(
+        &mut self,
+        State { t, q, v }: &State,
+        contacts: &[usize],
+        u: &[Vector3<f64>],
+    ) -> Result<Vec<f64>, ContactError> {
+        let coefficient = |(&k, u): (&usize, &Vector3<f64>)| {
+            let contact = &self.structure.contacts[k];
+            if !contact.varies {
+                return Ok(contact.mu);
+            }
+            let mu = self.problem.friction(k, *t, q, v, contact.slip_speed(&Vector2::new(u.y, u.z)));
+            admissible(mu).ok_or(ContactError::Friction { contact: k, mu, t: *t })
+        };
+        contacts.iter().zip(u).map(coefficient).collect()
+    }
+
+    /// Applies the law of contact with the coefficients of friction that hold at the end of the step. Leaves them in
+    /// `scene`.
+    pub(super) fn law_of_contact(
+        &mut self,
+        state: &State,
+        near: &[usize],
+        scene: &mut ActiveContacts,
+        motion: &Motion<'_>,
+        r: &mut [Vector3<f64>],
+        control: &Control,
+    ) -> Result<Report, ContactError> {
+        let Motion { without, before, gap, restitution, free, h, duration } = *motion;
+        let mut report: Option<Report> = None;
+        let varies = near.iter().any(|&k| self.structure.contacts[k].varies);
+        // The coefficients of the last round, and by how much they were off.
+        let mut last: Option<(Vec<f64>, Vec<f64>)> = None;
+        for round in 1.. {
+            let contacts: Contacts<'_> = scene.contacts(without, before, gap, restitution, h);
+            let solved = self.law.impulses(&contacts, r, control);
+            let mut made = report.map_or(solved, |earlier| solved.after(&earlier));
+            if !varies || solved.outcome != Outcome::Solved {
+                return Ok(made);
+            }
+            let mut v = free.to_vec();
+            scene.apply(&self.structure, &self.delassus, r, &mut v);
+            let after = scene.velocities(&self.structure, &self.constraints, &v);
+            let q = state.q.iter().zip(&v).map(|(q, v)| q + duration * v).collect();
+            let ahead = State { t: state.t + duration, q, v };
+            let due = self.coefficients(&ahead, near, &after)?;
+            let used = scene.friction().to_vec();
+            let off: Vec<f64> = due.iter().zip(&used).map(|(due, used)| due - used).collect();
+            // Coefficients of contacts without an impulse do not act.
+            let acting = |&i: &usize| r[i].x > 0.0;
+            let farthest = (0..off.len()).filter(acting).map(|i| off[i].abs()).fold(0.0, f64::max);
+            if farthest <= SETTLED || round == ROUNDS {
+                made.residual = made.residual.max(if farthest <= SETTLED { 0.0 } else { farthest });
+                return Ok(made);
+            }
+            let next = (0..off.len()).map(|i| {
+                let slope = last.as_ref().map(|(mu, before)| (off[i] - before[i]) / (used[i] - mu[i]));
+                let step =
+                    slope.filter(|slope| slope.is_finite() && *slope < 0.0).map_or(off[i], |slope| -off[i] / slope);
+                (used[i] + step).max(0.0)
+            });
+            let next = next.collect();
+            last = Some((used, off));
+            scene.set_friction(next);
+            report = Some(made);
+        }
+        // The loop ends by its rounds.
+        Ok(report.unwrap_or_else(Report::none))
+    }
+}

@@ -1,0 +1,100 @@
+//! The answer that a table of members is: its totals, its verdict and its summary.
+
+use super::{Table, Values};
+use crate::columnar::Members;
+use crate::summary::summary;
+use crate::{CheckCode, Failure, Solution, Status};
+use std::io;
+
+/// Why a table has fewer rows than members were asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Incomplete<'a> {
+    /// A word for programs.
+    pub code: &'static str,
+    /// The same for people.
+    pub why: &'a str,
+}
+
+impl Incomplete<'static> {
+    /// The wall time ended.
+    pub const WALL_TIME: Self = Self { code: "wall_time", why: "the wall time allowed ended" };
+    /// The sweep was cancelled.
+    pub const CANCELLED: Self = Self { code: "cancelled", why: "the sweep was cancelled" };
+    /// Too many members took their workers down.
+    pub const MEMBERS_LOST: Self = Self { code: "members_lost", why: "too many members took their workers down" };
+    /// Parts of the sweep are missing.
+    pub const MEMBERS_MISSING: Self = Self { code: "members_missing", why: "parts are missing" };
+}
+
+impl Table {
+    /// The answer to a sweep of which `asked` members were asked for; `incomplete` says why there are fewer rows, where
+    /// there are.
+    pub fn into_answer(self, asked: usize, incomplete: Incomplete<'_>) -> Solution {
+        // A table in memory can be read.
+        let answer = answer(&self, asked, incomplete).unwrap_or_default();
+        Solution { table: Some(self), ..answer }
+    }
+}
+
+/// The answer that has a table, wherever that is; its own `table` has no rows.
+///
+/// # Errors
+/// Those of reading the table.
+pub fn answer(members: &dyn Members, asked: usize, incomplete: Incomplete<'_>) -> io::Result<Solution> {
+    let (mut solution, mut rows) = (Solution::default(), 0);
+    members.visit("member", |values| rows += values.len())?;
+    if rows < asked {
+        let Incomplete { code, why } = incomplete;
+        let message = format!("{why}: {rows} of {asked} members were done; the table has their rows");
+        solution.error = Some(Failure { code: code.into(), message, time: 0.0, state: Vec::new() });
+        solution.status = Status::Stopped;
+    }
+    let total = |name: &str| -> io::Result<u64> {
+        let mut total = 0;
+        members.visit(name, |values| {
+            total += (0..values.len()).filter_map(|row| values.number(row)).map(|count| count as u64).sum::<u64>();
+        })?;
+        Ok(total)
+    };
+    let diagnostics = &mut solution.diagnostics;
+    diagnostics.method = "sweep";
+    (diagnostics.steps.accepted, diagnostics.switches) = (total("steps")?, total("switches")?);
+    judge(members, rows, &mut solution)?;
+    solution.summary = Some(summary(members)?);
+    solution.table = Some(members.head().head());
+    solution.judge(0.0);
+    for reason in solution.verdict.because.iter_mut().filter(|reason| reason.code == CheckCode::NotAtEnd) {
+        reason.value = asked.saturating_sub(rows) as f64;
+        reason.message = format!("{rows} of {asked} members were done");
+    }
+    Ok(solution)
+}
+
+/// Records how many members are not to be relied upon.
+fn judge(members: &dyn Members, rows: usize, solution: &mut Solution) -> io::Result<()> {
+    let checks = &mut solution.diagnostics.checks;
+    let untrusted = untrusted(members)?;
+    checks.record(CheckCode::UntrustedMembers, untrusted as f64, 0.0, || {
+        format!("{untrusted} of {rows} members are not trusted: see `trusted` and `warnings` in their rows")
+    });
+    let failed = members.head().failed;
+    if failed > 0 {
+        let message = format!("{failed} of {rows} members failed: see `status` and `error` in their rows");
+        checks.caveat("failed_members", message);
+    }
+    Ok(())
+}
+
+/// Members that reached their end and are not trusted.
+fn untrusted(members: &dyn Members) -> io::Result<u64> {
+    let place = |name: &str| members.head().columns.iter().position(|column| column.name == name);
+    let (Some(trusted), Some(status)) = (place("trusted"), place("status")) else { return Ok(0) };
+    let mut untrusted = 0;
+    for part in 0..members.parts() {
+        let (trusted, status) = (members.values(part, trusted)?, members.values(part, status)?);
+        let Values::Flags(trusted) = trusted else { continue };
+        let is_untrusted = |row: &usize| !trusted[*row] && status.word(*row) == Some("completed");
+        untrusted += (0..trusted.len()).filter(is_untrusted).count() as u64;
+    }
+    Ok(untrusted)
+}

@@ -1,0 +1,92 @@
+//! Lists of numbers, one a row, all of one length: the trajectories of members at the same times. A number that is missing, as
+//! behind the time at which a run failed, is NaN here and null wherever it is written.
+
+/// Lists of one length.
+#[derive(Clone, Debug, Default)]
+pub struct Lists {
+    length: usize,
+    rows: usize,
+    values: Vec<f64>,
+}
+
+impl PartialEq for Lists {
+    fn eq(&self, other: &Self) -> bool {
+        let same = |(a, b): (&f64, &f64)| a.to_bits() == b.to_bits() || a.is_nan() && b.is_nan();
+        self.rows == other.rows && self.length == other.length && self.values.iter().zip(&other.values).all(same)
+    }
+}
+
+impl Lists {
+    /// No rows, of lists of this length.
+    pub fn new(length: usize) -> Self {
+        Self { length, ..Self::default() }
+    }
+
+    /// The length of each list.
+    pub fn length(&self) -> usize {
+        self.length
+    }
+
+    /// The number of rows.
+    pub fn len(&self) -> usize {
+        self.rows
+    }
+
+    /// Whether there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.rows == 0
+    }
+
+    /// The list in a row.
+    pub fn get(&self, row: usize) -> Option<&[f64]> {
+        if row >= self.rows {
+            return None;
+        }
+        self.values.get(row * self.length..(row + 1) * self.length)
+    }
+
+    /// The numbers of the list in a row; those that are missing are none.
+    pub fn numbers(&self, row: usize) -> Option<impl Iterator<Item = Option<f64>>> {
+        let list = self.get(row).filter(|list| list.iter().any(|value| value.is_finite()))?;
+        Some(list.iter().map(|value| Some(*value).filter(|value| value.is_finite())))
+    }
+
+    /// Adds a list: what it is too short by is missing, and what it is too long by is left out.
+    pub fn push(&mut self, list: &[f64]) {
+        let given = list.iter().copied().chain(std::iter::repeat(f64::NAN));
+        self.values.extend(given.take(self.length));
+        self.rows += 1;
+    }
+
+    /// Takes the length of others, as long as there are no rows.
+    pub fn take_length(&mut self, other: &Self) {
+        if self.rows == 0 {
+            self.length = other.length;
+        }
+    }
+
+    /// Makes room for so many rows more.
+    pub fn reserve(&mut self, rows: usize) {
+        self.values.reserve_exact(rows.saturating_mul(self.length));
+    }
+
+    /// All numbers, list after list.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_have_one_length_and_what_is_missing_is_none() {
+        let mut lists = Lists::new(2);
+        [&[1.0, 2.0][..], &[3.0], &[], &[4.0, 5.0, 6.0]].iter().for_each(|list| lists.push(list));
+        let numbers = |row: usize| lists.numbers(row).map(|list| list.collect::<Vec<_>>());
+        assert_eq!((lists.len(), numbers(0)), (4, Some(vec![Some(1.0), Some(2.0)])));
+        assert_eq!((numbers(1), numbers(2)), (Some(vec![Some(3.0), None]), None));
+        assert_eq!((lists.get(3), lists.get(4)), (Some(&[4.0, 5.0][..]), None));
+    }
+}

@@ -1,0 +1,71 @@
+//! Ladders of runs: each solved once for its answer, then again for its time.
+
+use super::reference::{Reference, switch_times};
+use super::{Errors, Ladder, MOST_STEPS, Outcome, Run};
+use crate::solve::solve_once;
+use problem::Control;
+use solution::{Solution, Status};
+use specification::{Rung, Specification, Stages};
+use std::time::{Duration, Instant};
+
+/// Solves of each run after the first, which warms caches and is not counted.
+pub const REPEATS: usize = 5;
+/// Runs longer than this are not repeated, in seconds: their times hardly vary.
+pub const LONG: f64 = 0.5;
+/// The longest that one run may take.
+pub const LONGEST: Duration = Duration::from_secs(20);
+
+/// Runs one ladder from its coarsest rung. Beyond a run that was stopped, finer ones are not tried.
+pub fn ladder(
+    method: String,
+    specification: &Specification,
+    rungs: &[Rung],
+    stages: Stages,
+    reference: &Reference,
+) -> Ladder {
+    let mut runs: Vec<Run> = Vec::with_capacity(rungs.len());
+    for &rung in rungs {
+        let mut run = match runs.last() {
+            Some(Run { outcome: Outcome::Stopped | Outcome::NotTried, .. }) => Run::not_tried(rung),
+            _ => measure(specification, rung, stages, reference),
+        };
+        run.change = runs.last().and_then(|before| change(before, &run));
+        runs.push(run);
+    }
+    Ladder { method, runs }
+}
+
+fn measure(specification: &Specification, rung: Rung, stages: Stages, reference: &Reference) -> Run {
+    let fields = (0..reference.names.len()).collect();
+    let variant = specification.variant(rung, stages, reference.times.clone(), fields).within_steps(MOST_STEPS);
+    let solve = || solve_once(&variant, &Control::with_deadline(Instant::now() + LONGEST));
+    let first = solve();
+    let mut times = Vec::with_capacity(REPEATS);
+    if first.status == Status::Completed && first.diagnostics.wall_seconds < LONG {
+        times.extend((0..REPEATS).map(|_| solve().diagnostics.wall_seconds));
+    } else {
+        times.push(first.diagnostics.wall_seconds);
+    }
+    let errors = (first.status == Status::Completed).then(|| errors(&first, reference));
+    let message = first.error.as_ref().map(|error| format!("{} at t = {:.4e}", error.code, error.time));
+    let outcome = match first.status {
+        Status::Completed => Outcome::Completed,
+        Status::Stopped => Outcome::Stopped,
+        Status::Failed => Outcome::Failed,
+    };
+    let run = Run { outcome, steps: first.diagnostics.steps.accepted, errors, message, ..Run::at(rung) };
+    Run { trusted: Some(first.verdict.trusted), ..run.timed(times) }
+}
+
+fn errors(solution: &Solution, reference: &Reference) -> Errors {
+    let columns: Vec<Option<&[f64]>> =
+        solution.trajectory.fields.iter().map(|field| Some(field.values.as_slice())).collect();
+    reference.errors(&columns, Some(&switch_times(solution)))
+}
+
+/// The power of the step, or of the tolerance, by which the error changed.
+pub fn change(before: &Run, run: &Run) -> Option<f64> {
+    let error = |run: &Run| Some(run.errors.as_ref()?.end?.ln());
+    let rung = |run: &Run| Some(run.rtol.or(run.step)?.ln());
+    Some((error(before)? - error(run)?) / (rung(before)? - rung(run)?)).filter(|power| power.is_finite())
+}

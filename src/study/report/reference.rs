@@ -1,0 +1,246 @@
+//! The reference of a system: values of all outputs at the times of comparison, and the times of switches.
+//!
+//! Values from outside are used wherever there are any. Between them, a run of this program to a tolerance beyond those that
+//! are measured is the reference; its distance from the outside values at the end is part of the report. The times of
+//! comparison have one distance, but none lies so near to a switch that rounding decides on which side of a jump it is.
+
+use super::known::Known;
+use super::{Errors, MOST_STEPS};
+use crate::solve::solve_once;
+use problem::Control;
+use serde::{Deserialize, Serialize};
+use solution::{Solution, Status};
+use specification::{By, Exact, Rung, Specification, Stages};
+use std::time::{Duration, Instant};
+
+/// Times of comparison before those near switches are left out.
+const TIMES: usize = 100;
+/// The distance of times of comparison from switches, as a part of the horizon, and as a part of the mean distance of switches.
+const APART: f64 = 1e-3;
+const BETWEEN: f64 = 0.1;
+/// The tolerances of the run of reference, the tightest first, with the seconds that it may take: where rounding or cost keep it
+/// from the end, the next one is tried. Methods of second order have none of the tighter ones.
+const TOLERANCES: [(f64, u64); 3] = [(1e-13, 30), (1e-11, 60), (1e-9, 120)];
+const SECOND_ORDER: [(f64, u64); 2] = [(1e-11, 120), (1e-10, 120)];
+/// Where steps have one size: the step as a part of the finest that is measured, and the seconds.
+const FINER: (f64, u64) = (16.0, 120);
+/// Outputs that describe the discretisation and not the solution.
+const OF_DISCRETISATION: [&str; 2] = ["contacts", "penetration"];
+/// A column this much smaller than the largest is what rounding leaves of zero.
+const ZERO: f64 = 1e-12;
+
+/// Values to compare with. The values themselves are needed while a chapter is made, and are not kept with it.
+#[derive(Clone, Debug, Deserialize, Serialize)]
+pub struct Reference {
+    /// The times of comparison; the last is the end.
+    #[serde(skip)]
+    pub times: Vec<f64>,
+    /// The names of the outputs, those of the states first.
+    #[serde(skip)]
+    pub names: Vec<String>,
+    /// How many of them are states.
+    pub states: usize,
+    /// The values of each output at the times.
+    #[serde(skip)]
+    pub columns: Vec<Vec<f64>>,
+    /// The outputs with values from outside at the end, as places in `names`, with these values.
+    #[serde(skip)]
+    pub outside: Vec<(usize, f64)>,
+    /// The times of switches.
+    pub switches: Vec<f64>,
+    /// Whether these are from outside.
+    pub switches_outside: bool,
+    /// How the run of reference was asked for, in words; absent where none reached the end.
+    pub run: Option<String>,
+    /// The distance of the run of reference from the outside values at the end, in the norm of the errors.
+    pub agreement: Option<f64>,
+    /// The span of time from start to end.
+    pub horizon: f64,
+}
+
+impl Reference {
+    /// The reference of a specification, with steps of the size `finest` as the smallest that are measured. `None` where
+    /// no run reaches the end and nothing is known from outside.
+    pub fn new(specification: &Specification, known: &Known, finest: f64) -> Option<Self> {
+        let time = specification.time();
+        let horizon = time.end - time.start;
+        let even: Vec<f64> = (1..=TIMES).map(|k| time.start + horizon * (k as f64 / TIMES as f64)).collect();
+        let model = specification.model();
+        let names = model.output_names();
+        let found = run(specification, &even, names.len(), finest);
+        let events: Vec<f64> = found.iter().flat_map(|(_, solution)| switch_times(solution)).collect();
+        let switches_outside = !known.switches.is_empty();
+        let switches = if switches_outside { known.switches.clone() } else { events };
+        let keep = kept(&even, &switches, horizon);
+        let outside = OutsideValues::new(specification, known);
+        let mut columns: Vec<Vec<f64>> = match &found {
+            Some((_, solution)) => solution.trajectory.fields.iter().map(|field| field.values.clone()).collect(),
+            None => vec![vec![f64::NAN; even.len()]; names.len()],
+        };
+        if columns.iter().any(|column| column.len() != even.len()) {
+            return None;
+        }
+        let run = found.map(|(words, _)| words);
+        let agreement = (run.is_some() && !outside.is_empty()).then(|| {
+            let ends: Vec<f64> = columns.iter().filter_map(|column| column.last().copied()).collect();
+            outside.at_end(time.end).map(|(k, exact)| relative(&columns, k, ends[k] - exact)).fold(0.0, f64::max)
+        });
+        if run.is_none() && outside.is_empty() {
+            return None;
+        }
+        if !known.mesh {
+            outside.write(&even, &mut columns);
+        }
+        let outside = if known.mesh { Vec::new() } else { outside.at_end(time.end).collect() };
+        let pick = |column: Vec<f64>| column.into_iter().zip(&keep).filter_map(|(x, keep)| keep.then_some(x)).collect();
+        Some(Self {
+            times: pick(even),
+            columns: columns.into_iter().map(pick).collect(),
+            states: model.initial().len(),
+            names,
+            outside,
+            switches,
+            switches_outside,
+            run,
+            agreement,
+            horizon,
+        })
+    }
+
+    /// The outputs that are no states.
+    fn of_solution(&self) -> Vec<usize> {
+        let told = |k: &usize| !OF_DISCRETISATION.contains(&self.names[*k].as_str());
+        (self.states..self.names.len()).filter(told).collect()
+    }
+
+    /// The errors of values at the times of comparison, in the order of the names; `None` for an output that is not there.
+    pub fn errors(&self, columns: &[Option<&[f64]>], switches: Option<&[f64]>) -> Errors {
+        let distance = |k: usize, at: usize| {
+            let value = columns.get(k).copied().flatten()?.get(at)?;
+            let exact = self.columns[k].get(at).filter(|exact| exact.is_finite())?;
+            // What is no number is no small error.
+            Some(if value.is_finite() { relative(&self.columns, k, value - exact) } else { f64::INFINITY })
+        };
+        let over_time = |fields: Vec<usize>| {
+            let all = fields.into_iter().flat_map(|k| (0..self.times.len()).map(move |at| (k, at)));
+            all.filter_map(|(k, at)| distance(k, at)).reduce(f64::max)
+        };
+        let last = self.times.len().saturating_sub(1);
+        let end = match self.outside.is_empty() {
+            true => (0..self.states).filter_map(|k| distance(k, last)).reduce(f64::max),
+            false => self.outside.iter().filter_map(|&(k, _)| distance(k, last)).reduce(f64::max),
+        };
+        let nearest = |t: &f64, of: &[f64]| of.iter().map(|other| (other - t).abs()).reduce(f64::min);
+        let missed = switches.map(|found| self.switches.iter().map(|t| nearest(t, found)).collect::<Vec<_>>());
+        let largest =
+            missed.and_then(|missed| missed.into_iter().map(|one| one.unwrap_or(self.horizon)).reduce(f64::max));
+        let finite = |error: Option<f64>| error.filter(|error| error.is_finite());
+        Errors {
+            end: finite(end),
+            states: finite(over_time((0..self.states).collect())),
+            variables: finite(over_time(self.of_solution())),
+            switches: finite(largest.map(|largest| largest / self.horizon)),
+            switches_found: switches.map(<[f64]>::len),
+        }
+    }
+}
+
+/// A distance as a part of the largest value of its column, or of the largest of all where the column is zero.
+fn relative(columns: &[Vec<f64>], k: usize, distance: f64) -> f64 {
+    let size_of =
+        |column: &Vec<f64>| column.iter().filter(|x| x.is_finite()).fold(0.0_f64, |size, x| size.max(x.abs()));
+    let size = size_of(&columns[k]);
+    let all = columns.iter().map(size_of).fold(0.0, f64::max);
+    let size = if size > ZERO * all { size } else { all };
+    distance.abs() / if size > 0.0 { size } else { 1.0 }
+}
+
+/// The times of all switches of an answer, from the start on, each once.
+pub fn switch_times(solution: &Solution) -> Vec<f64> {
+    let mut times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    times
+}
+
+/// Which times are far enough from all switches; the end is kept.
+fn kept(times: &[f64], switches: &[f64], horizon: f64) -> Vec<bool> {
+    let apart = (APART * horizon).min(BETWEEN * horizon / (switches.len() + 1) as f64);
+    let last = times.len().saturating_sub(1);
+    let near = |t: f64| {
+        let after = switches.partition_point(|switch| *switch < t - apart);
+        switches.get(after).is_some_and(|switch| (switch - t).abs() <= apart)
+    };
+    times.iter().enumerate().map(|(k, &t)| k == last || !near(t)).collect()
+}
+
+/// The run of reference, and what it is.
+fn run(specification: &Specification, times: &[f64], outputs: usize, finest: f64) -> Option<(String, Solution)> {
+    let varied = specification.model().varied();
+    let to = |(rtol, seconds): (f64, u64)| (Rung::Tolerance(rtol), format!("the tolerance {rtol:e}"), seconds);
+    let rungs: Vec<(Rung, String, u64)> = match (varied.tolerance, varied.reference) {
+        (true, By::Tolerance) => TOLERANCES.map(to).to_vec(),
+        (true, By::Step) => SECOND_ORDER.map(to).to_vec(),
+        (false, _) => {
+            let step = finest / FINER.0;
+            vec![(Rung::Step(step), format!("steps of {step:.3e}"), FINER.1)]
+        }
+    };
+    rungs.into_iter().find_map(|(rung, words, seconds)| {
+        let variant = specification.variant(rung, Stages::Auto, times.to_vec(), (0..outputs).collect());
+        let control = Control::with_deadline(Instant::now() + Duration::from_secs(seconds));
+        let solution = solve_once(&variant.within_steps(MOST_STEPS), &control);
+        (solution.status == Status::Completed).then_some((words, solution))
+    })
+}
+
+/// Values from outside.
+struct OutsideValues {
+    /// For each output that has any: its place, and its value at a time where it is known there.
+    fields: Vec<(usize, bool)>,
+    exact: Option<Exact>,
+    from: f64,
+}
+
+impl OutsideValues {
+    fn new(specification: &Specification, known: &Known) -> Self {
+        let exact = specification.study().and_then(|study| study.exact.clone());
+        let always = |k: &usize| {
+            let name = &specification.model().output_names()[*k];
+            known.exact.get(name).is_some_and(serde_json::Value::is_string)
+        };
+        Self {
+            fields: exact.iter().flat_map(|exact| &exact.fields).map(|k| (*k, always(k))).collect(),
+            exact,
+            from: known.from.unwrap_or(f64::NEG_INFINITY),
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.fields.is_empty()
+    }
+
+    fn at(&self, t: f64) -> Vec<f64> {
+        let mut row = vec![f64::NAN; self.fields.len()];
+        if let Some(exact) = &self.exact {
+            exact.values.clone().evaluate(t, &[], &mut row);
+        }
+        row
+    }
+
+    fn at_end(&self, end: f64) -> impl Iterator<Item = (usize, f64)> {
+        self.fields.iter().map(|field| field.0).zip(self.at(end))
+    }
+
+    /// Replaces computed values wherever outside ones hold.
+    fn write(&self, times: &[f64], columns: &mut [Vec<f64>]) {
+        let last = times.len().saturating_sub(1);
+        for (at, &t) in times.iter().enumerate() {
+            for (&(k, always), value) in self.fields.iter().zip(self.at(t)) {
+                if at == last || (always && t >= self.from) {
+                    columns[k][at] = value;
+                }
+            }
+        }
+    }
+}
