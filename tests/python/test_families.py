@@ -98,6 +98,43 @@ def test_a_grid_has_an_axis_for_each_name(decay):
         drawn.grid("x")
 
 
+def test_trajectories_that_are_kept_are_arrays_over_their_times(decay, tmp_path):
+    decay["output"] = {"times": {"count": 5}}
+    decay["sweep"] = {"keep": "trajectories"}
+    k, start = np.array([1.0, 2.0, 3.0]), np.array([1.0, -2.0])
+    s = dvi.sweep(decay, {"k": k, "x.initial": start}, {"end": {"final": "x"}})
+    x = s["trajectory.x"]
+    assert (s.times == np.linspace(0, 1, 5)).all() and x.shape == (6, 5) and not x.flags.owndata and not x.flags.writeable
+    assert np.abs(x - s["x.initial"][:, None] * np.exp(-s["k"][:, None] * s.times)).max() < 1e-8
+    assert s.grid("trajectory.x").shape == (3, 2, 5) and (s.grid("trajectory.x")[2, 1] == x[5]).all()
+    with pytest.raises(TypeError, match="trajectory.x"):
+        s(0.5)
+    pyarrow = pytest.importorskip("pyarrow")
+    column = s.to_arrow().column("trajectory.x")
+    assert column.type == pyarrow.list_(pyarrow.float64(), 5) and column[5].as_py() == x[5].tolist()
+    saved = tmp_path / "saved.arrow"
+    s.save(saved)
+    assert pyarrow.ipc.open_stream(saved.read_bytes()).read_all().equals(s.to_arrow(), check_metadata=True)
+    pytest.importorskip("xarray")
+    data = s.to_xarray()
+    assert data["trajectory.x"].dims == ("k", "x.initial", "t") and data["end"].dims == ("k", "x.initial")
+    assert (s.to_pandas()["trajectory.x"].iloc[5] == x[5]).all()
+    drawn = dvi.sweep(decay, {"k": {"uniform": [0, 1]}, "x.initial": {"uniform": [0, 1]}}, design="random", count=3)
+    assert drawn.to_xarray()["trajectory.x"].dims == ("member", "t")
+    matplotlib = pytest.importorskip("matplotlib")
+    matplotlib.use("agg")
+    assert len(s.plot("trajectory.x").axes[0].lines) == 6
+
+
+def test_counts_are_numbers_of_32_bits_however_a_table_packs_them(decay):
+    s = dvi.sweep(decay, {"k": np.linspace(0, 400, 401)})
+    assert (s["member"] == np.arange(401)).all() and not s["member"].flags.writeable
+    rows = [line.split(",") for line in s.to_csv().decode().splitlines()]
+    for name in ("member", "steps", "switches"):
+        assert s[name].dtype == np.uint32 and s[name].tolist() == [int(row[rows[0].index(name)]) for row in rows[1:]]
+    assert s.to_arrow().column("steps").to_pylist() == s["steps"].tolist()
+
+
 def test_members_that_fail_are_rows(decay):
     decay["problem"]["dvi"]["states"]["x"]["rate"] = "k*x^2"
     decay["limits"] = {"steps": 2000}

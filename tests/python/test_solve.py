@@ -27,7 +27,8 @@ def without_times(evidence):
 def test_every_example_has_the_digits_of_the_program(path, program):
     told = json.loads(subprocess.run([program, "solve", path], capture_output=True, check=False).stdout)
     found = dvi.solve(path)
-    assert found.names == list(told["trajectory"]["fields"])
+    columns = told["table"]["columns"] if isinstance(found, dvi.Sweep) else told["trajectory"]["fields"]
+    assert found.names == list(columns)
     assert found.t.tobytes() == np.array(told["trajectory"]["t"], dtype=float).tobytes()
     for name, values in told["trajectory"]["fields"].items():
         assert found[name].tobytes() == np.array(values, dtype=float).tobytes(), name

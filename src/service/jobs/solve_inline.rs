@@ -77,7 +77,9 @@ impl Jobs {
         let begun = Instant::now();
         // The job then goes to a worker, where the panic happens again and is reported.
         let solution = catch_unwind(AssertUnwindSafe(|| (self.solver)(&known.specification, &control))).ok()?;
-        if solution.status != Status::Completed {
+        // What follows a run, such as its comparison with other runs, is cut short by the end of the time as well, and the
+        // status does not say so.
+        if solution.status != Status::Completed || control.poll().is_some() {
             return None;
         }
         self.metrics.waited(begun.saturating_duration_since(job.created.clock));

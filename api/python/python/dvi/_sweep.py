@@ -24,7 +24,8 @@ class Sweep(Result, kind="sweep"):
 
     `s["m"]` is a column as an array of numpy: numbers and truths are views of the table, NaN where a number is missing; words, such
     as those of `mode_word` and `error`, are an array of objects, None where there is none. `s.names` lists the columns: `member`, what
-    was swept, what was collected, and how each member ended.
+    was swept, what was collected, and how each member ended. Where `keep` of the sweep is `trajectories`, `s["trajectory.x"]` is an
+    array with a row a member and a column for each of `s.times`.
     """
 
     def __getitem__(self, name: Any) -> Any:
@@ -39,7 +40,12 @@ class Sweep(Result, kind="sweep"):
         return column
 
     def __call__(self, t: Union[float, npt.ArrayLike]) -> dict[str, Any]:
+        if self.times.size:
+            raise TypeError("the trajectories of a sweep are columns such as s['trajectory.x'], a row a member, at s.times")
         raise TypeError("a sweep keeps no trajectories: solve the member that you want, or collect {'at': {'t': .., 'of': ..}}")
+
+    def _columns(self) -> list[tuple[str, Any]]:
+        return [(name, self[name]) for name in self.names]
 
     def _head(self, name: str) -> Any:
         return self._evidence["table"][name]
@@ -73,6 +79,11 @@ class Sweep(Result, kind="sweep"):
         names: list[str] = self._head("collected")
         return names
 
+    @cached_property
+    def times(self) -> Floats:
+        """The times of the trajectories that were kept; empty where none were."""
+        return np.array(self._evidence["table"].get("times", []), dtype=float)
+
     @property
     def summary(self) -> dict[str, dict[str, Any]]:
         """Of each number that was collected its count, mean, standard deviation, extremes and quantiles."""
@@ -94,32 +105,39 @@ class Sweep(Result, kind="sweep"):
         return axes if same else None
 
     def grid(self, name: str) -> Any:
-        """A column as an array with an axis for each name that was swept, in the order of `axes`."""
+        """A column as an array with an axis for each name that was swept, in the order of `axes`; behind them one for `times`, where
+        it is a column of trajectories."""
         if self.axes is None:
             raise ValueError("the members are no grid: take the column itself")
-        return self[name].reshape([len(points) for points in self.axes.values()])
+        column = self[name]
+        return column.reshape([len(points) for points in self.axes.values()] + list(column.shape[1:]))
 
     def to_pandas(self) -> pandas.DataFrame:
-        """The table as a data frame over `member`."""
+        """The table as a data frame over `member`; of a column of trajectories each cell is an array."""
         import pandas
 
-        columns = {name: self[name] for name in self.names if name != "member"}
+        columns = {name: column if column.ndim == 1 else list(column) for name, column in self._columns() if name != "member"}
         return pandas.DataFrame(columns, index=pandas.Index(self["member"], name="member"))
 
     def to_xarray(self) -> xarray.Dataset:
-        """The table as a data set: over the names that were swept where the members are a grid of them, else over `member`."""
+        """The table as a data set: over the names that were swept where the members are a grid of them, else over `member`; trajectories
+        over their times `t` as well."""
         import xarray
 
         attributes = {"status": self.status, "trusted": int(self.trusted), "failed": self.failed}
+        times: dict[str, Any] = {"t": self.times} if self.times.size else {}
         if self.axes is None:
-            columns = {name: ("member", self[name]) for name in self.names if name not in ("member", *self.swept)}
+            left_out = ("member", *self.swept)
+            columns = {name: (["member", *times][: column.ndim], column) for name, column in self._columns() if name not in left_out}
             coordinates: dict[str, Any] = {name: ("member", self[name]) for name in self.swept}
-            return xarray.Dataset(columns, coords={"member": self["member"], **coordinates}, attrs=attributes)
-        grids = {name: (self.swept, self.grid(name)) for name in self.names if name not in self.swept}
-        return xarray.Dataset(grids, coords=self.axes, attrs=attributes)
+            return xarray.Dataset(columns, coords={"member": self["member"], **coordinates, **times}, attrs=attributes)
+        grids = {name: self.grid(name) for name in self.names if name not in self.swept}
+        placed = {name: ([*self.swept, *times][: grid.ndim], grid) for name, grid in grids.items()}
+        return xarray.Dataset(placed, coords={**self.axes, **times}, attrs=attributes)
 
     def plot(self, *names: str, axes: Any = None, events: bool = True) -> Figure:
-        """Draws what was collected, a panel each: lines over one name, maps over two, else points over the first."""
+        """Draws what was collected, a panel each: lines over one name, maps over two, else points over the first. Trajectories are drawn
+        over time, a line a member."""
         import matplotlib.pyplot as plt
 
         chosen = [getattr(name, "text", name) for name in names] or self.collected[:MOST_PANELS]
@@ -133,6 +151,10 @@ class Sweep(Result, kind="sweep"):
         points = self.axes
         for k, name in enumerate(chosen):
             panel = axes[min(k, len(axes) - 1)]
+            if self[name].ndim == 2:
+                panel.plot(self.times, self[name].T, color=f"C{k % 10}", linewidth=0.8)
+                panel.set(xlabel="t", ylabel=name)
+                continue
             values, words = _numbered(self[name])
             over = self.swept[0]
             if points is not None and len(points) == 2:
