@@ -42,7 +42,7 @@ fn what_is_right_passes() {
 fn a_domain_has_directions_of_some_length_in_their_order() {
     says(interval(), "domain", json!({"x": [1, 1]}), "domain/x", "empty_interval", "[1, 1]");
     says(interval(), "domain", json!({"x": [0, "b"]}), "domain/x/1", "unknown_name", "b");
-    says(interval(), "domain", json!({"x": [0, 1], "z": [0, 1]}), "domain", "missing_key", "no `y`");
+    says(interval(), "domain", json!({"x": [0, 1], "z": [0, 1]}), "domain", "missing_key", "`y` is missing");
     says(interval(), "domain", json!({"x": [1, 0]}), "domain/x", "empty_interval", "[1, 0]");
     says(interval(), "domain", json!({"x": [0, "1 + t"]}), "domain/x/1", "unknown_name", "`t`");
     says(interval(), "domain", json!({"x": [0, "1/0"]}), "domain/x/1", "not_finite", "inf");
@@ -75,7 +75,7 @@ fn coefficients_are_finite_and_diffusion_does_not_run_backwards() {
     says(interval(), "diffusion", json!("0/0"), "diffusion", "not_finite", "`diffusion` is NaN");
     says(interval(), "advection", json!("1/x^400"), "advection", "not_finite", "`advection` is inf");
     says(rectangle(), "advection", json!(1), "advection", "wrong_shape", "2 directions");
-    says(rectangle(), "advection", json!({"x": 1}), "advection", "missing_key", "no `y`");
+    says(rectangle(), "advection", json!({"x": 1}), "advection", "missing_key", "`y` is missing");
     says(rectangle(), "diffusion", json!({"x": 1, "y": 1, "z": 1}), "diffusion/z", "no_such_direction", "`z`");
 }
 
