@@ -198,6 +198,7 @@ pub(super) fn check(
             sensitivities: None,
             initial,
             reducers: None,
+            interpolants: None,
             ..plan.clone()
         };
         let ended = integrate_once(&bound, &reference, settings, analysis, control);

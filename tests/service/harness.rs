@@ -48,6 +48,7 @@ pub fn halving(status: Status) -> Solution {
         solution: None,
         study: None,
         collected: Vec::new(),
+        dense: None,
     }
 }
 

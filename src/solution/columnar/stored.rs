@@ -274,6 +274,7 @@ mod tests {
             solution: None,
             study: None,
             collected: Vec::new(),
+            dense: None,
         }
     }
 
