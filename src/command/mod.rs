@@ -20,6 +20,7 @@ pub mod solve;
 mod spans;
 pub mod store;
 pub mod sweep;
+mod tls;
 pub mod token;
 pub mod usage;
 mod verdict;

@@ -5,12 +5,13 @@
 //! 3. The results are copied to standard output, or to a file, as the service sends them.
 
 use super::result::destination;
+use super::tls;
 use super::{BAD_SPECIFICATION, Told, UNANSWERED, UNWRITABLE, report, verdict};
 use axum::body::{Body, HttpBody, to_bytes};
 use axum::http::{HeaderMap, Method, Request, StatusCode, Uri, header, uri::Scheme};
 use dvi::solution::Verdict;
 use hyper::body::Incoming;
-use hyper::client::conn::http1::handshake;
+use hyper::client::conn::http1::{SendRequest, handshake};
 use hyper_util::rt::TokioIo;
 use serde::Deserialize;
 use std::future::poll_fn;
@@ -20,6 +21,7 @@ use std::pin::{Pin, pin};
 use std::process::ExitCode;
 use std::str::FromStr;
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::signal::ctrl_c;
 use tokio::time::sleep;
@@ -28,7 +30,9 @@ use tokio::time::sleep;
 #[derive(Clone, Debug)]
 pub struct Server {
     authority: String,
-    address: String,
+    host: String,
+    port: u16,
+    is_encrypted: bool,
     /// The prefix of every path, if a proxy shows the service under a path.
     prefix: String,
     token: Option<String>,
@@ -39,18 +43,16 @@ impl FromStr for Server {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let uri: Uri = text.parse().map_err(|error| format!("{error}"))?;
-        if uri.scheme() != Some(&Scheme::HTTP) {
-            return Err(
-                "an address such as http://localhost:8080; to a service that is reached only by https, open a tunnel: \
-                 ssh -L 8080:localhost:8080 HOST, and use --server http://localhost:8080"
-                    .to_owned(),
-            );
+        let is_encrypted = uri.scheme() == Some(&Scheme::HTTPS);
+        if !is_encrypted && uri.scheme() != Some(&Scheme::HTTP) {
+            return Err("an address such as http://localhost:8080 or https://solve.example".to_owned());
         }
         let authority = uri.authority().ok_or("the address has no host: write http://HOST:PORT")?;
-        let address = format!("{}:{}", authority.host(), authority.port_u16().unwrap_or(80));
         Ok(Self {
             authority: authority.to_string(),
-            address,
+            host: authority.host().to_owned(),
+            port: authority.port_u16().unwrap_or(if is_encrypted { 443 } else { 80 }),
+            is_encrypted,
             prefix: uri.path().trim_end_matches('/').to_owned(),
             token: None,
         })
@@ -209,9 +211,13 @@ impl Server {
         path: &str,
         body: Body,
     ) -> Result<(StatusCode, HeaderMap, Incoming), RemoteError> {
-        let stream = TcpStream::connect(&self.address).await.map_err(lost)?;
-        let (mut sender, connection) = handshake(TokioIo::new(stream)).await.map_err(lost)?;
-        tokio::spawn(connection);
+        let stream = TcpStream::connect(format!("{}:{}", self.host, self.port)).await.map_err(lost)?;
+        let mut sender = if self.is_encrypted {
+            let stream = tls::encrypt(stream, &self.host).await.map_err(RemoteError::Lost)?;
+            speak(stream).await?
+        } else {
+            speak(stream).await?
+        };
         let request = match &self.token {
             Some(token) => request.header(header::AUTHORIZATION, token),
             None => request,
@@ -233,6 +239,13 @@ impl Server {
         });
         Err(RemoteError::Refused(refusal))
     }
+}
+
+/// Begins to speak HTTP on a connection.
+async fn speak(stream: impl AsyncRead + AsyncWrite + Send + Unpin + 'static) -> Result<SendRequest<Body>, RemoteError> {
+    let (sender, connection) = handshake(TokioIo::new(stream)).await.map_err(lost)?;
+    tokio::spawn(connection);
+    Ok(sender)
 }
 
 fn lost(error: impl std::fmt::Display) -> RemoteError {
@@ -272,15 +285,18 @@ mod tests {
 
     #[test]
     fn an_address_may_have_a_port_and_a_path() {
-        let server: Server = "http://lab.example/dvi/".parse().unwrap();
-        assert_eq!((server.address.as_str(), server.prefix.as_str()), ("lab.example:80", "/dvi"));
-        let server: Server = "http://[::1]:8080".parse().unwrap();
-        assert_eq!((server.address.as_str(), server.prefix.as_str()), ("[::1]:8080", ""));
+        let parts = |text: &str| {
+            let server: Server = text.parse().unwrap();
+            (server.host, server.port, server.prefix, server.is_encrypted)
+        };
+        assert_eq!(parts("http://lab.example/dvi/"), ("lab.example".to_owned(), 80, "/dvi".to_owned(), false));
+        assert_eq!(parts("http://[::1]:8080"), ("[::1]".to_owned(), 8080, String::new(), false));
+        assert_eq!(parts("https://lab.example"), ("lab.example".to_owned(), 443, String::new(), true));
     }
 
     #[test]
     fn what_is_no_address_of_a_service_is_refused() {
-        for text in ["localhost:8080", "https://lab.example", "/solve", ""] {
+        for text in ["localhost:8080", "ftp://lab.example", "/solve", ""] {
             assert!(text.parse::<Server>().is_err(), "{text}");
         }
     }

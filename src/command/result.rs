@@ -2,8 +2,8 @@
 
 use super::USAGE;
 use clap::ValueEnum;
-use dvi::solution::encodings::{self, MembersForm, write_members};
-use dvi::solution::{Solution, pictures};
+use dvi::solution::Solution;
+use dvi::solution::encodings::Form;
 use std::ffi::OsStr;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -29,20 +29,30 @@ impl Format {
     /// The one that was asked for, or that of a file by its extension; JSON, where neither says.
     pub fn of(asked: Option<Self>, file: Option<&Path>) -> Result<Self, ExitCode> {
         let extension = file.and_then(Path::extension).and_then(OsStr::to_str);
-        match (asked, extension) {
-            (Some(format), _) => Ok(format),
-            (None, None | Some("json")) => Ok(Self::Json),
-            (None, Some("csv")) => Ok(Self::Csv),
-            (None, Some("ndjson" | "jsonl")) => Ok(Self::Ndjson),
-            (None, Some("arrow" | "arrows")) => Ok(Self::Arrow),
-            (None, Some("svg")) => Ok(Self::Svg),
-            (None, Some(other)) => {
+        let Some(extension) = extension.filter(|_| asked.is_none()) else { return Ok(asked.unwrap_or(Self::Json)) };
+        match Form::of_extension(extension) {
+            Some(Form::Json) => Ok(Self::Json),
+            Some(Form::Csv) => Ok(Self::Csv),
+            Some(Form::Lines) => Ok(Self::Ndjson),
+            Some(Form::Arrow) => Ok(Self::Arrow),
+            Some(Form::Svg) => Ok(Self::Svg),
+            None => {
                 eprintln!(
-                    "dvi: .{other} is not the extension of a result format: use .json, .csv, .ndjson, .arrow or .svg, \
+                    "dvi: .{extension} is not the extension of a result format: use .json, .csv, .ndjson, .arrow or .svg, \
                      or --format"
                 );
                 Err(ExitCode::from(USAGE))
             }
+        }
+    }
+
+    fn form(self) -> Form {
+        match self {
+            Self::Json => Form::Json,
+            Self::Csv => Form::Csv,
+            Self::Ndjson => Form::Lines,
+            Self::Arrow => Form::Arrow,
+            Self::Svg => Form::Svg,
         }
     }
 
@@ -80,22 +90,9 @@ pub fn destination(file: Option<&Path>) -> io::Result<BufWriter<Box<dyn Write>>>
 
 /// Writes a result.
 pub fn write(solution: &Solution, label: Option<&str>, format: Format, out: &mut impl Write) -> io::Result<()> {
-    let is_sweep = solution.table.is_some();
-    match format {
-        Format::Json => {
-            encodings::write_json(solution, out)?;
-            out.write_all(b"\n")?;
-        }
-        Format::Csv if is_sweep => write_members(solution, MembersForm::Csv, out)?,
-        Format::Ndjson if is_sweep => write_members(solution, MembersForm::Lines, out)?,
-        Format::Arrow if is_sweep => write_members(solution, MembersForm::Arrow, out)?,
-        Format::Csv => encodings::write_table(&mut encodings::Csv, &solution.trajectory, out)?,
-        Format::Ndjson => encodings::write_table(&mut encodings::Lines, &solution.trajectory, out)?,
-        Format::Arrow => {
-            let mut table = encodings::Arrow::with(&solution.verdict).of(solution.provenance.as_ref());
-            encodings::write_table(&mut table, &solution.trajectory, out)?;
-        }
-        Format::Svg => pictures::write_svg(solution, label, out)?,
+    format.form().write(solution, label, out)?;
+    if format == Format::Json {
+        out.write_all(b"\n")?;
     }
     out.flush()
 }

@@ -36,7 +36,8 @@ pub fn estimate(
 ) {
     let (tighter, factor) = more_accurate(settings);
     let n = plan.initial.len();
-    let reference = Plan { times: Some(vec![plan.end]), fields: Vec::new(), reducers: None, ..plan.clone() };
+    let reference =
+        Plan { times: Some(vec![plan.end]), fields: Vec::new(), reducers: None, interpolants: None, ..plan.clone() };
     let second = control.part(SHARE..1.0, || integrate_once(model, &reference, &tighter, analysis, control));
     let diagnostics = &mut first.solution.diagnostics;
     diagnostics.wall_seconds += second.solution.diagnostics.wall_seconds;

@@ -5,6 +5,7 @@ mod branch;
 pub mod columnar;
 mod contact;
 mod convolution;
+mod dense;
 mod diagnostics;
 pub mod encodings;
 mod energy_balance;
@@ -40,6 +41,7 @@ pub use branch::{
 };
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
+pub use dense::Dense;
 pub use diagnostics::{
     Contraction, Diagnostics, Evaluations, Face, GlobalError, Refinement, Screening, Steps, Tried, ViCounts,
 };
@@ -157,6 +159,10 @@ pub struct Solution {
     /// The values collected by reducers, in the order of [`Plan::reducers`]; not part of the written answer.
     #[serde(skip)]
     pub collected: Vec<Collected>,
+    /// The fields as functions of time, where [`Plan::interpolants`] asks for them and every step has one; no part of an answer that
+    /// is written.
+    #[serde(skip)]
+    pub dense: Option<Dense>,
 }
 
 /// Skips a value and returns the default.

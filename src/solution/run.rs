@@ -1,5 +1,6 @@
 //! The main loop of a run: outputs, limits, events and evidence, common to all methods.
 
+use super::dense::{Dense, Sampling};
 use super::observables::{EndedBy, Observables, Observed};
 use super::reducers::{Reducers, Reducing};
 use super::sensitivities::Sensitivities;
@@ -36,6 +37,9 @@ pub struct Plan {
     pub statistics: bool,
     /// The values to collect from the run beside its trajectory.
     pub reducers: Option<Arc<Reducers>>,
+    /// Whether interpolants of the fields are kept, and by how much they may differ from the values of the run, in parts of the
+    /// largest value of a field. Fields are then no integrals and no derivatives.
+    pub interpolants: Option<f64>,
     /// Most steps.
     pub most_steps: u64,
     /// Most numbers in the trajectory.
@@ -193,7 +197,8 @@ impl<'a> Run<'a> {
             Ok(()) => (Status::Completed, None),
             Err((status, failure)) => (status, Some(failure)),
         };
-        let Recorder { trajectory, ended_by, observed, y, statistics, reducing, .. } = self.recorder;
+        let Recorder { trajectory, ended_by, observed, y, statistics, reducing, sampling, .. } = self.recorder;
+        let dense: Option<Dense> = sampling.and_then(Sampling::finish);
         let derivatives = y[self.plan.names.len() + self.plan.observables.names.len()..].to_vec();
         let is_complete = status == Status::Completed;
         let collected = reducing.map(|reducing| reducing.finish(is_complete, &trajectory.events, &derivatives));
@@ -237,6 +242,7 @@ impl<'a> Run<'a> {
                 solution: None,
                 study: None,
                 collected: collected.unwrap_or_default(),
+                dense,
             },
             x: self.x,
             derivatives,
@@ -304,6 +310,7 @@ struct Recorder<'a> {
     /// Statistics of the fields other than integrals and sensitivities, with their indices in `y`.
     statistics: Option<(Vec<usize>, Statistics)>,
     reducing: Option<Reducing<'a>>,
+    sampling: Option<Sampling>,
     is_started: bool,
     ended_by: Option<EndedBy>,
     /// The first column with a value that is not finite, and its time.
@@ -340,6 +347,7 @@ impl<'a> Recorder<'a> {
             observed: None,
             statistics,
             reducing: None,
+            sampling: None,
             is_started: false,
             ended_by: None,
             broken: None,
@@ -361,6 +369,11 @@ impl<'a> Recorder<'a> {
         }
         let plan = self.plan;
         self.reducing = plan.reducers.as_ref().map(|of| Reducing::new(of, plan.names.len(), stepper));
+        if let Some(tolerance) = plan.interpolants {
+            let mut row = vec![0.0; plan.fields.len()];
+            self.row(stepper, plan.start, &mut row);
+            self.sampling = Some(Sampling::new(plan.start, row, tolerance, plan.most_values));
+        }
         match &self.plan.times {
             None => self.sample(stepper, self.plan.start),
             Some(times) => {
@@ -403,6 +416,10 @@ impl<'a> Recorder<'a> {
         if let Some(reducing) = &mut self.reducing {
             reducing.step(stepper, begin, end, &self.trajectory.events[before..]);
         }
+        if let Some(mut sampling) = self.sampling.take() {
+            sampling.step(begin, end, |t, out| self.row(stepper, t, out));
+            self.sampling = Some(sampling);
+        }
         if let Some((places, statistics)) = &mut self.statistics {
             let (count, definitions) = (self.plan.names.len(), self.plan.observables.definitions());
             let mut y = vec![0.0; count + definitions];
@@ -416,6 +433,17 @@ impl<'a> Recorder<'a> {
             });
         }
         Recorded { events: &self.trajectory.events[before..], switched }
+    }
+
+    /// Writes the fields at a time within the last step, of which none is an integral or a derivative.
+    fn row(&mut self, stepper: &mut impl Stepper, t: f64, out: &mut [f64]) {
+        let count = self.plan.names.len();
+        let (outputs, own) = self.y.split_at_mut(count);
+        stepper.values(t, outputs);
+        if let Some(observed) = &mut self.observed {
+            observed.define(t, outputs, &mut own[..self.plan.observables.definitions()]);
+        }
+        out.iter_mut().zip(&self.plan.fields).for_each(|(out, &place)| *out = self.y[place]);
     }
 
     fn sample(&mut self, stepper: &mut impl Stepper, t: f64) {

@@ -323,6 +323,7 @@ fn compare(
             fields: asked.of.clone(),
             sensitivities: None,
             reducers: None,
+            interpolants: None,
             ..plan.clone()
         };
         reference.observables.bind(&parameters);

@@ -22,7 +22,7 @@ use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
-use solution::{Observables, Provenance, Sensitivities};
+use solution::{Observables, Provenance, Sensitivities, Warning};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -43,11 +43,15 @@ pub struct Specification {
     pub(super) global_error: bool,
     pub(super) study: Option<StudyPlan>,
     sweep: Option<SweepPlan>,
+    /// Whether fields are kept as functions of time.
+    pub(super) keeps_interpolants: bool,
     limits: Limits,
     /// Memory estimate for the contacts at the start.
     pub(super) load: Load,
     pub(super) most_memory: usize,
     analysis: Analysis,
+    /// What was left out of the description of a robot.
+    remarks: Vec<Warning>,
     /// Digest of the text; `None` once other parameters have been bound.
     digest: Option<Digest>,
 }
@@ -245,10 +249,12 @@ impl Specification {
                 global_error: output.global_error,
                 study,
                 sweep,
+                keeps_interpolants: false,
                 limits,
                 load,
                 most_memory,
                 analysis,
+                remarks: vectors.robot.remarks.iter().map(|remark| remark_on_robot(remark)).collect(),
                 digest: None,
             })
         });
@@ -301,6 +307,13 @@ impl Specification {
         }
     }
 
+    /// The same problem, whose fields are kept as functions of time ([`solution::Dense`]) where that can be, and without a study. Its
+    /// steps are those of a run with output times within them.
+    #[must_use]
+    pub fn keeping_interpolants(&self) -> Self {
+        Self { keeps_interpolants: true, study: None, ..self.clone() }
+    }
+
     pub(super) fn with_digest(self, digest: Option<Digest>) -> Self {
         Self { digest, ..self }
     }
@@ -345,6 +358,11 @@ impl Specification {
     /// The problem, with names and initial values.
     pub fn model(&self) -> &dyn Model {
         &*self.model
+    }
+
+    /// What should be known of how it was read.
+    pub fn warnings(&self) -> impl Iterator<Item = &Warning> {
+        self.model.warnings().iter().chain(&self.remarks)
     }
 
     /// The structural analysis of the problem (index, uniqueness) at the start.
@@ -420,6 +438,10 @@ impl Specification {
     pub fn step_limit(&self) -> Option<u64> {
         self.limits.steps
     }
+}
+
+fn remark_on_robot(remark: &str) -> Warning {
+    Warning { code: "robot", message: remark.to_owned() }
 }
 
 /// Lowers the problem to a model; errors are appended to `errors`.

@@ -7,6 +7,7 @@
 use super::deserializer::COMMENT;
 use super::error::Errors;
 use super::json::Json;
+use super::robot;
 use super::vectors;
 use models::velocity_name;
 use serde::{Serialize, Serializer};
@@ -52,6 +53,8 @@ pub fn continued(
     if json.member("sweep").is_some() {
         return Err(NotContinuable::Problem("a sweep has many runs, each with its own end"));
     }
+    robot::write_out(&mut json, &mut Errors::default());
+    robot::forget(&mut json);
     vectors::write_out(&mut json, &mut Errors::default());
     if json.member("fit").is_some() {
         return Err(NotContinuable::Problem(

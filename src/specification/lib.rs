@@ -28,6 +28,7 @@ mod expression;
 mod filippov;
 mod fit;
 mod foreign;
+mod formats;
 mod json;
 mod kinks;
 mod label;
@@ -51,6 +52,7 @@ mod range;
 mod reading;
 mod repairs;
 mod rigid_bodies;
+mod robot;
 mod schema;
 mod search;
 mod sensitivities;
@@ -93,6 +95,7 @@ pub use error::SpecificationError;
 pub use examples::{EXAMPLES, Example};
 pub use filippov::{FilippovProblem, FilippovRegion, FilippovState};
 pub use fit::{FitData, FitParameter, FitRequest, LossName, Spread, SpreadOfState};
+pub use formats::document_of;
 pub use lcs::LcsProblem;
 pub use matrix::{Matrix, SparseMatrix};
 pub use mechanical::{ConeName, Contact, Coordinate, Friction, Interpenetration, Joint, MechanicalProblem};
@@ -104,13 +107,12 @@ pub use output::Output;
 pub use rigid_bodies::{
     AxesOfForce, AxialJoint, BodyContacts, BodyForce, BodyJoint, BodyMotion, BodySpring, BoxShape, Bushing,
     CapsuleShape, CompoundPart, CylinderShape, FixedJoint, HalfSpaceShape, HullShape, Inertia, JointLimits,
-    JointSpring, Material, MaterialPair, MeshShape, Motor, PointJoint, RigidBodiesProblem, RigidBody, RigidShape,
-    ServoMotor, SphereShape,
+    JointSpring, Material, MaterialPair, MeshShape, Motor, NumberOrVector, PointJoint, PoseOfRobot, RigidBodiesProblem,
+    RigidBody, RigidShape, RobotDescription, ServoMotor, SphereShape, StartOfRobot,
 };
 pub use schema::json_schema;
 pub use search::{FreePeriod, Period, PeriodicRequest, Search, SteadyStateRequest};
 pub use set::{BallBlock, Block, BoxBlock, PolyhedronBlock};
-pub use spice::document as document_of;
 pub use stages::Stages;
 pub use static_vi::{StaticVariable, ViProblem};
 pub use study::{Exact, Rung, StudyPlan, StudyRequest};

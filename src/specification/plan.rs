@@ -14,6 +14,8 @@ pub(super) const MOST_STEPS: u64 = 10_000_000;
 pub(super) const MOST_VALUES: usize = 1 << 25;
 /// Default tolerance of the natural-map residual, relative to the terms of `G`.
 pub(super) const VI_TOLERANCE: f64 = 1e-10;
+/// The part of the relative tolerance by which an interpolant may differ from the run.
+const INTERPOLANT: f64 = 1e-2;
 /// Default number of time-stepping steps over the horizon.
 const DEFAULT_STEPS: f64 = 10_000.0;
 
@@ -33,10 +35,18 @@ impl Specification {
             global_error: self.estimates_global_error(),
             statistics: false,
             reducers: None,
+            interpolants: self.interpolants(),
             most_steps: self.step_limit().unwrap_or(MOST_STEPS),
             most_values: MOST_VALUES,
             most_memory: self.most_memory,
         }
+    }
+
+    /// By how much interpolants may differ from the run, where they are asked for and there can be some.
+    fn interpolants(&self) -> Option<f64> {
+        let is_run = self.search().is_none() && self.sweep().is_none() && self.sensitivities().is_none();
+        let is_asked = self.keeps_interpolants && is_run && self.observables().integrals == 0;
+        is_asked.then(|| if self.method().step.is_some() { 0.0 } else { INTERPOLANT * self.method().rtol })
     }
 
     /// Settings of Radau IIA.
@@ -57,6 +67,7 @@ impl Specification {
             min_step: method.min_step.unwrap_or(0.0),
             interpolated: (self.sweep().is_none_or(|sweep| sweep.kept.is_some())
                 && self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t))))
+                || self.keeps_interpolants
                 || self.observables().is_followed()
                 || self.search().is_some()
                 || self.sweep().is_some_and(|sweep| sweep.reducers.is_dense()),

@@ -9,6 +9,7 @@ use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::pointer::{Step, pointer};
 use super::repairs::Repairs;
+use super::robot;
 use super::sweep::{self, Prepared};
 use super::syntax;
 use super::vectors::{self, Vectors};
@@ -70,7 +71,9 @@ pub(super) fn read_tree(
     let source = is_swept.then(|| Arc::new(json.clone()));
     // Set the sizes of vectors before these are expanded, initial values of their elements afterwards.
     let rest: Vec<&str> = if values.is_empty() { Vec::new() } else { sweep::set(&mut json, values) };
+    let robot = robot::write_out(&mut json, &mut errors);
     let mut vectors = vectors::write_out(&mut json, &mut errors);
+    vectors.robot = robot;
     let rest: Vec<(String, f64)> = values.iter().filter(|(name, _)| rest.contains(&name.as_str())).cloned().collect();
     if !rest.is_empty() {
         sweep::set(&mut json, &rest);

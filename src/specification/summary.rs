@@ -47,7 +47,7 @@ impl Specification {
         if model.has_theory_of_uniqueness() {
             warnings.extend(uniqueness_caveat(self.analysis()));
         }
-        warnings.extend(model.warnings().iter().cloned());
+        warnings.extend(self.warnings().cloned());
         Summary {
             label: self.label().map(str::to_owned),
             states,

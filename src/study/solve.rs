@@ -37,7 +37,7 @@ const FIRST: f64 = 0.1;
 pub(crate) fn solve_once(specification: &Specification, control: &Control) -> Solution {
     let (model, plan) = (specification.model(), specification.plan());
     let mut solution = model.run(specification, &plan, control);
-    solution.diagnostics.warnings.extend(model.warnings().iter().cloned());
+    solution.diagnostics.warnings.extend(specification.warnings().cloned());
     let end = solution.orbit.as_ref().map_or(plan.end, |orbit| plan.start + orbit.period);
     solution.judge(end);
     solution

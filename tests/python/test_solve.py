@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import EXAMPLES
+from conftest import EXAMPLES, ROOT
 
 import dvi
 
@@ -242,6 +242,59 @@ def test_values_at_other_times_are_those_of_the_solution():
         r(6.0)
 
 
+class Counting:
+    """A specification that counts its solves."""
+
+    def __init__(self, specification):
+        self.specification, self.solves = specification, 0
+
+    def solve(self, *arguments, **named):
+        self.solves += 1
+        return self.specification.solve(*arguments, **named)
+
+
+def test_asking_again_at_other_times_costs_no_solve(belt):
+    # The friction F jumps where the mass begins to stick: it is solved for.
+    belt["output"] = {"fields": ["x", "v"]}
+    for dense, solves in ((True, 0), (False, 1)):
+        r = dvi.solve(belt, dense=dense)
+        r._specification = counting = Counting(r._specification)
+        times = np.linspace(0, belt["time"]["end"], 1001)
+        found = r(times)
+        assert (r(times[::-1])["x"][::-1] == found["x"]).all() and r(1.25)["v"] == r([1.25])["v"][0]
+        assert counting.solves == solves
+        # The same as the run itself at these times.
+        exact = dvi.solve({**belt, "output": {"times": times.tolist(), "fields": ["x", "v"]}})
+        for name in r.names:
+            scale = np.abs(exact[name]).max()
+            switch = np.min(np.abs(times[:, None] - [event.t for event in r.events]), axis=1) < 1e-6
+            assert np.abs(found[name] - exact[name])[~switch].max() < 1e-5 * scale, name
+    assert dvi.solve(belt, dense=True).deviation <= 1e-8 and dvi.solve(belt).deviation is None
+
+
+def test_dense_answers_are_as_exact_as_the_run():
+    p = dvi.Problem(k=2)
+    x = p.state("x", 1)
+    x.rate = -p.k * x
+    p.define("square", x * x)
+    r = p.solve(3, rtol=1e-9, dense=True, fields=["x", "square"])
+    t = np.linspace(0, 3, 2000)
+    assert np.abs(r(t)["x"] - np.exp(-2 * t)).max() < 1e-8
+    assert np.abs(r(t)["square"] - np.exp(-4 * t)).max() < 1e-8 and r.deviation < 1e-11
+
+
+def test_integrals_and_jumps_within_steps_are_solved_for():
+    p = dvi.Problem()
+    x = p.state("x", 1)
+    x.rate = -x
+    p.integral("area", x)
+    r = p.solve(2, rtol=1e-9, dense=True)
+    assert r.deviation is None and abs(r(1.0)["area"] - (1 - math.exp(-1))) < 1e-8
+    ball = dvi.example("bouncing_ball")
+    height = dvi.solve(ball)(0.1)
+    assert all(math.isfinite(value) for value in height.values())
+
+
 def test_events_are_named_tuples_in_order_of_time(belt):
     events = dvi.solve(belt).events
     assert events and [event.t for event in events] == sorted(event.t for event in events)
@@ -291,6 +344,20 @@ def test_a_deck_is_solved_as_a_file(tmp_path):
     deck.write_text("An RC circuit\nV1 in 0 5\nR1 in out 1k\nC1 out 0 1u IC=0\n.tran 1u 5m uic\n.end\n")
     r = dvi.solve(deck)
     assert abs(r["v(out)"][-1] - 5 * (1 - math.exp(-5))) < 1e-5 and r.provenance["label"] == "An RC circuit"
+
+
+def test_a_robot_is_solved_as_a_file_and_as_text():
+    path = ROOT / "tests/systems/robots/models/double_pendulum.urdf"
+    r = dvi.solve(path)
+    assert r.provenance["label"] == "double_pendulum" and "elbow.coordinate" in r
+    assert r["lower.z"].tobytes() == dvi.solve(path.read_text())["lower.z"].tobytes()
+    # Hanging it stays; held up by a velocity it swings.
+    assert abs(r["lower.z"][-1] + 0.8) < 1e-9
+    scene = {"robot": {"urdf": path.read_text(), "pose": {"shoulder": 0.3}}}
+    s = dvi.sweep({"problem": {"rigid_bodies": scene}, "time": {"end": 0.1}, "method": {"step": 1e-3}}, {"shoulder.position": [0.1, 0.2]}, {"x": {"initial": "lower.x"}})
+    assert np.abs(s["x"] + 0.8 * np.sin([0.1, 0.2])).max() < 1e-12
+    with pytest.raises(dvi.SpecificationError, match="line 1, column 1"):
+        dvi.solve("<robot/>")
 
 
 def test_a_misspelt_field_is_named_with_its_neighbour(belt):

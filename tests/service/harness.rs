@@ -50,6 +50,7 @@ pub fn halving(status: Status) -> Solution {
         solution: None,
         study: None,
         collected: Vec::new(),
+        dense: None,
     }
 }
 

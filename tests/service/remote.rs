@@ -4,6 +4,11 @@ use crate::harness::DECAY;
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
 use std::process::{Child, Command, Output, Stdio};
+use tokio_rustls::TlsAcceptor;
+use tokio_rustls::rustls::ServerConfig;
+use tokio_rustls::rustls::crypto::ring;
+use tokio_rustls::rustls::pki_types::pem::PemObject;
+use tokio_rustls::rustls::pki_types::{CertificateDer, PrivateKeyDer};
 
 /// A service, ended with the test.
 struct Serving {
@@ -94,4 +99,64 @@ fn a_server_that_is_not_there_is_named() {
     assert_eq!(output.status.code(), Some(6), "{output:?}");
     assert!(String::from_utf8(output.stderr).unwrap().contains(&deaf.to_string()));
     assert_eq!(solve("localhost", "json", DECAY).status.code(), Some(64));
+}
+
+/// A proxy that encrypts what a service at `address` says, with a certificate of `tls/authority.pem` for localhost; its port.
+fn encrypting(address: &str) -> u16 {
+    let (address, (bound, port)) = (address.to_owned(), std::sync::mpsc::channel());
+    std::thread::spawn(move || {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+        runtime.block_on(async {
+            let certificates = CertificateDer::pem_slice_iter(include_bytes!("tls/localhost.pem")).map(Result::unwrap);
+            let key = PrivateKeyDer::from_pem_slice(include_bytes!("tls/localhost.key")).unwrap();
+            let config = ServerConfig::builder_with_provider(std::sync::Arc::new(ring::default_provider()))
+                .with_safe_default_protocol_versions()
+                .unwrap()
+                .with_no_client_auth()
+                .with_single_cert(certificates.collect(), key)
+                .unwrap();
+            let acceptor = TlsAcceptor::from(std::sync::Arc::new(config));
+            let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+            bound.send(listener.local_addr().unwrap().port()).unwrap();
+            loop {
+                let (stream, _) = listener.accept().await.unwrap();
+                let (acceptor, address) = (acceptor.clone(), address.clone());
+                tokio::spawn(async move {
+                    // A client that does not trust it goes away.
+                    let Ok(mut inner) = acceptor.accept(stream).await else { return };
+                    let mut service = tokio::net::TcpStream::connect(address).await.unwrap();
+                    let _ = tokio::io::copy_bidirectional(&mut inner, &mut service).await;
+                });
+            }
+        });
+    });
+    port.recv().unwrap()
+}
+
+#[test]
+fn an_encrypted_service_is_asked_by_those_who_trust_it() {
+    let serving = Serving::start();
+    let port = encrypting(serving.url.strip_prefix("http://").unwrap());
+    let solve = |host: &str, trusted: Option<&str>| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_dvi"));
+        command.args(["solve", "--server", &format!("https://{host}:{port}"), "--format", "csv", "-"]);
+        command.env_remove("SSL_CERT_FILE").env_remove("SSL_CERT_DIR");
+        command.envs(trusted.map(|file| ("SSL_CERT_FILE", file)));
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+        child.stdin.take().unwrap().write_all(DECAY.as_bytes()).unwrap();
+        child.wait_with_output().unwrap()
+    };
+    let authority = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/service/tls/authority.pem");
+    for host in ["localhost", "127.0.0.1"] {
+        let output = solve(host, Some(authority));
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        assert!(output.stdout.starts_with(b"t,x\n"));
+    }
+    // Whom this machine does not trust gets nothing, and is told why.
+    let output = solve("localhost", None);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(6), "{output:?}");
+    assert!(said.contains("SSL_CERT_FILE"), "{said}");
+    let output = solve("[::ffff:127.0.0.1]", Some(authority));
+    assert_eq!(output.status.code(), Some(6), "a certificate for another name: {output:?}");
 }

@@ -28,6 +28,7 @@ pub mod reference;
 mod relays;
 mod report;
 mod rigid_bodies;
+mod robots;
 mod sensitivities;
 mod sets;
 mod size;

@@ -1,13 +1,13 @@
 //! An answer: its columns in place, its evidence as JSON, and the other forms that the library writes.
 
 use super::columns;
+use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyCapsule};
-use solution::Solution;
 use solution::columnar::Skeleton;
-use solution::encodings::{Csv, read_json, write_json, write_table};
-use solution::pictures::write_svg;
+use solution::encodings::{Form, read_json};
+use solution::{Solution, Table};
 use std::io;
 use std::sync::Arc;
 
@@ -41,10 +41,26 @@ impl Answer {
         Ok(Self { solution: Arc::new(solution), label, came: Some((skeleton, json.to_vec())) })
     }
 
-    /// The names of the columns beside the time, in order.
+    /// What it is the answer of: a `run`, or a `sweep`, `fit`, `orbit`, `steady_state` or `sensitivities`.
+    #[getter]
+    fn kind(&self) -> &'static str {
+        match &*self.solution {
+            Solution { table: Some(_), .. } => "sweep",
+            Solution { fit: Some(_), .. } => "fit",
+            Solution { orbit: Some(_), .. } => "orbit",
+            Solution { steady_state: Some(_), .. } => "steady_state",
+            Solution { sensitivities: Some(_), .. } => "sensitivities",
+            _ => "run",
+        }
+    }
+
+    /// The names of the columns in order: beside the time, or of the table of a sweep.
     #[getter]
     fn names(&self) -> Vec<&str> {
-        self.solution.trajectory.fields.iter().map(|field| field.name.as_str()).collect()
+        match &self.solution.table {
+            Some(table) => table.columns.iter().map(|column| column.name.as_str()).collect(),
+            None => self.solution.trajectory.fields.iter().map(|field| field.name.as_str()).collect(),
+        }
     }
 
     /// The times.
@@ -55,44 +71,63 @@ impl Answer {
 
     /// The column of that name, if there is one.
     fn column<'py>(slf: &Bound<'py, Self>, name: &str) -> PyResult<Option<Bound<'py, PyAny>>> {
-        let column = slf.get().solution.trajectory.field(name);
-        column.map(|values| columns::view(values, slf.clone().into_any())).transpose()
+        let (solution, owner) = (&slf.get().solution, slf.clone().into_any());
+        match &solution.table {
+            Some(table) => table.column(name).map(|values| columns::view_of_table(values, owner)).transpose(),
+            None => solution.trajectory.field(name).map(|values| columns::view(values, owner)).transpose(),
+        }
+    }
+
+    /// By how much the fields as functions of time differ from the run at most, in parts of their largest values; none where they are
+    /// not kept.
+    #[getter]
+    fn deviation(&self) -> Option<f64> {
+        self.solution.dense.as_ref().map(|dense| dense.deviation)
+    }
+
+    /// The fields at times, one after the other and in the order of `names`; none where they are not kept as functions of time, or a
+    /// time is outside of the run.
+    fn at<'py>(&self, py: Python<'py>, times: Vec<f64>) -> Option<Vec<Bound<'py, PyArray1<f64>>>> {
+        let dense = self.solution.dense.as_ref()?;
+        let evaluate = || {
+            let mut columns = vec![Vec::with_capacity(times.len()); dense.fields()];
+            let mut row = vec![0.0; dense.fields()];
+            for t in &times {
+                if !dense.at(*t, &mut row) {
+                    return None;
+                }
+                columns.iter_mut().zip(&row).for_each(|(column, value)| column.push(*value));
+            }
+            Some(columns)
+        };
+        let columns = py.detach(evaluate)?;
+        Some(columns.into_iter().map(|column| PyArray1::from_vec(py, column)).collect())
     }
 
     /// All but the columns, as JSON.
     fn evidence(&self, py: Python<'_>) -> PyResult<String> {
         match &self.came {
             Some((skeleton, _)) => Ok(skeleton.text().to_owned()),
-            None => Ok(py.detach(|| Skeleton::of(&self.solution))?.text().to_owned()),
+            None => Ok(py.detach(|| Skeleton::of(&without_rows(&self.solution)))?.text().to_owned()),
         }
     }
 
-    /// The whole answer as JSON, as the program writes it.
-    fn json<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        if let Some((_, came)) = &self.came {
+    /// The whole answer in a form, by the extension of files that have it: to the byte as the program writes it.
+    fn written<'py>(&self, py: Python<'py>, extension: &str) -> PyResult<Bound<'py, PyBytes>> {
+        let form = Form::of_extension(extension).ok_or_else(|| {
+            let known = ".json, .csv, .ndjson, .arrow and .svg";
+            PyValueError::new_err(format!("no form of an answer is known by .{extension}: there are {known}"))
+        })?;
+        if let (Form::Json, Some((_, came))) = (form, &self.came) {
             return Ok(PyBytes::new(py, came));
         }
         let mut text = Vec::new();
-        py.detach(|| write_json(&self.solution, &mut text))?;
+        py.detach(|| form.write(&self.solution, self.label.as_deref(), &mut text))?;
         Ok(PyBytes::new(py, &text))
     }
 
-    /// The trajectory as CSV, as the program writes it.
-    fn csv<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let mut text = Vec::new();
-        py.detach(|| write_table(&mut Csv, &self.solution.trajectory, &mut text))?;
-        Ok(PyBytes::new(py, &text))
-    }
-
-    /// The trajectory as a picture, as the program draws it.
-    fn svg(&self, py: Python<'_>) -> PyResult<String> {
-        let mut text = Vec::new();
-        py.detach(|| write_svg(&self.solution, self.label.as_deref(), &mut text))?;
-        Ok(String::from_utf8_lossy(&text).into_owned())
-    }
-
-    /// The trajectory as an Arrow stream of one batch, its columns in place (the PyCapsule interface of Arrow). A consumer
-    /// that would have other types is given doubles: it may cast them.
+    /// The trajectory, or the table of a sweep, as an Arrow stream of one batch, its columns in place (the PyCapsule interface of
+    /// Arrow). A consumer that would have other types is given those that there are: it may cast them.
     #[pyo3(signature = (requested_schema = None))]
     fn __arrow_c_stream__<'py>(
         &self,
@@ -102,4 +137,20 @@ impl Answer {
         let _ = requested_schema;
         columns::stream(py, &self.solution)
     }
+}
+
+/// The evidence of a sweep, whose rows would be written as text only to be dropped; of all else the answer itself.
+fn without_rows(solution: &Arc<Solution>) -> Arc<Solution> {
+    let Some(table) = &solution.table else { return Arc::clone(solution) };
+    Arc::new(Solution {
+        version: solution.version,
+        status: solution.status,
+        verdict: solution.verdict.clone(),
+        provenance: solution.provenance.clone(),
+        error: solution.error.clone(),
+        diagnostics: solution.diagnostics.clone(),
+        table: Some(Table { failed: table.failed, ..table.emptied() }),
+        summary: solution.summary.clone(),
+        ..Solution::default()
+    })
 }

@@ -8,7 +8,9 @@ use pyo3::create_exception;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use specification::SpecificationError;
+use std::num::NonZeroUsize;
 use std::sync::Arc;
+use std::thread;
 
 create_exception!(
     _dvi,
@@ -43,16 +45,26 @@ impl Specification {
         text(&py.detach(|| self.0.summary()))
     }
 
-    /// Solves it, and reports at `times` in place of what it asks for, where they are given. On Ctrl-C the exception has the
-    /// answer so far as `answer`.
-    #[pyo3(signature = (progress = None, times = None))]
-    fn solve(&self, py: Python<'_>, progress: Option<&Bound<'_, PyAny>>, times: Option<Vec<f64>>) -> PyResult<Answer> {
+    /// Solves it, and reports at `times` in place of what it asks for, where they are given. `threads` share the members of a
+    /// sweep, as many as there are cores where no number is given. With `dense` the answer keeps its fields as functions of time, where
+    /// that can be. On Ctrl-C the exception has the answer so far as `answer`.
+    #[pyo3(signature = (progress = None, times = None, threads = None, dense = false))]
+    fn solve(
+        &self,
+        py: Python<'_>,
+        progress: Option<&Bound<'_, PyAny>>,
+        times: Option<Vec<f64>>,
+        threads: Option<NonZeroUsize>,
+        dense: bool,
+    ) -> PyResult<Answer> {
+        let threads = threads.unwrap_or_else(|| thread::available_parallelism().unwrap_or(NonZeroUsize::MIN));
         let specification = match times {
             None => Arc::clone(&self.0),
             Some(times) => Arc::new(self.0.reporting_at(times).map_err(|errors| malformed(&errors))?),
         };
+        let specification = if dense { Arc::new(specification.keeping_interpolants()) } else { specification };
         let control = specification.control();
-        let solved = interruptible::run(py, &control, progress, || study::solve(&specification, &control));
+        let solved = interruptible::run(py, &control, progress, || study::solve_on(threads, &specification, &control));
         let label = specification.label();
         solved.map(|solution| Answer::new(solution, label)).map_err(|Interrupted { error, so_far }| {
             if let Some(solution) = so_far

@@ -90,6 +90,7 @@ impl Skeleton {
             solution: of_static,
             study,
             collected: _,
+            dense: _,
         } = solution;
         let evidence = |text: serde_json::Result<Box<RawValue>>| text.map(Cow::Owned);
         let parts = Parts {

@@ -276,6 +276,7 @@ mod tests {
             solution: None,
             study: None,
             collected: Vec::new(),
+            dense: None,
         }
     }
 

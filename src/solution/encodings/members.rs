@@ -38,8 +38,7 @@ pub fn write_members(solution: &Solution, form: MembersForm, out: &mut impl Writ
 /// The table of a sweep in the making, a part of its rows at a time.
 pub struct MembersPieces {
     form: MembersForm,
-    /// Whether the answer is trusted, and the verdict as JSON.
-    verdict: (bool, String),
+    verdict: Verdict,
     /// The part that comes next.
     part: usize,
     arrow: Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>,
@@ -48,9 +47,7 @@ pub struct MembersPieces {
 impl MembersPieces {
     /// The table of an answer on which this is the verdict.
     pub fn new(form: MembersForm, verdict: &Verdict) -> Self {
-        // Every number of a verdict is finite, so that it has a JSON form.
-        let verdict = (verdict.trusted, serde_json::to_string(verdict).unwrap_or_default());
-        Self { form, verdict, part: 0, arrow: None }
+        Self { form, verdict: verdict.clone(), part: 0, arrow: None }
     }
 
     /// Writes the next piece; says whether there is more.
@@ -93,37 +90,43 @@ impl MembersPieces {
     }
 
     fn begin_arrow(&mut self, table: &Table) -> io::Result<()> {
-        let provenance = &table.provenance;
-        let metadata: HashMap<String, String> = [
-            ("dvi.trusted", self.verdict.0.to_string()),
-            ("dvi.verdict", self.verdict.1.clone()),
-            ("dvi.program", provenance.version.clone()),
-            ("dvi.features", provenance.features.clone()),
-            ("dvi.digest", provenance.digest.clone()),
-            ("dvi.members", table.members.to_string()),
-            ("dvi.times", serde_json::to_string(&table.times).unwrap_or_default()),
-        ]
-        .map(|(key, value)| (key.to_owned(), value))
-        .into();
-        let field = |column: &Column| {
-            let kind = match &column.values {
-                Values::Numbers(_) => DataType::Float64,
-                Values::Counts(_) => DataType::UInt32,
-                Values::Flags(_) => DataType::Boolean,
-                Values::Words(_) => DataType::Utf8,
-                Values::Lists(lists) => {
-                    let length = i32::try_from(lists.length()).unwrap_or(i32::MAX);
-                    DataType::new_fixed_size_list(DataType::Float64, length, true)
-                }
-            };
-            Field::new(&column.name, kind, true)
-        };
-        let fields: Vec<Field> = table.columns.iter().map(field).collect();
-        let schema = Arc::new(Schema::new_with_metadata(fields, metadata));
+        let schema = Arc::new(schema_of_members(table, &self.verdict));
         let writer = StreamWriter::try_new(Vec::new(), &schema).map_err(broken)?;
         self.arrow = Some((schema, writer));
         Ok(())
     }
+}
+
+/// The schema of the table of a sweep in Arrow, with the verdict and the provenance as its metadata.
+pub fn schema_of_members(table: &Table, verdict: &Verdict) -> Schema {
+    let provenance = &table.provenance;
+    let metadata: HashMap<String, String> = [
+        ("dvi.trusted", verdict.trusted.to_string()),
+        // Every number of a verdict is finite, so that it has a JSON form.
+        ("dvi.verdict", serde_json::to_string(verdict).unwrap_or_default()),
+        ("dvi.program", provenance.version.clone()),
+        ("dvi.features", provenance.features.clone()),
+        ("dvi.digest", provenance.digest.clone()),
+        ("dvi.members", table.members.to_string()),
+        ("dvi.times", serde_json::to_string(&table.times).unwrap_or_default()),
+    ]
+    .map(|(key, value)| (key.to_owned(), value))
+    .into();
+    let field = |column: &Column| {
+        let kind = match &column.values {
+            Values::Numbers(_) => DataType::Float64,
+            Values::Counts(_) => DataType::UInt32,
+            Values::Flags(_) => DataType::Boolean,
+            Values::Words(_) => DataType::Utf8,
+            Values::Lists(lists) => {
+                let length = i32::try_from(lists.length()).unwrap_or(i32::MAX);
+                DataType::new_fixed_size_list(DataType::Float64, length, true)
+            }
+        };
+        Field::new(&column.name, kind, true)
+    };
+    let fields: Vec<Field> = table.columns.iter().map(field).collect();
+    Schema::new_with_metadata(fields, metadata)
 }
 
 fn write_header(table: &Table, out: &mut dyn Write) -> io::Result<()> {
@@ -192,7 +195,8 @@ impl Serialize for Row<'_> {
     }
 }
 
-fn array(values: &Values) -> ArrayRef {
+/// The values of a column in Arrow: null where one is missing.
+pub fn array(values: &Values) -> ArrayRef {
     let rows = 0..values.len();
     match values {
         Values::Numbers(_) => Arc::new(rows.map(|row| values.number(row)).collect::<Float64Array>()),

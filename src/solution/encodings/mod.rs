@@ -12,13 +12,15 @@
 
 mod arrow;
 mod csv;
+mod form;
 mod lines;
 mod members;
 
 pub use arrow::Arrow;
 pub use csv::Csv;
+pub use form::Form;
 pub use lines::Lines;
-pub use members::{MembersForm, MembersPieces, write_members};
+pub use members::{MembersForm, MembersPieces, array, schema_of_members, write_members};
 
 use super::{Solution, Trajectory};
 use std::io::{self, Write};
@@ -158,6 +160,7 @@ mod tests {
             solution: None,
             study: None,
             collected: Vec::new(),
+            dense: None,
         };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();
@@ -218,6 +221,7 @@ mod tests {
             solution: None,
             study: None,
             collected: Vec::new(),
+            dense: None,
         };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();

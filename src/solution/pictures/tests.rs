@@ -27,6 +27,7 @@ fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
         solution: None,
         study: None,
         collected: Vec::new(),
+        dense: None,
     }
 }
 

@@ -14,6 +14,7 @@ mod inertia;
 mod joints;
 mod motors;
 mod overlaps;
+mod robot;
 mod shapes;
 mod springs;
 mod vectors;
@@ -25,6 +26,7 @@ pub use forces::{AxesOfForce, BodyForce};
 pub use inertia::Inertia;
 pub use joints::{AxialJoint, BodyJoint, FixedJoint, PointJoint};
 pub use motors::{JointLimits, JointSpring, Motor, ServoMotor};
+pub use robot::{NumberOrVector, PoseOfRobot, RobotDescription, StartOfRobot};
 pub use shapes::{
     BoxShape, CapsuleShape, CompoundPart, CylinderShape, HalfSpaceShape, HullShape, MeshShape, RigidShape, SphereShape,
 };
@@ -47,7 +49,7 @@ use utoipa::ToSchema;
 use vectors::Vector;
 
 /// Most bodies of one problem.
-const MOST_BODIES: usize = 100_000;
+pub(super) const MOST_BODIES: usize = 100_000;
 
 /// Rigid bodies with contact, friction, impacts and joints. SI units; the z axis of a shape is its axis of symmetry.
 #[derive(Clone, Debug, Deserialize, ToSchema)]
@@ -77,7 +79,10 @@ pub struct RigidBodiesProblem {
     #[serde(default)]
     #[schema(value_type = std::collections::BTreeMap<String, Material>)]
     pub materials: Ordered<Material>,
+    /// A robot as URDF or MJCF describe it, whose bodies and joints stand before those of `bodies` and `joints`.
+    pub robot: Option<Box<RobotDescription>>,
     /// The bodies, at least one of them moving; at most 100,000.
+    #[serde(default)]
     pub bodies: Vec<RigidBody>,
     /// Contact laws between bodies.
     #[serde(default)]

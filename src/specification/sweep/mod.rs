@@ -23,7 +23,7 @@ use super::lowering::Start;
 use super::method::out_of_range;
 use super::ordered::Ordered;
 use super::pointer::Pointer;
-use super::{reading, vectors};
+use super::{reading, robot, vectors};
 use problem::Control;
 use serde::Deserialize;
 use solution::Reducers;
@@ -482,6 +482,8 @@ pub fn edited(text: &[u8], settings: &[(String, String)]) -> Result<Vec<u8>, Vec
         let mut known = targets(&json);
         if !known.iter().any(|(known, _)| known == name) && !is_written_out {
             let mut written = json.clone();
+            robot::write_out(&mut written, &mut Errors::default());
+            robot::forget(&mut written);
             vectors::write_out(&mut written, &mut Errors::default());
             let others = targets(&written);
             if others.iter().any(|(known, _)| known == name) {

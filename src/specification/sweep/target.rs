@@ -60,6 +60,24 @@ pub fn targets(json: &Json) -> Vec<(String, Vec<Step>)> {
                     }
                 }
             }
+            // The starts of the joints of a description.
+            Json::Object(members) if kind == "rigid_bodies" && section == "robot" => {
+                let Some((_, Json::Object(pose))) = members.iter().find(|(name, _)| name == "pose") else { continue };
+                for (name, start) in pose {
+                    let of = |last: &[&str]| {
+                        let steps = ["robot", "pose", name].into_iter().chain(last.iter().copied()).map(&key);
+                        path(&steps.collect::<Vec<_>>())
+                    };
+                    match start {
+                        Json::Number(_) => found.push((format!("{name}.position"), of(&[]))),
+                        Json::Object(members) => {
+                            let numbers = members.iter().filter(|(_, value)| matches!(value, Json::Number(_)));
+                            found.extend(numbers.map(|(last, _)| (format!("{name}.{last}"), of(&[last]))));
+                        }
+                        _ => {}
+                    }
+                }
+            }
             Json::List(items) if kind == "lcs" && section == "initial" => {
                 let names = sections.iter().find(|(name, _)| name == "state_names");
                 for i in 0..items.len() {

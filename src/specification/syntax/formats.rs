@@ -1,6 +1,7 @@
 //! Recognition of documents in other formats by their first lines.
 
 use super::Slip;
+use crate::robot;
 
 /// First letters of netlist lines: resistors, capacitors, inductors, sources, diodes and switches.
 const COMPONENTS: &str = "RCLVIDSrclvids";
@@ -18,6 +19,16 @@ pub(super) fn other(text: &str) -> Option<Slip> {
         Slip::new("text that looks like TOML", write)
     } else if line.starts_with("---") || member(':').is_some() {
         Slip::new("text that looks like YAML", write)
+    } else if let Some(format) = robot::format_of(text) {
+        let write = match format {
+            "urdf" => {
+                "it as a string in JSON: {\"problem\": {\"rigid_bodies\": {\"robot\": {\"urdf\": \"<robot ..\"}}}, \"time\": {\"end\": 1}}"
+            }
+            _ => {
+                "it as a string in JSON: {\"problem\": {\"rigid_bodies\": {\"robot\": {\"mjcf\": \"<mujoco ..\"}}}, \"time\": {\"end\": 1}}"
+            }
+        };
+        Slip::new("the description of a robot", write)
     } else if line.starts_with('<') {
         Slip::new("text that looks like XML", write)
     } else if is_netlist(text) {

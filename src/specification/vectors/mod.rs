@@ -11,6 +11,7 @@ use super::deserializer::COMMENT;
 use super::error::{Errors, SpecificationError};
 use super::json::Json;
 use super::pointer::{Step, pointer};
+use super::robot;
 use super::wording::abridged;
 use range::{MOST_ELEMENTS, Range, Values, replaced};
 use std::collections::{HashMap, HashSet};
@@ -24,11 +25,18 @@ pub(super) struct Vectors {
     origins: HashMap<String, String>,
     /// Names with a faulty range, which are not expanded.
     wrong: HashSet<String>,
+    /// The description of a robot that was written out before.
+    pub robot: robot::Origins,
 }
 
 impl Vectors {
     /// Maps the pointers of errors back to the user's document, and removes repetitions.
     pub fn at_origins(&self, errors: Vec<SpecificationError>) -> Vec<SpecificationError> {
+        self.robot.at_origins(self.before_vectors(errors))
+    }
+
+    /// Errors where the document had what they are of before vectors were written out.
+    fn before_vectors(&self, errors: Vec<SpecificationError>) -> Vec<SpecificationError> {
         if self.origins.is_empty() && self.wrong.is_empty() {
             return errors;
         }

@@ -130,7 +130,7 @@ impl<'s> Template<'s> {
             let row = self.member(&values, control).map(|member| {
                 let plan = self.plan_of(&member);
                 let mut solution = member.model().run(&member, &plan, control);
-                solution.diagnostics.warnings.extend(member.model().warnings().iter().cloned());
+                solution.diagnostics.warnings.extend(member.warnings().cloned());
                 let end = solution.orbit.as_ref().map_or(plan.end, |orbit| plan.start + orbit.period);
                 solution.judge(end);
                 solution

@@ -12,7 +12,7 @@ mod mutation;
 
 use allocation_counter::measure;
 use dvi::problem::Control;
-use dvi::specification::{Specification, SpecificationError};
+use dvi::specification::{Specification, SpecificationError, document_of};
 use mutation::Mutation;
 use std::collections::HashSet;
 use std::fs;
@@ -139,5 +139,10 @@ fn examples() -> Vec<Vec<u8>> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("api/examples");
     let mut paths: Vec<PathBuf> = fs::read_dir(folder).expect("examples").flatten().map(|entry| entry.path()).collect();
     paths.sort();
-    paths.into_iter().map(|path| fs::read(path).expect("an example")).collect()
+    let mut all: Vec<Vec<u8>> = paths.into_iter().map(|path| fs::read(path).expect("an example")).collect();
+    for model in ["double_pendulum.urdf", "hopper.xml"] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/systems/robots/models").join(model);
+        all.push(document_of(&fs::read(path).expect("a robot")).into_owned());
+    }
+    all
 }

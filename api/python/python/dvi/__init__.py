@@ -15,7 +15,8 @@ differential-algebraic equations.
 True
 
 `solve` takes a builder, a `dict`, JSON text or the path of a file; `Client(url).solve` has a service solve the same. A `Result`
-has its columns as numpy arrays (`r.t`, `r["x"]`), its events, its diagnostics and its verdict.
+has its columns as numpy arrays (`r.t`, `r["x"]`), its events, its diagnostics and its verdict. `sweep`, `fit`, `periodic`,
+`steady_state` and `sensitivities` take the same, and give results with more to them.
 """
 
 from ._client import Client, Job, ServiceError
@@ -54,16 +55,20 @@ from ._expression import (
     triangle,
     where,
 )
+from ._families import fit, periodic, sensitivities, steady_state, sweep
 from ._problem import Definition, Integral, Parameter, Problem, State, Table, Variable
 from ._result import Event, Result, SolveError, UntrustedWarning, Verdict
-from ._solve import catalogue, check, example, examples, periodic, schema, solve, steady_state
+from ._searches import Estimate, Fit, Orbit, Sensitivities, SteadyState
+from ._solve import catalogue, check, example, examples, schema, solve
 from ._specification import Fault, SpecificationError
+from ._sweep import Sweep
 
 __all__ = [
-    "Client", "Definition", "Event", "Expression", "Fault", "Integral", "Job", "Parameter", "Problem", "Result",
-    "ServiceError", "SolveError", "SpecificationError", "State", "Table", "UntrustedWarning", "Variable", "Verdict",
-    "__version__", "acos", "asin", "atan", "atan2", "catalogue", "cbrt", "ceil", "check", "cos", "cosh", "example",
-    "examples", "exp", "expression", "floor", "heaviside", "ln", "log10", "maximum", "minimum", "mod", "periodic", "pulse",
-    "pwm", "round_", "sawtooth", "schema", "sign", "sin", "sinh", "solve", "sqrt", "steady_state", "sum_", "t", "tan", "tanh",
+    "Client", "Definition", "Estimate", "Event", "Expression", "Fault", "Fit", "Integral", "Job", "Orbit", "Parameter",
+    "Problem", "Result", "Sensitivities", "ServiceError", "SolveError", "SpecificationError", "State", "SteadyState",
+    "Sweep", "Table", "UntrustedWarning", "Variable", "Verdict", "__version__", "acos", "asin", "atan", "atan2",
+    "catalogue", "cbrt", "ceil", "check", "cos", "cosh", "example", "examples", "exp", "expression", "fit", "floor",
+    "heaviside", "ln", "log10", "maximum", "minimum", "mod", "periodic", "pulse", "pwm", "round_", "sawtooth", "schema",
+    "sensitivities", "sign", "sin", "sinh", "solve", "sqrt", "steady_state", "sum_", "sweep", "t", "tan", "tanh",
     "triangle", "where",
 ]

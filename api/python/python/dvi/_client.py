@@ -11,10 +11,13 @@ import urllib.request
 import uuid
 from collections.abc import Iterator
 from email.utils import parsedate_to_datetime
-from typing import Any, Optional
+from typing import Any, Optional, cast
 
+from ._families import with_fit, with_period, with_rest, with_sensitivities, with_sweep
 from ._result import Result
+from ._searches import Fit, Orbit, Sensitivities, SteadyState
 from ._specification import Source, SpecificationError, text_of
+from ._sweep import Sweep
 
 #: Seconds that a service may take for an answer before the solve becomes a job; and a margin for the way.
 WAIT = 30
@@ -147,6 +150,29 @@ class Client:
             job.cancel()
             raise
         return job.result()
+
+    def sweep(self, spec: Source, *arguments: Any, progress: Any = None, **asked: Any) -> Sweep:
+        """Has the service solve for many values; the arguments are those of `dvi.sweep`, but `threads`, of which it has its own."""
+        return cast(Sweep, self.solve(with_sweep(spec, *arguments, **asked), progress=progress))
+
+    def fit(self, spec: Source, *arguments: Any, progress: Any = None, **asked: Any) -> Fit:
+        """Has the service fit parameters to data; the arguments are those of `dvi.fit`."""
+        document = with_fit(spec, *arguments, **asked)
+        found = cast(Fit, self.solve(document, progress=progress))
+        found.data = document["fit"]["data"]
+        return found
+
+    def sensitivities(self, spec: Source, to: Any, of: Any = None, *, progress: Any = None) -> Sensitivities:
+        """Has the service solve with derivatives; the arguments are those of `dvi.sensitivities`."""
+        return cast(Sensitivities, self.solve(with_sensitivities(spec, to, of), progress=progress))
+
+    def periodic(self, spec: Source, period: Any, *, progress: Any = None) -> Orbit:
+        """Has the service find an orbit; the arguments are those of `dvi.periodic`."""
+        return cast(Orbit, self.solve(with_period(spec, period), progress=progress))
+
+    def steady_state(self, spec: Source, *, progress: Any = None) -> SteadyState:
+        """Has the service find a state of rest."""
+        return cast(SteadyState, self.solve(with_rest(spec), progress=progress))
 
     def submit(self, spec: Source) -> Job:
         """Hands a specification over without waiting."""

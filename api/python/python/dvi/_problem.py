@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Optional, Union
+from typing import TYPE_CHECKING, Any, Optional, Union
 
 from ._expression import Expression, Operand, call, expression
 from ._result import Result
 from ._specification import dumps
+
+if TYPE_CHECKING:
+    from ._searches import Fit, Orbit, Sensitivities, SteadyState
+    from ._sweep import Sweep
 
 Names = Union[str, Sequence[str]]
 #: "steps", a number of times, a list of times, or as in JSON, such as {"every": 0.1}.
@@ -286,11 +290,11 @@ class Problem:
         """The specification as text; the arguments are those of `to_dict`."""
         return dumps(self.to_dict(end, **settings), indent)
 
-    def solve(self, end: float, *, progress: Any = None, **settings: Any) -> Result:
+    def solve(self, end: float, *, dense: bool = False, progress: Any = None, **settings: Any) -> Result:
         """Solves it up to `end`; the other arguments are those of `to_dict` and of `dvi.solve`."""
         from ._solve import solve
 
-        return solve(self.to_dict(end, **settings), progress=progress)
+        return solve(self.to_dict(end, **settings), dense=dense, progress=progress)
 
     def check(self, end: float, **settings: Any) -> dict[str, Any]:
         """What it comes to, without a solve."""
@@ -298,11 +302,63 @@ class Problem:
 
         return check(self.to_dict(end, **settings))
 
-    def periodic(self, period: Any, *, progress: Any = None, **settings: Any) -> Result:
+    def sweep(
+        self,
+        end: float,
+        over: Optional[Mapping[Any, Any]] = None,
+        collect: Optional[Mapping[str, Any]] = None,
+        *,
+        table: Any = None,
+        design: Optional[str] = None,
+        count: Optional[int] = None,
+        seed: Optional[int] = None,
+        threads: Optional[int] = None,
+        progress: Any = None,
+        **settings: Any,
+    ) -> Sweep:
+        """Solves it up to `end` for many values of its numbers; the other arguments are those of `dvi.sweep` and `to_dict`."""
+        from ._families import sweep
+
+        document = self.to_dict(end, **settings)
+        design_ = {"table": table, "design": design, "count": count, "seed": seed}
+        return sweep(document, over, collect, **design_, threads=threads, progress=progress)
+
+    def fit(
+        self,
+        data: Any,
+        parameters: Any,
+        *,
+        end: Optional[float] = None,
+        sd: Any = None,
+        loss: Optional[str] = None,
+        starts: Optional[int] = None,
+        progress: Any = None,
+        **settings: Any,
+    ) -> Fit:
+        """Fits parameters to data, with runs up to `end`, or to the last time of the data; the other arguments are those of
+        `dvi.fit` and `to_dict`."""
+        from ._families import fit
+
+        document = self.to_dict(end, **settings)
+        return fit(document, data, parameters, sd=sd, loss=loss, starts=starts, progress=progress)
+
+    def sensitivities(self, end: float, to: Any, of: Any = None, *, progress: Any = None, **settings: Any) -> Sensitivities:
+        """Solves it up to `end` with derivatives of states by parameters and initial values."""
+        from ._families import sensitivities
+
+        return sensitivities(self.to_dict(end, **settings), to, of, progress=progress)
+
+    def periodic(self, period: Any, *, progress: Any = None, **settings: Any) -> Orbit:
         """Finds the orbit of a period."""
-        from ._solve import periodic
+        from ._families import periodic
 
         return periodic(self.to_dict(**settings), _written(period), progress=progress)
+
+    def steady_state(self, *, progress: Any = None, **settings: Any) -> SteadyState:
+        """Finds where all rests."""
+        from ._families import steady_state
+
+        return steady_state(self.to_dict(**settings), progress=progress)
 
     def __repr__(self) -> str:
         return f"<dvi.Problem, states {', '.join(self._states) or 'none'}, variables {', '.join(self._variables) or 'none'}>"

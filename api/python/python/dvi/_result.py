@@ -5,10 +5,12 @@ from __future__ import annotations
 import html
 import json
 import math
+import os
 import warnings
 from collections.abc import Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Optional, Union
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Optional, Union
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +43,11 @@ class SolveError(RuntimeError):
         self.result = result
         self.code: str = error.get("code", result.status)
         self.time: float = error.get("time", math.nan)
-        super().__init__(f"{self.code} at t = {self.time}: {error.get('message', '')}")
+        reached = f" at t = {self.time}" if len(result.t) else ""
+        super().__init__(f"{self.code}{reached}: {error.get('message', '')}")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.result,)
 
 
 class Event(NamedTuple):
@@ -78,17 +84,29 @@ class Result:
     """The answer to a specification.
 
     `r.t` are the times and `r["x"]` the values of a field, as arrays of numpy that are views of the answer: they cannot be written
-    to, and keep it alive. `r(t)` has the values at other times.
+    to, and keep it alive. `r(t)` has the values at other times. Answers to a sweep, a fit and the like are `Sweep`, `Fit`, `Orbit`,
+    `SteadyState` and `Sensitivities`, which are results with more to them.
     """
+
+    _kinds: ClassVar[dict[str, type[Result]]] = {}
+
+    def __init_subclass__(cls, kind: str, **further: Any) -> None:
+        super().__init_subclass__(**further)
+        Result._kinds[kind] = cls
 
     def __init__(self, answer: _dvi.Answer, specification: Optional[_dvi.Specification] = None) -> None:
         self._answer = answer
         self._specification = specification
 
-    @classmethod
-    def from_json(cls, text: Union[str, bytes], label: Optional[str] = None) -> Result:
+    @staticmethod
+    def by_kind(answer: _dvi.Answer, specification: Optional[_dvi.Specification] = None) -> Result:
+        """The answer as what it is the answer of: a `Sweep`, a `Fit`, .."""
+        return Result._kinds.get(answer.kind, Result)(answer, specification)
+
+    @staticmethod
+    def from_json(text: Union[str, bytes], label: Optional[str] = None) -> Result:
         """Reads an answer that the program or a service wrote."""
-        return cls(_dvi.Answer.from_json(text.encode() if isinstance(text, str) else text, label))
+        return Result.by_kind(_dvi.Answer.from_json(text.encode() if isinstance(text, str) else text, label))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The specification stays behind: values at other times are then not to be had.
@@ -113,14 +131,17 @@ class Result:
     def __getitem__(self, name: str) -> Floats:
         if not isinstance(name, str):
             name = getattr(name, "text", name)
-        column = self._answer.column(name)
+        column: Optional[Floats] = self._answer.column(name)
         if column is None:
-            from difflib import get_close_matches
-
-            near = get_close_matches(str(name), self.names, 1)
-            hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise KeyError(f"there is no field {name!r} among {', '.join(self.names[:20])}{hint}")
+            raise self._unknown(name)
         return column
+
+    def _unknown(self, name: object) -> KeyError:
+        from difflib import get_close_matches
+
+        near = get_close_matches(str(name), self.names, 1)
+        hint = f"; did you mean {near[0]!r}?" if near else ""
+        return KeyError(f"there is no field {name!r} among {', '.join(self.names[:20])}{hint}")
 
     def __contains__(self, name: object) -> bool:
         return name in self.names
@@ -143,31 +164,53 @@ class Result:
     def __call__(self, t: Union[float, npt.ArrayLike]) -> dict[str, Any]:
         """The values of all fields at a time or at an array of times, by name.
 
-        An answer does not keep its polynomials: the problem is solved once more with these output times, which Radau IIA then
-        evaluates within its steps. So it costs a solve, whose steps are those of a solve with such output times.
+        An answer of `solve(.., dense=True)` keeps its fields as functions of time: polynomials through their values in each step, which
+        differ from them by a hundredth of `rtol` at most (`deviation`). Any other answer is solved once more when it is first asked,
+        and kept so then: further calls cost no solve. Where a field jumps at a switch, as variables may, or is an integral, each call is a
+        solve with these output times: `output.fields` without it costs none.
         """
         if self._specification is None:
             raise RuntimeError("an answer that was made elsewhere cannot be evaluated at other times; ask for output times")
-        if self.orbit is not None or self.steady_state is not None:
-            raise RuntimeError("orbits and states of rest are reported at the times that the specification asks for")
+        if self._answer.kind in ("orbit", "steady_state", "fit"):
+            raise RuntimeError("what is looked for is reported at the times that the specification asks for: see `output.times`")
         times = np.asarray(t, dtype=float)
         if not np.isfinite(times).all():
             raise ValueError("times are finite numbers")
         asked, place = np.unique(times, return_inverse=True)
         if asked.size == 0:
             return {name: np.empty(times.shape) for name in self.names}
+        found = self._functions.at(asked.tolist()) or self._solved_at(asked)
+        columns = {name: column[place].reshape(times.shape) for name, column in zip(self.names, found)}
+        return columns if times.ndim else {name: float(column) for name, column in columns.items()}
+
+    @cached_property
+    def _functions(self) -> _dvi.Answer:
+        """The answer that keeps its fields as functions of time, where any does."""
+        if self._answer.deviation is not None or self._specification is None:
+            return self._answer
+        return self._specification.solve(dense=True)
+
+    def _solved_at(self, times: Floats) -> list[Floats]:
+        """The fields at times, by a solve that reports them."""
+        if self._specification is None:
+            return []
         try:
-            answer = self._specification.solve(None, asked.tolist())
+            answer = self._specification.solve(None, times.tolist())
         except _dvi.Malformed as error:
             from ._specification import SpecificationError
 
             raise SpecificationError.of_json(json.loads(error.args[0])) from None
         found = Result(answer, self._specification)
-        if len(found.t) < asked.size:
+        if len(found.t) < times.size:
             raise SolveError(found) if found.error else ValueError(f"the solve ended at t = {self.t[-1]}")
-        rows = np.searchsorted(found.t, asked)[place].reshape(times.shape)
-        columns = {name: found[name][rows] for name in self.names}
-        return columns if times.ndim else {name: float(column) for name, column in columns.items()}
+        rows = np.searchsorted(found.t, times)
+        return [found[name][rows] for name in self.names]
+
+    @property
+    def deviation(self) -> Optional[float]:
+        """By how much `r(t)` differs from the run at most, in parts of the largest values of the fields, where the answer keeps them as
+        functions of time."""
+        return self._answer.deviation
 
     # --- the evidence
 
@@ -237,6 +280,11 @@ class Result:
         return self._part("steady_state")
 
     @property
+    def fit(self) -> Optional[dict[str, Any]]:
+        """The parameters that were fitted."""
+        return self._part("fit")
+
+    @property
     def event_slopes(self) -> list[dict[str, Any]]:
         """The derivatives of the times of events, of a motion with impacts."""
         return self._part("event_slopes") or []
@@ -260,15 +308,21 @@ class Result:
 
     def to_json(self) -> bytes:
         """The answer as the program writes it, to the byte, but for the wall-clock time."""
-        return self._answer.json()
+        return self._answer.written("json")
 
     def to_csv(self) -> bytes:
         """The trajectory as CSV, as the program writes it."""
-        return self._answer.csv()
+        return self._answer.written("csv")
 
     def to_svg(self) -> str:
         """The trajectory as a picture, as the program draws it."""
-        return self._answer.svg()
+        return self._answer.written("svg").decode()
+
+    def save(self, path: Union[str, os.PathLike[str]]) -> None:
+        """Writes the answer to a file, in the form that its extension asks for: `.json`, `.csv`, `.ndjson`, `.arrow` or `.svg`, as
+        `dvi solve -o` does."""
+        file = Path(path)
+        file.write_bytes(self._answer.written(file.suffix.removeprefix(".").lower()))
 
     def __arrow_c_stream__(self, requested_schema: Optional[object] = None) -> object:
         return self._answer.__arrow_c_stream__(requested_schema)
@@ -356,7 +410,7 @@ class Result:
         ]
 
     def __repr__(self) -> str:
-        return "<dvi.Result\n" + "\n".join(f"  {key:<11} {value}" for key, value in self._lines()) + ">"
+        return f"<dvi.{type(self).__name__}\n" + "\n".join(f"  {key:<11} {value}" for key, value in self._lines()) + ">"
 
     def _repr_html_(self) -> str:
         rows = "".join(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Optional, Union
 
 from . import _dvi
@@ -24,31 +24,37 @@ def read(source: Source) -> _dvi.Specification:
         raise SpecificationError.of_json(json.loads(error.args[0])) from None
 
 
-def solve(spec: Source, *, progress: Progress = None) -> Result:
+def solve(spec: Source, *, dense: bool = False, progress: Progress = None) -> Result:
     """Solves a specification in this process.
 
     `spec` is a dict, JSON text, the path of a file, or a `Problem`. Python's lock is free meanwhile, so that threads solve side by
     side; Ctrl-C stops the solve, and the `KeyboardInterrupt` has the trajectory so far as `result`. `progress=True` shows a bar
-    where tqdm is installed; a function is called with the fraction done and the steps made.
+    where tqdm is installed; a function is called with the fraction done and the steps made. With `dense=True` the answer keeps its
+    fields as functions of time, so that `result(t)` costs no solve; its steps are then those of a run with output times within them.
 
     Raises `SpecificationError` with all that is wrong with the specification, and `SolveError` with the trajectory so far where
     the end was not reached. An answer that is not trusted warns (`UntrustedWarning`), and says why in `verdict`.
     """
-    return run(read(spec), progress)
+    return run(read(spec), progress, dense=dense)
 
 
-def run(specification: _dvi.Specification, progress: Progress) -> Result:
+def run(
+    specification: _dvi.Specification, progress: Progress, threads: Optional[int] = None, dense: bool = False
+) -> Result:
+    """Solves it; `threads` share the members of a sweep."""
+    if threads is not None and threads < 1:
+        raise ValueError("there is at least one thread")
     shown = _Bar(specification.label) if progress is True else None
     try:
-        answer = specification.solve(shown or (progress if callable(progress) else None))
+        answer = specification.solve(shown or (progress if callable(progress) else None), threads=threads, dense=dense)
     except KeyboardInterrupt as interrupt:
         if isinstance(so_far := getattr(interrupt, "answer", None), _dvi.Answer):
-            interrupt.result = Result(so_far, specification)  # type: ignore[attr-defined]
+            interrupt.result = Result.by_kind(so_far, specification)  # type: ignore[attr-defined]
         raise
     finally:
         if shown:
             shown.close()
-    return Result(answer, specification).completed()
+    return Result.by_kind(answer, specification).completed()
 
 
 class _Bar:
@@ -80,24 +86,6 @@ def check(spec: Source) -> dict[str, Any]:
     """
     found: dict[str, Any] = json.loads(read(spec).summary())
     return found
-
-
-def _with(spec: Source, key: str, value: Any) -> dict[str, Any]:
-    """The specification with another value of a key of its own."""
-    if isinstance(spec, Mapping):
-        return {**spec, key: value}
-    return {**json.loads(text_of(spec)), key: value}
-
-
-def periodic(spec: Source, period: Union[str, float, Mapping[str, Any]], *, progress: Progress = None) -> Result:
-    """Finds the orbit from which a problem comes back to itself after `period`: a number, an expression in the parameters such
-    as `"1/f"`, or `{"free": 6.3, "phase": "v"}` where nothing drives it. `result.orbit` has its Floquet multipliers and means."""
-    return solve(_with(spec, "periodic", {"period": period}), progress=progress)
-
-
-def steady_state(spec: Source, *, progress: Progress = None) -> Result:
-    """Finds where all rests; `result.steady_state` has the eigenvalues on the active face."""
-    return solve(_with(spec, "steady_state", {}), progress=progress)
 
 
 def schema() -> dict[str, Any]:

@@ -63,8 +63,8 @@ class SpecificationError(ValueError):
 
 
 def text_of(source: Source) -> bytes:
-    """The JSON text of a specification. A string that begins with a brace is text, any other is the path of a file, of JSON or
-    of a SPICE deck."""
+    """The JSON text of a specification. A string that begins with `{` or `<` is text, any other is the path of a file; either may be JSON, a
+    robot in URDF or MJCF, or, as a file or as bytes, a SPICE deck."""
     from ._problem import Problem
 
     if isinstance(source, Problem):
@@ -72,9 +72,9 @@ def text_of(source: Source) -> bytes:
     if isinstance(source, Mapping):
         return dumps(source).encode()
     if isinstance(source, (bytes, bytearray, memoryview)):
-        return bytes(source)
-    if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("{"):
-        return source.encode()
+        return _dvi.document_of(bytes(source))
+    if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith(("{", "<")):
+        return _dvi.document_of(source.encode())
     if isinstance(source, (str, os.PathLike)):
         with open(source, "rb") as file:
             return _dvi.document_of(file.read())

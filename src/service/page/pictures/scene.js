@@ -27,7 +27,8 @@ export function named(bodies) {
 export function needs(specification) {
   const scene = specification.problem.rigid_bodies;
   const bodies = named(scene.bodies ?? []);
-  if (bodies.length > MOST || bodies.some(({ name }) => isRange(name))) return null;
+  // The bodies of a description are known to the service alone.
+  if (scene.robot || bodies.length > MOST || bodies.some(({ name }) => isRange(name))) return null;
   const moving = bodies.filter((body) => !body.fixed && !body.motion);
   const withForces = bodies.length <= MANY;
   const forces = withForces ? moving.flatMap(({ name }) => ["x", "y", "z"].map((axis) => `${name}.contact_f${axis}`)) : [];

@@ -1,0 +1,14 @@
+//! Texts in the formats of other programs, as documents.
+
+use super::{robot, spice};
+use std::borrow::Cow;
+
+/// The document that a text is: a SPICE deck with `.tran` and the description of a robot in URDF or MJCF become specifications, all
+/// else stays as it is.
+pub fn document_of(text: &[u8]) -> Cow<'_, [u8]> {
+    let described = str::from_utf8(text).ok().map(|text| text.strip_prefix('\u{feff}').unwrap_or(text));
+    match described.and_then(robot::document) {
+        Some(document) => Cow::Owned(document.to_string().into_bytes()),
+        None => spice::document(text),
+    }
+}

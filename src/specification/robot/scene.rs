@@ -1,0 +1,448 @@
+//! What a description comes to: bodies, joints, and pairs of bodies that go through each other; and the members of a scene that
+//! it is written out as.
+
+use super::inertia::Inertial;
+use super::motion::Motion;
+use super::xml::Place;
+use crate::json::Json;
+use nalgebra::{Isometry3, Matrix3, UnitQuaternion, Vector3};
+use serde_json::Number;
+use std::collections::{BTreeMap, BTreeSet, HashSet};
+
+/// The shape of a body, or of a part of it, along the axes of its own frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Shape {
+    Sphere {
+        radius: f64,
+    },
+    Ellipsoid {
+        radii: Vector3<f64>,
+    },
+    /// With the lengths of its sides.
+    Box {
+        size: Vector3<f64>,
+    },
+    /// With the length of the tube between the half balls.
+    Capsule {
+        radius: f64,
+        length: f64,
+    },
+    Cylinder {
+        radius: f64,
+        length: f64,
+    },
+    /// All that lies below the plane across its third axis.
+    HalfSpace,
+}
+
+/// A shape of a body that touches others.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Part {
+    pub shape: Shape,
+    /// In the frame of the body.
+    pub at: Isometry3<f64>,
+    /// The coefficient of friction, where it has one.
+    pub friction: Option<f64>,
+}
+
+/// A body.
+#[derive(Clone, Debug)]
+pub(super) struct Body {
+    pub name: String,
+    pub place: Place,
+    pub motion: Motion,
+    /// None of one that does not move.
+    pub inertial: Option<Inertial>,
+    pub parts: Vec<Part>,
+    /// Bits of which one has to meet one of the other mask of another body, for the two to touch.
+    pub masks: [u32; 2],
+}
+
+/// What a joint leaves free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Freedom {
+    Hinge,
+    Slider,
+    Ball,
+    Nothing,
+}
+
+/// A joint of a body and another, or the world.
+#[derive(Clone, Debug)]
+pub(super) struct Joint {
+    /// In the description.
+    pub name: Option<String>,
+    pub place: Place,
+    pub freedom: Freedom,
+    pub body: usize,
+    pub other: Option<usize>,
+    /// A point of it and its axis, in the world at the start.
+    pub at: Vector3<f64>,
+    pub axis: Vector3<f64>,
+    /// The ends of its coordinate, which is zero at the start.
+    pub limits: [Option<f64>; 2],
+    pub stiffness: f64,
+    /// The coordinate without a force of the spring.
+    pub rest: f64,
+    pub damping: f64,
+}
+
+impl Joint {
+    /// One that nothing drives.
+    pub fn new(freedom: Freedom, place: Place, bodies: (usize, Option<usize>), at: Vector3<f64>) -> Self {
+        Self {
+            name: None,
+            place,
+            freedom,
+            body: bodies.0,
+            other: bodies.1,
+            at,
+            axis: Vector3::z(),
+            limits: [None; 2],
+            stiffness: 0.0,
+            rest: 0.0,
+            damping: 0.0,
+        }
+    }
+
+    /// Whether it has a coordinate.
+    pub fn is_axial(&self) -> bool {
+        matches!(self.freedom, Freedom::Hinge | Freedom::Slider)
+    }
+
+    /// Adds a spring along its coordinate: two springs are one.
+    pub fn add_spring(&mut self, stiffness: f64, rest: f64, damping: f64) {
+        let both = self.stiffness + stiffness;
+        if both > 0.0 {
+            self.rest = (self.stiffness * self.rest + stiffness * rest) / both;
+        }
+        (self.stiffness, self.damping) = (both, self.damping + damping);
+    }
+}
+
+/// A robot, or whatever else a description has.
+#[derive(Debug, Default)]
+pub(super) struct Robot {
+    pub name: Option<String>,
+    pub bodies: Vec<Body>,
+    pub joints: Vec<Joint>,
+    /// Pairs that go through each other, the lesser first.
+    pub apart: BTreeSet<(usize, usize)>,
+    /// Whether all of them do.
+    pub is_apart: bool,
+    pub gravity: Vector3<f64>,
+    /// Joints and bodies that are free, by the names of the description, as they are at the start if nothing else is said.
+    pub poses: Vec<(String, Start)>,
+}
+
+/// How a joint or a free body begins.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Start {
+    /// At this coordinate.
+    Joint(f64),
+    /// Here.
+    Body(Isometry3<f64>),
+}
+
+/// What is noted of joints that are beyond their limits where they stand.
+pub(super) const BEYOND_LIMITS: &str =
+    "joints whose limits do not hold 0 begin in their middle: give the start as `robot.pose`";
+
+/// The groups of bodies that touch nothing, of bodies of one description that do not touch each other, and of those that others have
+/// beside it.
+const NOTHING: &str = "touches_nothing";
+const ROBOT: &str = "robot";
+pub(super) const OTHERS: &str = "others";
+
+/// A hundredth of the largest distance from a joint to the centre of a body is the radius of a body without a shape.
+const SMALL: f64 = 1e-2;
+
+pub(super) fn number(value: f64) -> Json {
+    Number::from_f64(value).map_or(Json::Null, Json::Number)
+}
+
+pub(super) fn text(value: &str) -> Json {
+    Json::Text(value.to_owned())
+}
+
+pub(super) fn vector(value: &Vector3<f64>) -> Json {
+    Json::List(value.iter().copied().map(number).collect())
+}
+
+pub(super) fn quaternion(value: &UnitQuaternion<f64>) -> Json {
+    Json::List([value.w, value.i, value.j, value.k].map(number).into())
+}
+
+pub(super) fn object(members: impl IntoIterator<Item = (&'static str, Json)>) -> Json {
+    Json::Object(members.into_iter().map(|(key, value)| (key.to_owned(), value)).collect())
+}
+
+fn matrix(value: &Matrix3<f64>) -> Json {
+    // Symmetric to the last digit.
+    let entry = |i: usize, j: usize| number(value[(i.min(j), i.max(j))]);
+    Json::List((0..3).map(|i| Json::List((0..3).map(|j| entry(i, j)).collect())).collect())
+}
+
+impl Shape {
+    fn json(&self) -> Json {
+        let round = |radius: f64, length: f64| object([("radius", number(radius)), ("length", number(length))]);
+        match self {
+            Self::Sphere { radius } => object([("sphere", object([("radius", number(*radius))]))]),
+            Self::Box { size } => object([("box", object([("size", vector(size))]))]),
+            Self::Capsule { radius, length } => object([("capsule", round(*radius, *length))]),
+            Self::Cylinder { radius, length } => object([("cylinder", round(*radius, *length))]),
+            // Refused where it would touch.
+            Self::Ellipsoid { radii } => object([("sphere", object([("radius", number(radii.max()))]))]),
+            Self::HalfSpace => object([("half_space", object([("normal", vector(&Vector3::z()))]))]),
+        }
+    }
+}
+
+/// What a description is written out as, in the order of its bodies and joints.
+#[derive(Debug, Default)]
+pub(super) struct Written {
+    pub bodies: Vec<Json>,
+    pub joints: Vec<Json>,
+    pub materials: Vec<(String, Json)>,
+    pub pairs: Vec<Json>,
+    pub exclude: Vec<Json>,
+    /// The group of bodies that stand beside it without one.
+    pub group_of_others: Option<&'static str>,
+}
+
+impl Robot {
+    /// Writes it out beside bodies of these groups; `names` are the names of its bodies and joints in the scene.
+    pub fn write(&self, groups_of_others: &BTreeSet<String>, names: &Names) -> Written {
+        let mut written = Written::default();
+        let frictions = self.frictions();
+        for (k, friction) in frictions.iter().enumerate() {
+            written.materials.push((material(k), object([("friction", number(*friction))])));
+            for (j, other) in frictions.iter().enumerate().take(k) {
+                let both = Json::List(vec![text(&material(j)), text(&material(k))]);
+                written.pairs.push(object([("materials", both), ("friction", number(friction.max(*other)))]));
+            }
+        }
+        let groups = self.groups(groups_of_others, &mut written);
+        for (k, body) in self.bodies.iter().enumerate() {
+            let friction = body.friction().and_then(|friction| frictions.iter().position(|known| *known == friction));
+            written.bodies.push(self.body(k, &names.bodies[k], groups.get(k), friction.map(material)));
+        }
+        for (joint, name) in self.joints.iter().zip(&names.joints) {
+            written.joints.push(joint.json(name.as_deref(), &names.bodies));
+        }
+        written
+    }
+
+    fn frictions(&self) -> Vec<f64> {
+        let mut all: Vec<f64> = self.bodies.iter().filter_map(Body::friction).collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup();
+        all
+    }
+
+    /// The group of each body, where any is needed, and which groups are apart.
+    fn groups(&self, of_others: &BTreeSet<String>, written: &mut Written) -> Vec<String> {
+        let touches = |body: &Body| !body.parts.is_empty();
+        let masks: HashSet<[u32; 2]> = self.bodies.iter().filter(|body| touches(body)).map(|body| body.masks).collect();
+        let is_plain = self.bodies.iter().all(touches) && masks.len() <= 1 && masks.iter().all(|mask| meet(mask, mask));
+        if is_plain && !self.is_apart && self.apart.is_empty() {
+            return Vec::new();
+        }
+        let alone: HashSet<usize> = self.apart.iter().flat_map(|(a, b)| [*a, *b]).collect();
+        let group = |(k, body): (usize, &Body)| match () {
+            () if !touches(body) => NOTHING.to_owned(),
+            () if self.is_apart => ROBOT.to_owned(),
+            () if alone.contains(&k) => format!("{ROBOT}.{k}"),
+            () => format!("{ROBOT}.{}.{}", body.masks[0], body.masks[1]),
+        };
+        let groups: Vec<String> = self.bodies.iter().enumerate().map(group).collect();
+        // One body of each group stands for it: the others are like it.
+        let mut first: BTreeMap<&str, usize> = BTreeMap::new();
+        for (k, group) in groups.iter().enumerate() {
+            first.entry(group).or_insert(k);
+        }
+        let mut exclude = |a: &str, b: &str| written.exclude.push(Json::List(vec![text(a), text(b)]));
+        for (a, &i) in &first {
+            for (b, &j) in first.range(*a..) {
+                let (one, other) = (&self.bodies[i], &self.bodies[j]);
+                let is_pair = self.apart.contains(&(i.min(j), i.max(j)));
+                let is_apart = self.is_apart || is_pair || !meet(&one.masks, &other.masks);
+                if is_apart || !touches(one) || !touches(other) {
+                    exclude(a, b);
+                }
+            }
+        }
+        if first.contains_key(NOTHING) {
+            written.group_of_others = Some(OTHERS);
+            exclude(NOTHING, OTHERS);
+            of_others.iter().for_each(|group| exclude(NOTHING, group));
+        }
+        groups
+    }
+
+    fn body(&self, k: usize, name: &str, group: Option<&String>, material: Option<String>) -> Json {
+        let body = &self.bodies[k];
+        let mut members = vec![("name", text(name)), ("shape", self.shape(k))];
+        match &body.inertial {
+            None => members.push(("fixed", Json::Bool(true))),
+            Some(inertial) => members.extend([
+                ("mass", number(inertial.mass)),
+                ("centre_of_mass", vector(&inertial.centre)),
+                ("inertia", matrix(&inertial.inertia)),
+            ]),
+        }
+        members.push(("position", vector(&body.motion.frame.translation.vector)));
+        members.push(("orientation", quaternion(&body.motion.frame.rotation)));
+        let (velocity, angular) = (body.motion.velocity(), body.motion.angular);
+        if body.inertial.is_some() && (velocity != Vector3::zeros() || angular != Vector3::zeros()) {
+            members.extend([("velocity", vector(&velocity)), ("angular_velocity", vector(&angular))]);
+        }
+        members.extend(material.map(|material| ("material", text(&material))));
+        members.extend(group.map(|group| ("group", text(group))));
+        object(members)
+    }
+
+    fn shape(&self, k: usize) -> Json {
+        let body = &self.bodies[k];
+        match body.parts.as_slice() {
+            [] => Shape::Sphere { radius: self.radius(k) }.json(),
+            [part] if part.at == Isometry3::identity() => part.shape.json(),
+            parts => {
+                let part = |part: &Part| {
+                    let (position, orientation) = (vector(&part.at.translation.vector), quaternion(&part.at.rotation));
+                    object([("shape", part.shape.json()), ("position", position), ("orientation", orientation)])
+                };
+                object([("compound", Json::List(parts.iter().map(part).collect()))])
+            }
+        }
+    }
+
+    /// The radius of a ball that stands for a body without a shape, which touches nothing.
+    fn radius(&self, k: usize) -> f64 {
+        let body = &self.bodies[k];
+        let centre = body.inertial.map_or_else(Vector3::zeros, |inertial| inertial.centre);
+        let centre = body.motion.frame.transform_point(&centre.into()).coords;
+        let of_joints = self.joints.iter().filter(|joint| joint.body == k || joint.other == Some(k));
+        let farthest = of_joints.map(|joint| (joint.at - centre).norm()).fold(0.0, f64::max);
+        if farthest > 0.0 { SMALL * farthest } else { SMALL }
+    }
+}
+
+/// Whether bodies with these masks touch.
+fn meet(a: &[u32; 2], b: &[u32; 2]) -> bool {
+    a[0] & b[1] != 0 || b[0] & a[1] != 0
+}
+
+fn material(k: usize) -> String {
+    format!("friction_{}", k + 1)
+}
+
+impl Body {
+    /// The largest coefficient of friction of its shapes.
+    fn friction(&self) -> Option<f64> {
+        self.parts.iter().filter_map(|part| part.friction).reduce(f64::max)
+    }
+}
+
+impl Joint {
+    fn json(&self, name: Option<&str>, bodies: &[String]) -> Json {
+        let of = [Some(self.body), self.other].into_iter().flatten();
+        let mut members = vec![("bodies", Json::List(of.map(|body| text(&bodies[body])).collect()))];
+        members.extend(name.map(|name| ("name", text(name))));
+        if self.freedom != Freedom::Nothing {
+            members.push(("at", vector(&self.at)));
+        }
+        if self.is_axial() {
+            members.push(("axis", vector(&self.axis)));
+            self.drive(name.is_some(), &mut members);
+        }
+        let kind = match self.freedom {
+            Freedom::Hinge => "hinge",
+            Freedom::Slider => "slider",
+            Freedom::Ball => "ball",
+            Freedom::Nothing => "fixed",
+        };
+        object([(kind, object(members))])
+    }
+
+    /// Limits and springs; where there are none, an effort of zero, so that its coordinate is an output.
+    fn drive(&self, is_named: bool, members: &mut Vec<(&'static str, Json)>) {
+        let [lower, upper] = self.limits;
+        let ends: Vec<(&'static str, Json)> = [("lower", lower), ("upper", upper)]
+            .into_iter()
+            .filter_map(|(key, end)| Some((key, number(end?))))
+            .collect();
+        let is_sprung = self.stiffness > 0.0 || self.damping > 0.0;
+        if is_named && ends.is_empty() && !is_sprung {
+            members.push(("motor", object([("effort", number(0.0))])));
+        }
+        if !ends.is_empty() {
+            members.push(("limits", object(ends)));
+        }
+        if is_sprung {
+            let mut spring = vec![("damping", number(self.damping))];
+            if self.stiffness > 0.0 {
+                spring.extend([("stiffness", number(self.stiffness)), ("rest", number(self.rest))]);
+            }
+            members.push(("spring", object(spring)));
+        }
+    }
+}
+
+/// The names of bodies and joints in a scene, where each stands for one thing and can be used in expressions.
+#[derive(Debug, Default)]
+pub(super) struct Names {
+    pub bodies: Vec<String>,
+    pub joints: Vec<Option<String>>,
+    /// Those that are others than in the description.
+    pub changed: Vec<(String, String)>,
+}
+
+impl Names {
+    /// Those of a robot.
+    pub fn of(robot: &Robot) -> Self {
+        let mut taken = HashSet::new();
+        let mut names = Self::default();
+        for body in &robot.bodies {
+            let name = free(&body.name, "", &mut taken);
+            names.note(&body.name, &name);
+            names.bodies.push(name);
+        }
+        for joint in &robot.joints {
+            let name = joint.name.as_ref().map(|given| {
+                let name = free(given, "_joint", &mut taken);
+                names.note(given, &name);
+                name
+            });
+            names.joints.push(name);
+        }
+        names
+    }
+
+    fn note(&mut self, given: &str, name: &str) {
+        if given != name {
+            self.changed.push((given.to_owned(), name.to_owned()));
+        }
+    }
+}
+
+/// A name of letters, digits and `_`, with `suffix` where it is taken, and a number where that is.
+fn free(given: &str, suffix: &str, taken: &mut HashSet<String>) -> String {
+    let mut name: String = given.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
+    if name.is_empty() || name.starts_with(|c: char| c.is_ascii_digit()) {
+        name.insert(0, '_');
+    }
+    if name == "t" {
+        // The time.
+        name.push('_');
+    }
+    if taken.contains(&name) {
+        name.push_str(suffix);
+    }
+    let (base, mut k) = (name.clone(), 2);
+    while !taken.insert(name.clone()) {
+        name = format!("{base}_{k}");
+        k += 1;
+    }
+    name
+}
