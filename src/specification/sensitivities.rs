@@ -6,7 +6,7 @@ use super::model::Model;
 use super::pointer::Pointer;
 use super::wording::{abridged, listed};
 use expression::nearest;
-use models::{DviModel, MechanicalModel};
+use models::{DviModel, MechanicalModel, Unbindable};
 use serde::{Deserialize, Serialize};
 use solution::{By, Observables, Sensitivities};
 use utoipa::ToSchema;
@@ -15,6 +15,9 @@ use utoipa::ToSchema;
 const MOST_UNKNOWNS: usize = 100;
 /// Most sensitivity columns.
 const MOST_COLUMNS: usize = 10_000;
+
+/// Relative change of a parameter that shows whether it decides the structure of a problem.
+const SHIFT: f64 = 1e-6;
 
 /// Suffix to the name of a state that denotes its initial value.
 pub(super) const INITIAL: &str = ".initial";
@@ -50,6 +53,9 @@ impl SensitivitiesRequest {
         let by = places(&self.to, parameters.iter().chain(&initial), &place.key("to"), &mut found);
         let by: Vec<By> =
             by.into_iter().map(|at| at.checked_sub(parameters.len()).map_or(By::Parameter(at), By::Initial)).collect();
+        if model.mechanical().is_some() {
+            self.check_structure(model, &by, &place.key("to"), &mut found);
+        }
         let of_names = place.key("of");
         let of = match &self.of {
             Some(of) => places(of, states.iter().chain(&observables.names), &of_names, &mut found),
@@ -98,6 +104,29 @@ impl SensitivitiesRequest {
         // Definitions and integrals stand behind all outputs.
         let of = of.into_iter().map(|at| if at < states.len() { at } else { at - states.len() + outputs }).collect();
         Some(Sensitivities { by, to, of, names })
+    }
+}
+
+impl SensitivitiesRequest {
+    /// Refuses parameters of a mechanical system that decide its structure, such as a coefficient of friction at zero or
+    /// a ratio: equations of a fixed structure do not show what a change of them does.
+    fn check_structure(&self, model: &dyn Model, by: &[By], place: &Pointer<'_>, errors: &mut Errors) {
+        let Some(parameters) = model.parameters() else { return };
+        for by in by {
+            let By::Parameter(at) = *by else { continue };
+            let (name, mut values) = (&parameters.names()[at], parameters.values().to_vec());
+            let size = if values[at] == 0.0 { 1.0 } else { values[at].abs() };
+            values[at] += SHIFT * size;
+            if let Err(Unbindable::Structure { .. }) = model.with_parameters(&values) {
+                let detail =
+                    format!("`{}` decides the structure of the problem, which equations are built for", abridged(name));
+                let index = self.to.iter().position(|asked| asked == name).unwrap_or(0);
+                let error = SpecificationError::new(place.index(index).to_string(), "conflict", detail);
+                errors.push(error.expected(
+                    "parameters of forces, masses, gaps and slips, or coefficients of restitution, or of friction above 0",
+                ));
+            }
+        }
     }
 }
 

@@ -42,7 +42,7 @@ fn what_is_right_passes() {
 fn a_domain_has_directions_of_some_length_in_their_order() {
     says(interval(), "domain", json!({"x": [1, 1]}), "domain/x", "empty_interval", "[1, 1]");
     says(interval(), "domain", json!({"x": [0, "b"]}), "domain/x/1", "unknown_name", "b");
-    says(interval(), "domain", json!({"x": [0, 1], "z": [0, 1]}), "domain", "missing_key", "`y` is missing");
+    says(interval(), "domain", json!({"x": [0, 1], "z": [0, 1]}), "domain", "missing_key", "no `y`");
     says(interval(), "domain", json!({"x": [1, 0]}), "domain/x", "empty_interval", "[1, 0]");
     says(interval(), "domain", json!({"x": [0, "1 + t"]}), "domain/x/1", "unknown_name", "`t`");
     says(interval(), "domain", json!({"x": [0, "1/0"]}), "domain/x/1", "not_finite", "inf");
