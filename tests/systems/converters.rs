@@ -269,4 +269,5 @@ fn a_boost_converter_driven_by_a_sawtooth_is_right_at_every_output() {
         exact = if row % 10 < 5 { charging } else { feeding } * exact;
     }
     assert!(worst < 1e-6, "off by {worst:e} at most");
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
