@@ -119,6 +119,10 @@ impl Mechanical for Elapsed {
         self.problem.sensitivity(self.start + t, q, v, a, lambda, out);
     }
 
+    fn sensitivity_in_time(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut [f64]) {
+        self.problem.sensitivity_in_time(self.start + t, q, v, a, lambda, out);
+    }
+
     fn rounding_of_time(&self, t: f64) -> f64 {
         self.problem.rounding_of_time(self.start + t).max(f64::EPSILON * t.abs())
     }

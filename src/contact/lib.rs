@@ -6,6 +6,7 @@
 //!   of the geometry of contacts.
 //! - [`energy`]: the balance of energy.
 //! - [`EventDriven`]: smooth motion by Radau IIA from impact to impact, a [`SmoothPhase`] for each mode.
+//! - [`tangents`]: the derivatives of such a motion with respect to parameters and initial values.
 //! - [`islands`]: contacts that share no moving body are solved separately.
 //! - [`VelocityStep`]: one step of a system in generalised coordinates; [`TimeStepping`]: a run of such steps.
 
@@ -18,6 +19,7 @@ pub mod islands;
 pub mod law;
 mod locate;
 mod settings;
+pub mod tangents;
 mod time_stepping;
 mod velocity_step;
 mod violations;

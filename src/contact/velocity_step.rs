@@ -110,6 +110,8 @@ pub struct VelocityStep<'p> {
     pub(super) closing: Option<usize>,
     /// The length of the last probe.
     pub(super) instant: Option<f64>,
+    /// The impulses of one contact after the other in the last step, by the sequential law.
+    pub(super) strikes: Vec<(usize, Vector3<f64>)>,
     /// Impulses, velocities and losses of contacts in the last step.
     pub contacted: Contacted,
     /// Counters.
@@ -138,6 +140,7 @@ impl<'p> VelocityStep<'p> {
             kick: 0.0,
             closing: None,
             instant: None,
+            strikes: Vec::new(),
             contacted: Contacted::none(structure.contacts.len()),
             work: Work::default(),
             problem,
@@ -349,8 +352,11 @@ impl<'p> VelocityStep<'p> {
             let elastic = if rebounds { 1.0 } else { 0.0 };
             let restitution: Vec<f64> = scene.restitution.iter().map(|e| elastic * e).collect();
             let mut struck = vec![Vector3::zeros(); near.len()];
+            self.strikes.clear();
             if self.impact_law == ImpactLaw::Sequential && rebounds {
-                struck = sequential(&scene.contacts(&without, &before, &gap, &restitution, h)).0;
+                let strikes = sequential(&scene.contacts(&without, &before, &gap, &restitution, h));
+                strikes.iter().for_each(|&(i, strike)| struck[i] += strike);
+                self.strikes.extend(strikes.into_iter().map(|(i, strike)| (near[i], strike)));
                 let change: Vec<_> = (0..near.len()).map(|i| scene.delassus.row_product(i, &struck)).collect();
                 for (i, change) in change.iter().enumerate() {
                     before[i] += change;

@@ -26,9 +26,14 @@ const ONE: f64 = 1e3;
 /// much larger one would move breakpoints.
 const AT_END: f64 = 8.0;
 
+/// Number of breakpoints over which their mean distance is taken: a burst of fewer says nothing of what follows.
+const WINDOW: u32 = 10_000;
+
 /// State of the search for breakpoints.
 #[derive(Debug)]
 pub struct Breaks {
+    /// Breakpoints passed since the beginning of the window, and that time.
+    window: (u32, f64),
     signs: Vec<bool>,
     /// Subintervals still to be enclosed, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
@@ -42,7 +47,7 @@ pub struct Breaks {
 impl Breaks {
     /// Starts the search for a run that begins at time `t`.
     pub fn new(t: f64) -> Self {
-        Self { signs: Vec::new(), left: Vec::new(), last: t, gap: f64::INFINITY, after: None }
+        Self { window: (0, t), signs: Vec::new(), left: Vec::new(), last: t, gap: f64::INFINITY, after: None }
     }
 
     /// The first floating-point number after the breakpoint before which the present step ends, if it ends at one.
@@ -86,6 +91,17 @@ impl Breaks {
         }
         self.last = after;
         self.after = None;
+        self.window.0 += 1;
+    }
+
+    /// The mean distance of the last breakpoints, once for each window of them that is full.
+    pub fn mean_distance(&mut self) -> Option<f64> {
+        let (count, begin) = self.window;
+        if count < WINDOW {
+            return None;
+        }
+        self.window = (0, self.last);
+        Some((self.last - begin) / f64::from(count))
     }
 
     fn end_before(&mut self, (before, after): (f64, f64), t: f64, h: f64) -> f64 {

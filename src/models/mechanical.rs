@@ -72,6 +72,10 @@ pub struct SymbolicMechanics {
     bias: Tape,
     /// Derivatives of force balance, constraint acceleration and constraint velocity, stacked in this order.
     sensitivity: Sparse,
+    /// The derivatives of the same rows with respect to time, in one column.
+    in_time: Sparse,
+    /// Force balance, constraint acceleration, constraint velocity, and values of joints and gaps, as nodes of the graph.
+    terms: Vec<Node>,
     /// The coefficients of friction that vary, by contact.
     coefficients: Vec<Option<Coefficient>>,
     breaks: Breaks,
@@ -215,15 +219,18 @@ impl SymbolicMechanics {
             }
             Ok((gamma, acceleration, by))
         };
-        let mut later = Vec::new();
+        let (mut later, mut in_time, mut accelerations) = (Vec::new(), Vec::new(), Vec::new());
         for (below, &u) in (n..).zip(&velocities) {
             let (gamma, acceleration, by) = rate(graph, u).map_err(lost)?;
             bias.push(gamma);
+            accelerations.push(acceleration);
             let by_state = derivatives(graph, acceleration, wide).map_err(lost)?;
             sensitivity.extend((0..2 * n).map(|j| ((below, j), by_state[1 + j])));
             later.extend((0..2 * n).map(|j| ((below + velocities.len(), j), by[1 + j])));
+            in_time.extend([((below, 0), by_state[0]), ((below + velocities.len(), 0), by[0])]);
         }
         sensitivity.extend(later);
+        let mut terms = Vec::new();
         for (i, &force) in forces.iter().enumerate() {
             let mut balance = graph.negate(force);
             for j in 0..n {
@@ -240,7 +247,10 @@ impl SymbolicMechanics {
             }
             let by = derivatives(graph, balance, wide).map_err(lost)?;
             sensitivity.extend((0..2 * n).map(|j| ((i, j), by[1 + j])));
+            in_time.push(((i, 0), by[0]));
+            terms.push(balance);
         }
+        terms.extend(accelerations.into_iter().chain(velocities.iter().copied()));
 
         let [kinetic, potential, power] = energies(graph, rows, &momenta);
         let lagrangian = graph.subtract(kinetic, potential);
@@ -252,8 +262,10 @@ impl SymbolicMechanics {
             coefficients.push(coefficient.map_err(|error| DifferentiationError::Coefficient(k, error))?);
         }
         let stiffness = Sparse::compile(graph, stiffness);
+        let terms_in_time = Sparse::compile(graph, in_time);
         let constant = |nodes: &[Node]| nodes.iter().all(|&node| graph.value(node).is_some());
         let holonomic: Vec<Node> = rows.joints.iter().chain(&rows.gaps).copied().collect();
+        terms.extend(&holonomic);
         let in_time = |nodes: &[Node]| nodes.iter().any(|&node| graph.inputs(node).contains(&0));
         let of_holonomic = jacobian.iter().filter(|((_, row), _)| *row < holonomic.len());
         let straight = of_holonomic.map(|(_, node)| *node).collect::<Vec<_>>();
@@ -301,6 +313,8 @@ impl SymbolicMechanics {
             energies: Tape::compile(graph, &energies),
             bias,
             sensitivity,
+            in_time: terms_in_time,
+            terms,
             coefficients,
             inputs: vec![0.0; 3 * n + structure.rows()],
             scratch: Vec::new(),
@@ -324,12 +338,19 @@ impl SymbolicMechanics {
             tape.bind(parameters);
             ranges.bind(tape);
         }
-        for tape in [&mut self.stiffness.tape, &mut self.energies] {
+        for tape in [&mut self.stiffness.tape, &mut self.energies, &mut self.in_time.tape] {
             tape.bind(parameters);
         }
         self.coefficients.iter_mut().flatten().for_each(|coefficient| coefficient.bind(parameters));
         self.breaks.bind(parameters);
         self.jumps.bind(parameters);
+    }
+
+    /// The rows whose derivatives with respect to parameters give those of motion: the balance `M a - f - J^T lambda`
+    /// (n), the constraint accelerations `u' = J a + gamma` and velocities `u` (one per row of `J` each), and the values
+    /// of joints and gaps; nodes of the graph that the system was compiled from, with inputs `t`, `q`, `v`, `a`, `lambda`.
+    pub fn terms(&self) -> &[Node] {
+        &self.terms
     }
 
     /// The contacts, for setting their coefficients.
@@ -593,6 +614,19 @@ impl Mechanical for SymbolicMechanics {
                 (Some(i), None) => out.acceleration[(i, j)] = value,
                 (None, None) => out.balance[(i, j)] = value,
             }
+        }
+    }
+
+    fn sensitivity_in_time(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut [f64]) {
+        self.place(q, v);
+        let n = self.structure.coordinates;
+        self.inputs[2 * n..3 * n].copy_from_slice(a);
+        self.inputs[3 * n..].copy_from_slice(lambda);
+        self.scratch.resize(self.in_time.places.len(), 0.0);
+        self.in_time.tape.evaluate(t, &self.inputs, &mut self.scratch);
+        out.fill(0.0);
+        for (&(i, _), &value) in self.in_time.places.iter().zip(&self.scratch) {
+            out[i] = value;
         }
     }
 }

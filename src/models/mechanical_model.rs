@@ -1,7 +1,8 @@
 //! A mechanical system with its names and initial values.
 
-use super::{Parameters, SymbolicMechanics, Unbindable};
+use super::{Parameters, Slopes, SymbolicMechanics, Unbindable};
 use analysis::{Analysis, Uniqueness};
+use expression::{ExpressionError, Node};
 use problem::Warning;
 use problem::{Mechanical, MechanicalStructure};
 
@@ -20,6 +21,8 @@ pub struct MechanicalModel {
     pub initial: Vec<f64>,
     /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,
+    /// Whether forces, masses, gaps, joints or slips have kinks or jumps in coordinates or velocities.
+    pub has_kinks: bool,
     /// The parameters, with the contact coefficients that depend on them; `None` if the problem has no parameters or if
     /// they were folded into constants.
     pub parameters: Option<(Parameters, Vec<ContactCoefficient>)>,
@@ -73,6 +76,7 @@ impl MechanicalModel {
             output_names,
             initial,
             warnings,
+            has_kinks: false,
             parameters: None,
             system,
         }
@@ -105,6 +109,19 @@ impl MechanicalModel {
         bound.initial.copy_from_slice(initial);
         bound.system.bind(&all);
         Ok(bound)
+    }
+
+    /// See [`SymbolicMechanics::terms`].
+    pub fn terms(&self) -> &[Node] {
+        self.system.terms()
+    }
+
+    /// The derivatives of the terms of motion with respect to the parameters; `None` if there are none.
+    ///
+    /// # Errors
+    /// If a derivative exceeds the size limits of the graph.
+    pub fn slopes(&self) -> Result<Option<Slopes>, ExpressionError> {
+        self.parameters.as_ref().map(|(parameters, _)| parameters.slopes()).transpose()
     }
 
     /// A new evaluator with its own workspace.

@@ -27,7 +27,7 @@ pub struct ParametricTerms {
     pub mass: Vec<(usize, usize, Node)>,
     /// The constant bounds that depend on parameters.
     pub bounds: Vec<(MovingBound, Node)>,
-    /// `F`, `G` and the moving bounds.
+    /// `F`, `G` and the moving bounds, or the [terms](super::SymbolicMechanics::terms) of a mechanical system.
     pub rows: Vec<Node>,
     /// The contact coefficients that depend on parameters.
     pub contacts: Vec<Node>,

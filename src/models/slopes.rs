@@ -17,6 +17,8 @@ pub struct Slopes {
     initial: Constants<usize>,
     mass: Constants<(usize, usize)>,
     bounds: Constants<MovingBound>,
+    /// The contact coefficients, by their place among [`ParametricTerms::contacts`](super::ParametricTerms::contacts).
+    contacts: Constants<usize>,
 }
 
 /// Chain rule: maps derivatives with respect to the program's inputs to derivatives with respect to parameters.
@@ -53,6 +55,7 @@ impl Slopes {
             initial: Constants::new(&mut graph, initial)?,
             mass: Constants::new(&mut graph, mass)?,
             bounds: Constants::new(&mut graph, terms.bounds.iter().copied())?,
+            contacts: Constants::new(&mut graph, terms.contacts.iter().copied().enumerate())?,
             pattern,
             rows,
             chain: None,
@@ -89,10 +92,11 @@ impl Slopes {
         self.initial.bind(parameters);
         self.mass.bind(parameters);
         self.bounds.bind(parameters);
+        self.contacts.bind(parameters);
     }
 
     /// The structural nonzeros of the derivatives as `(row, parameter)`, sorted by row; rows are `F` (n), `G` (m),
-    /// moving bounds.
+    /// moving bounds, or the [terms](super::SymbolicMechanics::terms) of a mechanical system.
     pub fn pattern(&self) -> &[(usize, usize)] {
         &self.pattern
     }
@@ -115,6 +119,11 @@ impl Slopes {
     /// The derivatives of the mass matrix, as `((row, column), parameter, value)`.
     pub fn mass(&self) -> impl Iterator<Item = ((usize, usize), usize, f64)> {
         self.mass.iter()
+    }
+
+    /// The derivatives of the contact coefficients that depend on parameters, as `(coefficient, parameter, value)`.
+    pub fn contacts(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        self.contacts.iter()
     }
 
     /// The derivatives of the constant bounds, as `(bound, parameter, value)`.

@@ -304,6 +304,10 @@ pub trait Mechanical: Send {
     /// Writes the derivatives of [`Sensitivity`] at accelerations `a` and multipliers `lambda` of all rows.
     fn sensitivity(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut Sensitivity);
 
+    /// Writes the derivatives with respect to time of the rows of [`Sensitivity`]: `n` of the balance, then one per row
+    /// of `J` of the accelerations, then of the velocities.
+    fn sensitivity_in_time(&mut self, t: f64, q: &[f64], v: &[f64], a: &[f64], lambda: &[f64], out: &mut [f64]);
+
     /// The rounding error of the time `t`.
     fn rounding_of_time(&self, t: f64) -> f64 {
         f64::EPSILON * t.abs()

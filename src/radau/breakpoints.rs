@@ -3,6 +3,9 @@
 use super::settings::{StepError, Switches};
 use super::stepper::Radau;
 
+/// More breakpoints than this cannot be passed within any limit on steps.
+const MOST_BREAKS: f64 = 1e9;
+
 impl Radau<'_> {
     /// Cuts a step of size `h` at the first breakpoint and returns its size.
     pub(super) fn up_to_break(&mut self, h: f64) -> f64 {
@@ -15,10 +18,15 @@ impl Radau<'_> {
     /// Restarts behind a breakpoint, from time `after`.
     ///
     /// # Errors
-    /// If the variational inequality has no solution at that time.
+    /// If the variational inequality has no solution at that time, or breakpoints are so dense that the end is out of reach.
     pub(super) fn pass_break(&mut self, after: f64) -> Result<(), StepError> {
         self.breaks.pass(after);
         self.clock.set(after);
+        if let Some(distance) = self.breaks.mean_distance()
+            && self.clock.remaining() > MOST_BREAKS * distance
+        {
+            return Err(StepError::DenseBreaks { t: after, distance });
+        }
         self.restart();
         self.switching.remember(&self.system.face);
         self.start()?;

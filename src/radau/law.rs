@@ -11,6 +11,7 @@
 
 use super::screening::ALLOWED;
 use super::stepper::{Extent, Radau};
+use numerics::Interval;
 
 /// The variable with the largest residual of its law.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,7 +38,7 @@ impl Radau<'_> {
             return Some(Excess { excess: f64::INFINITY, ..worst });
         }
         let n = self.system.states;
-        let mut by_time: Option<Vec<f64>> = None;
+        let mut near: Option<Vec<Interval>> = None;
         let mut keep = |variable: usize, excess: f64| {
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
             if excess > worst.excess {
@@ -51,19 +52,15 @@ impl Radau<'_> {
             let [of_z, of_g] = self.uncertainties(k, self.last.h);
             let (z, g) = (y[n + k], self.system.values[n + k]);
             let (below, above) = (z - self.system.set.lower[k], self.system.set.upper[k] - z);
-            let excess = natural_map(below / of_z, above / of_z, g / of_g);
-            if excess <= ALLOWED {
-                keep(k, excess);
+            let of = |g: f64| natural_map(below / of_z, above / of_z, g / of_g);
+            if of(g).abs() <= ALLOWED {
+                keep(k, of(g).abs());
                 continue;
             }
-            // A source that no state enters is known only up to the rounding of time.
-            let by_time = by_time.get_or_insert_with(|| {
-                let mut slopes = vec![0.0; self.system.unknowns - n];
-                self.system.time_derivative(t, y, &mut slopes);
-                slopes
-            });
-            let of_g = of_g.max(by_time[k].abs() * self.clock.rounding(self.last.h));
-            keep(k, natural_map(below / of_z, above / of_z, g / of_g));
+            let near = near.get_or_insert_with(|| self.enclose_near_time(t, y));
+            // The natural map does not decrease in `G`.
+            let (least, most) = (of(near[n + k].lo.min(g)), of(near[n + k].hi.max(g)));
+            keep(k, if least <= 0.0 && most >= 0.0 { 0.0 } else { least.abs().min(most.abs()) });
         }
         for b in 0..self.system.set.blocks().len() {
             let members = &self.system.set.blocks()[b].members;
@@ -74,6 +71,21 @@ impl Radau<'_> {
             keep(first, defect / of_z);
         }
         Some(worst)
+    }
+
+    /// Encloses the rows at `y` over all times within the rounding of `t`: a source is known only up to that rounding, and
+    /// beside a jump of it only up to the jump. Rows without a finite enclosure are empty.
+    fn enclose_near_time(&mut self, t: f64, y: &[f64]) -> Vec<Interval> {
+        let rounding = self.clock.rounding(self.last.h);
+        let ranges: Vec<Interval> = y.iter().map(|y| Interval::point(*y)).collect();
+        let mut values = vec![Interval::EMPTY; self.system.values.len()];
+        let times = Interval::new(t - rounding, t + rounding);
+        if !self.system.problem().enclose(times, &ranges, &mut values) {
+            values.fill(Interval::EMPTY);
+        }
+        let is_known = |range: &Interval| range.defined && range.width().is_finite();
+        values.iter_mut().filter(|range| !is_known(range)).for_each(|range| *range = Interval::EMPTY);
+        values
     }
 
     /// Uncertainty of unknown `j` under the tolerances; for a variable, which has no absolute tolerance, relative to
@@ -102,14 +114,13 @@ impl Radau<'_> {
     }
 }
 
-/// Absolute value of the natural map of an interval, given the distances to its ends and `G`.
+/// The natural map of an interval, given the distances to its ends and `G`; it does not decrease in `G`.
 fn natural_map(below: f64, above: f64, g: f64) -> f64 {
-    let excess = if below <= g {
+    if below <= g {
         below
     } else if above <= -g {
-        above
+        -above
     } else {
         g
-    };
-    excess.abs()
+    }
 }

@@ -95,6 +95,17 @@ pub enum StepError {
         /// Index of the kink among those of the problem.
         kink: usize,
     },
+    /// Functions of time jump or bend so often that the end is out of reach.
+    #[error(
+        "up to t = {t:?} functions of time jump or bend every {distance:e}, and a step ends at each: there are too many up to the \
+         end; write what is so fast as its mean, or take a shorter time"
+    )]
+    DenseBreaks {
+        /// Time of the failure.
+        t: f64,
+        /// Their mean distance.
+        distance: f64,
+    },
     /// A variable switches again and again within noise.
     #[error(
         "variable {variable} (counted from 0) switches repeatedly from t = {t:?} on, while the values that decide it \
@@ -189,6 +200,7 @@ impl StepError {
             Self::NotFinite { .. } => "not_finite",
             Self::StepTooSmall { .. } => "step_too_small",
             Self::Chattering { .. } => "chattering",
+            Self::DenseBreaks { .. } => "dense_breaks",
             Self::Unresolved { .. } => "switches_unresolved",
             Self::EmptySet { .. } => "empty_set",
             Self::NewtonFailed { .. } => "newton_failed",

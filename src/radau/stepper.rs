@@ -9,7 +9,7 @@ mod ripple;
 
 use attempt::Attempt;
 use estimate::Estimates;
-pub use report::Variables;
+pub use report::{LastStep, Variables};
 
 use super::chattering::Chattering;
 use super::clock::Clock;

@@ -1,7 +1,8 @@
 //! Integration of a mechanical system: contacts, energies and failures by name.
 
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
-use super::run::{Plan, Run, Stepper, run};
+use super::run::{Ended, Plan, Run, Stepper, run_to_end};
+use super::sensitivities::{self, FollowedMotion};
 use super::{
     CheckCode, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
 };
@@ -34,13 +35,28 @@ pub fn integrate_contact(
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
+    let mut ended = integrate_contact_once(model, plan, contact, analysis, control);
+    if let Some(radau) = contact.located.as_ref().filter(|_| ended.solution.status == Status::Completed) {
+        sensitivities::check_motion(model, plan, (contact, radau), analysis, control, &mut ended);
+    }
+    ended.solution
+}
+
+/// One run.
+pub(super) fn integrate_contact_once(
+    model: &MechanicalModel,
+    plan: &Plan,
+    contact: &ContactPlan,
+    analysis: &Analysis,
+    control: &Control,
+) -> Ended {
     let mut problem = model.problem();
     let (q, v) = plan.initial.split_at(problem.structure().coordinates);
     let mut state = State { t: plan.start, q: q.to_vec(), v: v.to_vec() };
     let diagnostics = describe_contact(model, contact, analysis);
     let mut outputs = Outputs::new(model, control, plan);
     let ContactPlan { settings, located: Some(radau) } = contact else {
-        return run(plan, control, diagnostics, || {
+        return run_to_end(plan, control, diagnostics, || {
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
             Ok(TimeSteppingRun { stepper, outputs })
         });
@@ -53,13 +69,25 @@ pub fn integrate_contact(
         Ok(located) => located,
         Err(error) => {
             let failure = outputs.failure(error.ahead(clock.start), plan.start);
-            return run.end(Err((Status::Failed, failure))).solution;
+            return run.end(Err((Status::Failed, failure)));
+        }
+    };
+    let followed = plan.sensitivities.as_ref().map(|asked| FollowedMotion::new(model, plan, asked, &mut located));
+    let mut followed = match followed.transpose() {
+        Ok(followed) => followed,
+        Err(why) => {
+            let failure = sensitivities::failure(&why, plan.start, &plan.initial);
+            return run.end(Err((Status::Failed, failure)));
         }
     };
     let mut evaluators = ModeEvaluators::new(|| Box::new(Elapsed::new(model.problem(), clock.start)));
     let ended = loop {
         let phase = SmoothPhase::new(&mut located, &mut evaluators, control);
-        let driven = run.drive(&mut EventDrivenRun { phase, clock, outputs: &mut outputs });
+        if let Some(followed) = &mut followed {
+            followed.begin(&phase);
+        }
+        let followed = followed.as_mut();
+        let driven = run.drive(&mut EventDrivenRun { phase, clock, outputs: &mut outputs, followed });
         if driven.is_err() || located.is_done() || run.is_ended() {
             break driven;
         }
@@ -83,7 +111,18 @@ pub fn integrate_contact(
         );
         run.diagnostics.warnings.push(Warning { code: "time_stepping_went_on", message });
     }
-    run.end(ended).solution
+    let mut ended = run.end(ended);
+    if let Some(followed) = followed {
+        if followed.left_out > 0 {
+            let message = format!(
+                "the times of {} more events have derivatives that are left out: ask for them over a shorter time",
+                followed.left_out
+            );
+            ended.solution.diagnostics.checks.caveat("event_slopes_left_out", message);
+        }
+        ended.solution.event_slopes = followed.events;
+    }
+    ended
 }
 
 /// Records the checks of a run with located impacts.
@@ -117,6 +156,29 @@ fn judge_located(
     }
 }
 
+/// A failure in terms of the names of the model.
+pub(super) fn failure_of(model: &MechanicalModel, error: ContactError, time: f64, states: &[f64]) -> Failure {
+    let message = match error {
+        ContactError::Force { component, t } => format!(
+            "the force on `{}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a \
+             number too large",
+            model.coordinates[component]
+        ),
+        ContactError::Gradient { contact, t } => format!(
+            "the gap of `{}` has no gradient where it closes, at t = {t:?}, so that its impulse has no direction: \
+             write it as a distance, or set `impacts` to `time_stepping`",
+            model.contacts[contact]
+        ),
+        ContactError::Friction { contact, mu, t } => format!(
+            "the coefficient of friction of `{}` is {mu} at t = {t:?}: write an expression that stays at 0 or more, such as \
+             max(0, ..)",
+            model.contacts[contact]
+        ),
+        _ => error.to_string(),
+    };
+    Failure { code: error.code().into(), message, time, state: states.to_vec() }
+}
+
 /// Named outputs, common to time stepping and located impacts.
 struct Outputs<'p> {
     model: &'p MechanicalModel,
@@ -140,25 +202,7 @@ impl<'p> Outputs<'p> {
     }
 
     fn failure(&self, error: ContactError, time: f64) -> Failure {
-        let message = match error {
-            ContactError::Force { component, t } => format!(
-                "the force on `{}` is not finite at t = {t:?}: a division by zero, a function outside its domain, or a \
-                 number too large",
-                self.model.coordinates[component]
-            ),
-            ContactError::Gradient { contact, t } => format!(
-                "the gap of `{}` has no gradient where it closes, at t = {t:?}, so that its impulse has no direction: \
-                 write it as a distance, or set `impacts` to `time_stepping`",
-                self.model.contacts[contact]
-            ),
-            ContactError::Friction { contact, mu, t } => format!(
-                "the coefficient of friction of `{}` is {mu} at t = {t:?}: write an expression that stays at 0 or more, such as \
-                 max(0, ..)",
-                self.model.contacts[contact]
-            ),
-            _ => error.to_string(),
-        };
-        Failure { code: error.code().into(), message, time, state: self.states.clone() }
+        failure_of(self.model, error, time, &self.states)
     }
 
     /// Writes gaps, impulses and energies after `q` and `v`, which are in `out` already.
@@ -283,6 +327,7 @@ struct EventDrivenRun<'l, 'p, 'o> {
     phase: SmoothPhase<'l, 'p>,
     clock: Clock,
     outputs: &'o mut Outputs<'p>,
+    followed: Option<&'o mut FollowedMotion<'p>>,
 }
 
 impl Stepper for EventDrivenRun<'_, '_, '_> {
@@ -305,7 +350,16 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
     fn step(&mut self) -> Result<(), Failure> {
         let made = self.phase.advance();
         self.outputs.reach(&self.phase.located.state);
-        made.map_err(|error| self.outputs.failure(error.ahead(self.clock.start), self.t()))
+        made.map_err(|error| self.outputs.failure(error.ahead(self.clock.start), self.t()))?;
+        let Some(followed) = &mut self.followed else { return Ok(()) };
+        let passed = followed.step(&mut self.phase);
+        passed.map_err(|why| sensitivities::failure(&why.to_string(), self.t(), &self.outputs.states))
+    }
+
+    fn derivatives(&mut self, t: f64, out: &mut [f64]) {
+        if let Some(followed) = &mut self.followed {
+            followed.write(&mut self.phase, t, out);
+        }
     }
 
     fn values(&mut self, t: f64, out: &mut [f64]) {

@@ -348,7 +348,8 @@ impl Search<'_> {
             let of = &self.plan.names[state];
             self.fit.parameters.iter().map(move |fitted| format!("d{of}/d{}", fitted.name))
         });
-        Sensitivities { names: names.collect(), by, of }
+        let to = self.fit.parameters.iter().map(|fitted| fitted.name.clone()).collect();
+        Sensitivities { names: names.collect(), by, to, of }
     }
 
     /// Binds the model to the given values, and adapts the plan of its run.
@@ -365,7 +366,7 @@ impl Search<'_> {
             None => self.model.clone(),
         };
         let mut plan = Plan { initial: model.initial.clone(), sensitivities, ..self.plan.clone() };
-        plan.observables.program.bind(&values);
+        plan.observables.bind(&values);
         for (fitted, &value) in self.fit.parameters.iter().zip(point) {
             if let By::Initial(state) = fitted.by {
                 plan.initial[state] = value;

@@ -64,7 +64,7 @@ pub(super) fn integrate_once(
         let faces = FaceWatch::new(model.structure(), analysis);
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let rtol = settings.step.is_none().then_some(settings.rtol);
-        let followed = plan.sensitivities.as_ref().map(|asked| Followed::new(model, asked)).transpose();
+        let followed = plan.sensitivities.as_ref().map(|asked| Followed::new(model, plan, asked)).transpose();
         let followed = followed.map_err(|why| sensitivities::failure(&why, plan.start, &plan.initial))?;
         Ok(RadauRun {
             followed,
@@ -131,8 +131,8 @@ impl Stepper for RadauRun<'_> {
     }
 
     fn derivatives(&mut self, t: f64, out: &mut [f64]) {
-        if let Some(followed) = &self.followed {
-            followed.write(&self.radau, t, out);
+        if let Some(followed) = &mut self.followed {
+            followed.write(&mut self.radau, t, out);
         }
     }
 

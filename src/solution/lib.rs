@@ -1,6 +1,7 @@
 //! The answer of a solve: the trajectory in columns, events, diagnostics, and the status.
 
 mod audit;
+mod branch;
 pub mod columnar;
 mod contact;
 mod convolution;
@@ -23,6 +24,7 @@ mod reducers;
 mod rigid_bodies;
 mod run;
 mod sensitivities;
+mod shooting;
 mod static_vi;
 mod statistics;
 mod steady_state;
@@ -34,6 +36,9 @@ mod uniqueness;
 mod verdict;
 mod version;
 
+pub use branch::{
+    Branch, BranchEvent, BranchEventKind, BranchOf, BranchPlan, follow_orbits, follow_orbits_of_motion, follow_rests,
+};
 pub use contact::{ContactPlan, describe_contact, integrate_contact};
 pub use convolution::{ConvolutionPlan, Mesh, describe_convolution, integrate_convolution};
 pub use dense::Dense;
@@ -43,15 +48,15 @@ pub use diagnostics::{
 pub use excerpt::{Excerpt, ExcerptError, Selection};
 pub use fit::{DataColumn, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, Quantity, fit};
 pub use integrate::{describe, integrate};
-pub use observables::{Direction, EndedBy, Monitored, Observables};
+pub use observables::{Argument, Direction, EndedBy, Monitored, ObservableSlopes, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
-pub use orbit::{Orbit, Periodic, find_orbit};
+pub use orbit::{Orbit, Periodic, find_orbit, find_orbit_of_motion};
 pub use problem::{Event, EventKind, Warning};
 pub use provenance::Provenance;
 pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
 pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
-pub use sensitivities::{By, Checked, Sensitivities};
+pub use sensitivities::{By, Checked, EventSlope, Sensitivities, SlopedEvent};
 pub use static_vi::{StaticPlan, StaticSolution, describe_static, solve_static};
 pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
@@ -124,12 +129,18 @@ pub struct Solution {
     /// Comparison of the derivatives at the end with a difference of runs, on request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivities: Option<Checked>,
+    /// The derivatives of the times of events, if derivatives of a motion with impacts were requested.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub event_slopes: Vec<EventSlope>,
     /// The periodic orbit, if one was requested and found; the trajectory then covers one period.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub orbit: Option<Orbit>,
     /// The steady state, if one was requested and found; the trajectory is then a short run from it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steady_state: Option<SteadyState>,
+    /// The branch of orbits or steady states, if `continue` requested one; the trajectory is that of its last point.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub branch: Option<Branch>,
     /// One row per member of a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub table: Option<Table>,

@@ -24,6 +24,28 @@ pub struct Observables {
     pub monitors: Vec<Monitored>,
     /// Definitions, integrands and monitors compiled as functions of `t` and all outputs of the problem.
     pub program: Tape,
+    /// The derivatives of definitions and integrands; empty where none are asked for.
+    pub slopes: ObservableSlopes,
+}
+
+/// The derivatives of definitions and integrands by states and parameters.
+#[derive(Clone, Debug, Default)]
+pub struct ObservableSlopes {
+    /// The structural nonzeros, as the observable and by what.
+    pub pattern: Vec<(usize, Argument)>,
+    /// Their values as a program in `t` and the states.
+    pub program: Tape,
+    /// Why an observable has no derivative, if it has none.
+    pub refused: Vec<Option<&'static str>>,
+}
+
+/// What an observable depends on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Argument {
+    /// A state.
+    State(usize),
+    /// A parameter.
+    Parameter(usize),
 }
 
 /// A monitor (event function) of the user.
@@ -63,6 +85,12 @@ impl Observables {
     /// Whether something is evaluated within steps, independently of the output times.
     pub fn is_followed(&self) -> bool {
         self.integrals > 0 || !self.monitors.is_empty()
+    }
+
+    /// Binds other values of the parameters.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        self.program.bind(parameters);
+        self.slopes.program.bind(parameters);
     }
 
     /// The number of definitions.

@@ -10,15 +10,17 @@
 //! nearest is chosen. With a free period, one state keeps its initial value. If a Newton step does not reduce the
 //! residual, or there is no derivative, the run continues for another period, as the system itself would.
 
-use super::integrate::{failure, integrate_once};
+use super::contact::{ContactPlan, integrate_contact_once};
+use super::integrate::integrate_once;
 use super::run::{Ended, Plan, ending};
+use super::shooting::{Shot, Subject, modulus};
 use super::statistics::OverTime;
 use super::{CheckCode, Failure, Solution, Status};
 use analysis::Analysis;
-use models::DviModel;
-use nalgebra::{DMatrix, DVector};
-use problem::Control;
-use radau::{Directions, NoDerivative, Radau, Settings, Tangents};
+use models::{DviModel, MechanicalModel};
+use nalgebra::DMatrix;
+use problem::{Constraints, Control};
+use radau::Settings;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -33,9 +35,6 @@ const HALVINGS: i32 = 1;
 /// Least reduction of the residual relative to the fraction of the step taken (Deuflhard 2011, *Newton Methods for
 /// Nonlinear Problems*, section 3.1).
 const GAIN: f64 = 0.25;
-/// Singular values of `S - I` below this fraction of the largest count as zero: the square root of the accuracy of its
-/// entries, which is close to that of doubles.
-const RANK: f64 = 1e-8;
 /// An orbit with a free period and a length below this number of tolerances counts as a point: fewer than three of its
 /// digits are known.
 const SEEN: f64 = 1e3;
@@ -78,72 +77,16 @@ pub struct Orbit {
     pub over_period: BTreeMap<String, OverTime>,
 }
 
-/// A run over one period.
-struct Shot {
-    from: Vec<f64>,
-    period: f64,
-    to: Vec<f64>,
-    /// The rates at the end.
-    slope: Vec<f64>,
-    /// The derivative of the end with respect to the beginning, or the reason why it does not exist.
-    monodromy: Result<DMatrix<f64>, NoDerivative>,
-    /// The tolerances of the states.
-    scale: Vec<f64>,
-}
-
-impl Shot {
-    /// The distance of the end from the beginning, in units of the tolerances.
-    fn distance(&self) -> f64 {
-        let parts = self.to.iter().zip(&self.from).zip(&self.scale);
-        parts.map(|((to, from), scale)| (to - from).abs() / scale).fold(0.0, f64::max)
-    }
-
-    /// The Newton correction of the initial state and of the period.
-    fn correction(&self, phase: Option<usize>, rtol: f64) -> Option<(Vec<f64>, f64)> {
-        let n = self.from.len();
-        let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);
-        let mut unit = self.scale.clone();
-        if let Some(phase) = phase {
-            matrix.set_column(phase, &DVector::from_column_slice(&self.slope));
-            unit[phase] = rtol * self.period;
-        }
-        for (i, mut row) in matrix.row_iter_mut().enumerate() {
-            row.iter_mut().zip(&unit).for_each(|(value, unit)| *value *= unit / self.scale[i]);
-        }
-        let right = DVector::from_fn(n, |i, _| (self.from[i] - self.to[i]) / self.scale[i]);
-        let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
-        let rank = RANK * svd.singular_values.max();
-        let found = svd.solve(&right, rank).ok()?;
-        let mut change: Vec<f64> = found.iter().zip(&unit).map(|(value, unit)| value * unit).collect();
-        let of_period = phase.map_or(0.0, |phase| std::mem::take(&mut change[phase]));
-        (of_period.is_finite() && change.iter().all(|value| value.is_finite())).then_some((change, of_period))
-    }
-
-    /// The multipliers, by decreasing modulus.
-    fn multipliers(&self) -> Vec<[f64; 2]> {
-        let Ok(monodromy) = &self.monodromy else { return Vec::new() };
-        let mut values: Vec<[f64; 2]> =
-            monodromy.complex_eigenvalues().iter().map(|value| [value.re, value.im]).collect();
-        values.sort_by(|a, b| modulus(b).total_cmp(&modulus(a)).then(b[1].total_cmp(&a[1])));
-        values
-    }
-}
-
-fn modulus([re, im]: &[f64; 2]) -> f64 {
-    re.hypot(*im)
-}
-
 /// A search in progress.
 struct Search<'a> {
-    model: &'a DviModel,
+    subject: Subject<'a>,
     plan: &'a Plan,
-    settings: &'a Settings,
     control: &'a Control,
     phase: Option<usize>,
     shots: u64,
 }
 
-/// Finds an orbit, and runs along it once.
+/// Finds an orbit of a differential variational inequality, and runs along it once.
 pub fn find_orbit(
     model: &DviModel,
     plan: &Plan,
@@ -152,24 +95,73 @@ pub fn find_orbit(
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
+    let along = |plan: &Plan| integrate_once(model, plan, settings, analysis, control);
+    find(Subject::Dvi(model, settings), plan, asked, along, control)
+}
+
+/// Finds an orbit of a motion with located impacts, and runs along it once.
+pub fn find_orbit_of_motion(
+    model: &MechanicalModel,
+    plan: &Plan,
+    asked: Periodic,
+    (contact, settings): (&ContactPlan, &Settings),
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    let along = |plan: &Plan| integrate_contact_once(model, plan, contact, analysis, control);
+    find(Subject::Motion(model, contact, settings), plan, asked, along, control)
+}
+
+fn find(
+    subject: Subject<'_>,
+    plan: &Plan,
+    asked: Periodic,
+    along: impl Fn(&Plan) -> Ended,
+    control: &Control,
+) -> Solution {
     let began = Instant::now();
-    let mut search = Search { model, plan, settings, control, phase: asked.phase, shots: 0 };
-    let found = search.check_forcing(asked.period).and_then(|()| search.find(asked.period));
+    let found = search_from_start(subject, plan, asked, control);
+    let mut solution = run_along(subject, plan, asked, found, along, control);
+    solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+    solution
+}
+
+/// Searches for an orbit from the initial values, and counts the runs over one period.
+pub(super) fn search_from_start(
+    subject: Subject<'_>,
+    plan: &Plan,
+    asked: Periodic,
+    control: &Control,
+) -> (Result<Shot, Missed>, u64) {
+    let mut search = Search { subject, plan, control, phase: asked.phase, shots: 0 };
+    let checked = check_forcing(subject, plan, asked.period, asked.phase.is_some());
+    let found = checked.map_err(|failure| Box::new((None, failure))).and_then(|()| search.find(asked.period));
+    (found, search.shots)
+}
+
+/// Runs once along an orbit that was found, or from where its search ended.
+pub(super) fn run_along(
+    subject: Subject<'_>,
+    plan: &Plan,
+    asked: Periodic,
+    (found, shots): (Result<Shot, Missed>, u64),
+    along: impl Fn(&Plan) -> Ended,
+    control: &Control,
+) -> Solution {
     let reached = found.as_ref().map_or_else(|missed| missed.0.as_ref(), Some);
     let (start, period) =
         reached.map_or_else(|| (plan.initial.clone(), asked.period), |shot| (shot.from.clone(), shot.period));
     // Output times were requested for the expected period; scale them to the actual one.
     let at = |t: &f64| plan.start + (t - plan.start) * (period / asked.period);
-    let along = Plan {
+    let once = Plan {
         initial: start.clone(),
         end: plan.start + period,
         times: plan.times.as_ref().map(|times| times.iter().map(at).collect()),
         statistics: true,
         ..plan.clone()
     };
-    let Ended { mut solution, x, statistics, .. } = integrate_once(model, &along, settings, analysis, control);
-    let (shots, diagnostics) = (search.shots, &mut solution.diagnostics);
-    diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+    let Ended { mut solution, x, statistics, .. } = along(&once);
+    let diagnostics = &mut solution.diagnostics;
     let shot = match found {
         Ok(shot) if solution.status == Status::Completed => shot,
         Ok(_) => return solution,
@@ -193,7 +185,7 @@ pub fn find_orbit(
             format!("the orbit has no derivative with respect to its initial values, and so no multipliers: {why}");
         diagnostics.checks.caveat("no_multipliers", message);
     }
-    let names = model.state_names.iter().cloned();
+    let names = subject.state_names().iter().cloned();
     solution.orbit = Some(Orbit {
         period,
         start: names.zip(start).collect(),
@@ -208,7 +200,7 @@ pub fn find_orbit(
 
 /// Whether all multipliers are inside the unit circle, except the one nearest to 1 if the phase is free; `None` if one
 /// is on the circle, or none are known.
-fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
+pub(super) fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
     let off_one = |[re, im]: &[f64; 2]| (re - 1.0).hypot(*im);
     let nearest = (0..multipliers.len()).min_by(|a, b| off_one(&multipliers[*a]).total_cmp(&off_one(&multipliers[*b])));
     let left_out = nearest.filter(|_| is_free);
@@ -219,7 +211,79 @@ fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
 }
 
 /// The best run, if there was one, and the reason why it is not an orbit.
-type Missed = Box<(Option<Shot>, Failure)>;
+pub(super) type Missed = Box<(Option<Shot>, Failure)>;
+
+/// Refuses a period after which the problem itself does not repeat, and a free period of a problem that depends on
+/// time.
+pub(super) fn check_forcing(subject: Subject<'_>, plan: &Plan, period: f64, is_free: bool) -> Result<(), Failure> {
+    let mut rows_at = rows_at(subject, plan);
+    let pairs: Vec<_> = (0..COMPARED)
+        .map(|k| {
+            let part = (f64::from(k) * 0.618_033_988_749_894_8).fract();
+            let t = plan.start + part * period;
+            let after = if is_free { t + part * period } else { t + period };
+            [(t, rows_at(t)), (after, rows_at(after))]
+        })
+        .collect();
+    let rows = pairs.first().map_or(0, |[(_, values), _]| values.len());
+    for row in 0..rows {
+        let largest = pairs.iter().flatten().fold(0.0_f64, |most, (_, values)| most.max(values[row].abs()));
+        let differs = |[(_, now), (_, later)]: &&[(f64, Vec<f64>); 2]| (now[row] - later[row]).abs() > SAME * largest;
+        let Some([(t, now), (_, later)]) = pairs.iter().find(differs) else { continue };
+        let what = match subject {
+            Subject::Dvi(model, _) if row < model.structure().states => format!("the rate of `{}`", plan.names[row]),
+            Subject::Dvi(..) => {
+                format!("the inequality or bound of `{}`", plan.names.get(row).map_or("a bound", String::as_str))
+            }
+            Subject::Motion(..) => "a force, the mass matrix or a constraint".to_owned(),
+        };
+        let message = if is_free {
+            format!(
+                "{what} depends on time, so that the period is not free: give the period of the forcing as a number"
+            )
+        } else {
+            format!(
+                "{what} at t = {t:?} is {}, and a period later {}: it does not repeat after {period:?}",
+                now[row], later[row]
+            )
+        };
+        let (time, state) = (plan.start, plan.initial.clone());
+        return Err(Failure { code: "not_periodic".into(), message, time, state });
+    }
+    Ok(())
+}
+
+/// The rows of a problem at the initial state, as a function of time.
+fn rows_at<'a>(subject: Subject<'a>, plan: &'a Plan) -> Box<dyn FnMut(f64) -> Vec<f64> + 'a> {
+    match subject {
+        Subject::Dvi(model, _) => {
+            let mut problem = model.problem();
+            let mut y = plan.initial.clone();
+            y.resize(problem.structure().unknowns(), 0.0);
+            let rows = problem.structure().rows();
+            Box::new(move |t| {
+                let mut values = vec![0.0; rows];
+                problem.evaluate(t, &y, &mut values);
+                values
+            })
+        }
+        Subject::Motion(model, ..) => {
+            let mut problem = model.problem();
+            let structure = problem.structure().clone();
+            let n = structure.coordinates;
+            let (mut mass, mut constraints) = (DMatrix::zeros(n, n), Constraints::new(&structure));
+            Box::new(move |t| {
+                let (q, v) = plan.initial.split_at(n);
+                let mut forces = vec![0.0; n];
+                problem.mass(t, q, &mut mass);
+                problem.forces(t, q, v, &mut forces);
+                problem.constraints(t, q, &mut constraints);
+                let Constraints { values, drift, transposed } = &constraints;
+                forces.iter().chain(mass.iter()).chain(values).chain(drift).chain(transposed.iter()).copied().collect()
+            })
+        }
+    }
+}
 
 impl Search<'_> {
     fn find(&mut self, period: f64) -> Result<Shot, Missed> {
@@ -240,7 +304,7 @@ impl Search<'_> {
                 let failure = self.failure("no_orbit", message);
                 return Err(Box::new((Some(shot), failure)));
             }
-            let better = match shot.correction(self.phase, self.settings.rtol) {
+            let better = match shot.correction(self.phase, self.subject.settings().rtol) {
                 Some(correction) => self.damped(&shot, &correction),
                 None => Ok(None),
             };
@@ -265,6 +329,7 @@ impl Search<'_> {
                 continue;
             }
             let from: Vec<f64> = shot.from.iter().zip(change).map(|(x, change)| x + part * change).collect();
+            let from = self.subject.allowed(self.plan, (&from, period), self.control);
             match self.shoot(&from, period) {
                 Ok(next) if next.distance() <= (1.0 - GAIN * part) * shot.distance() => return Ok(Some(next)),
                 Err(failure) if self.control.poll().is_some() => return Err(failure),
@@ -287,95 +352,12 @@ impl Search<'_> {
         Err(Box::new((Some(shot), failure)))
     }
 
-    /// Refuses a period after which the problem itself does not repeat, and a free period of a problem that depends on
-    /// time.
-    fn check_forcing(&self, period: f64) -> Result<(), Missed> {
-        let mut problem = self.model.problem();
-        let structure = problem.structure();
-        let mut y = self.plan.initial.clone();
-        y.resize(structure.unknowns(), 0.0);
-        let (n, rows) = (structure.states, structure.rows());
-        let mut at = |t: f64| {
-            let mut values = vec![0.0; rows];
-            problem.evaluate(t, &y, &mut values);
-            (t, values)
-        };
-        let pairs: Vec<_> = (0..COMPARED)
-            .map(|k| {
-                let part = (f64::from(k) * 0.618_033_988_749_894_8).fract();
-                let t = self.plan.start + part * period;
-                let after = if self.phase.is_some() { t + part * period } else { t + period };
-                [at(t), at(after)]
-            })
-            .collect();
-        for row in 0..rows {
-            let largest = pairs.iter().flatten().fold(0.0_f64, |most, (_, values)| most.max(values[row].abs()));
-            let differs =
-                |[(_, now), (_, later)]: &&[(f64, Vec<f64>); 2]| (now[row] - later[row]).abs() > SAME * largest;
-            let Some([(t, now), (_, later)]) = pairs.iter().find(differs) else { continue };
-            let name = self.plan.names.get(row).map_or("a bound", String::as_str);
-            let what = if row < n { "the rate of" } else { "the inequality or bound of" };
-            let message = match self.phase {
-                Some(_) => format!(
-                    "{what} `{name}` depends on time, so that the period is not free: give the period of the forcing \
-                     as a number"
-                ),
-                None => format!(
-                    "{what} `{name}` at t = {t:?} is {}, and a period later {}: it does not repeat after {period:?}",
-                    now[row], later[row]
-                ),
-            };
-            return Err(Box::new((None, self.failure("not_periodic", message))));
-        }
-        Ok(())
-    }
-
     fn failure(&self, code: &'static str, message: String) -> Failure {
         Failure { code: code.into(), message, time: self.plan.start, state: self.plan.initial.clone() }
     }
 
     fn shoot(&mut self, from: &[f64], period: f64) -> Result<Shot, Failure> {
         self.shots += 1;
-        let (n, plan) = (from.len(), self.plan);
-        let failed = |error, t, x: &[f64]| failure(plan, &self.model.kinks, &error, t, x);
-        let mut problem = self.model.problem();
-        let end = plan.start + period;
-        let mut radau = Radau::new(&mut *problem, self.settings.clone(), plan.start, from, end, self.control)
-            .map_err(|error| failed(error, plan.start, from))?;
-        let directions = Directions {
-            initial: DMatrix::identity(n, n),
-            rows: Box::new(|_, _, out| out.fill(0.0)),
-            mass: Vec::new(),
-            bounds: Vec::new(),
-            shifted: (0..n).map(|_| None).collect(),
-        };
-        let mut tangents = Tangents::new(self.model.problem(), directions);
-        while !radau.is_done() {
-            if self.control.poll().is_some() || radau.counts.accepted >= plan.most_steps {
-                let message = format!("{} steps were made within one period", radau.counts.accepted);
-                return Err(Failure { code: "steps".into(), message, time: radau.t(), state: radau.y()[..n].to_vec() });
-            }
-            let at = radau.t();
-            if let Err(error) = radau.step() {
-                return Err(failed(error, at, &radau.y()[..n]));
-            }
-            if let Ok(followed) = &mut tangents
-                && let Err(why) = followed.follow(&mut radau)
-            {
-                tangents = Err(why);
-            }
-        }
-        let monodromy = tangents.map(|tangents| {
-            let mut matrix = DMatrix::zeros(n, n);
-            let mut row = vec![0.0; n];
-            for state in 0..n {
-                tangents.write(&radau, end, state, &mut row);
-                matrix.row_mut(state).iter_mut().zip(&row).for_each(|(out, value)| *out = *value);
-            }
-            matrix
-        });
-        let scale = self.settings.tolerances(0, &radau.largest()[..n]);
-        let (to, slope) = (radau.y()[..n].to_vec(), radau.slopes_at(end));
-        Ok(Shot { from: from.to_vec(), period, to, slope, monodromy, scale })
+        self.subject.shoot(self.plan, (from, period), &[], self.control)
     }
 }

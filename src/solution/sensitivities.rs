@@ -1,16 +1,25 @@
-//! The derivatives of the states by parameters and initial values: columns `dx/dm` beside the states, followed with the run
-//! ([`radau::Tangents`]) and held to a finite difference in one direction.
+//! The derivatives of states, definitions and integrals by parameters and initial values: columns `dx/dm` beside the states,
+//! followed with the run ([`radau::Tangents`], [`contact::tangents::Tangents`]) and held to a finite difference in one
+//! direction.
 
+mod motion;
+mod observed;
+
+pub(super) use motion::{FollowedMotion, directions as directions_of_motion};
+
+use super::contact::{ContactPlan, integrate_contact_once};
 use super::integrate::integrate_once;
 use super::run::Ended;
 use super::{CheckCode, Failure, Plan, Status};
 use analysis::Analysis;
-use models::DviModel;
+use models::{DviModel, MechanicalModel};
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
+use observed::ObservedSlopes;
 use problem::Control;
 use radau::{Directions, NoDerivative, Radau, Settings, Shifted, Tangents};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// Differences of whole runs are as exact as the tolerances: by the root of them parameters are moved, which leaves half of
@@ -26,7 +35,9 @@ const SLACK: f64 = 20.0;
 pub struct Sensitivities {
     /// By what.
     pub by: Vec<By>,
-    /// The states.
+    /// The names of these.
+    pub to: Vec<String>,
+    /// The states, by their places; definitions and integrals, by their places behind all outputs of the problem.
     pub of: Vec<usize>,
     /// The names of the columns, those of one state after the other.
     pub names: Vec<String>,
@@ -56,32 +67,97 @@ pub struct Checked {
     pub uncertainty: f64,
 }
 
+/// The derivatives of the time of an event.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
+pub struct EventSlope {
+    /// When.
+    pub t: f64,
+    /// What.
+    pub kind: SlopedEvent,
+    /// The contact.
+    pub of: String,
+    /// The derivatives of `t`, by the names of what it is differentiated by.
+    pub slopes: BTreeMap<String, f64>,
+    /// The rate at which what decides the event crosses zero (a gap, a force, a slip), in absolute value: where it is small,
+    /// the event is nearly grazed, and derivatives are large.
+    pub transversality: f64,
+}
+
+/// An event whose time is differentiated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum SlopedEvent {
+    /// A contact closed.
+    Impact,
+    /// A contact opened that had been closed for a while.
+    LiftOff,
+    /// A contact ceased to slip.
+    Stick,
+    /// A contact began to slip.
+    Slip,
+    /// The limit of impacts that follow each other ever faster.
+    Accumulation,
+}
+
 /// Derivatives on the way of a run.
 pub(super) struct Followed {
     tangents: Tangents,
+    observed: Option<ObservedSlopes>,
+    states: usize,
+    /// The number of outputs of the problem.
+    outputs: usize,
     of: Vec<usize>,
     by: usize,
 }
 
 impl Followed {
     /// Begins at the start.
-    pub fn new(model: &DviModel, of: &Sensitivities) -> Result<Self, String> {
+    pub fn new(model: &DviModel, plan: &Plan, of: &Sensitivities) -> Result<Self, String> {
         let directions = directions(model, &of.by)?;
         let tangents = Tangents::new(model.problem(), directions).map_err(|error| error.to_string())?;
-        Ok(Self { tangents, of: of.of.clone(), by: of.by.len() })
+        let (outputs, by) = (plan.names.len(), of.by.len());
+        let is_observed = of.of.iter().any(|&of| of >= outputs);
+        let observed = is_observed.then(|| ObservedSlopes::new(&plan.observables, outputs, &of.by, plan.start));
+        Ok(Self { tangents, observed, states: model.structure().states, outputs, of: of.of.clone(), by })
     }
 
     /// Follows the last step.
     pub fn step(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
-        self.tangents.follow(radau)
+        self.tangents.follow(radau)?;
+        let Self { tangents, observed: Some(observed), states, by, .. } = self else { return Ok(()) };
+        let ends = (radau.last_step().t, radau.t());
+        observed.step(ends, |t| along(tangents, radau, (*states, *by), t), None);
+        Ok(())
     }
 
     /// Writes the columns at a time within the last step.
-    pub fn write(&self, radau: &Radau<'_>, t: f64, out: &mut [f64]) {
-        for (out, &state) in out.chunks_exact_mut(self.by).zip(&self.of) {
-            self.tangents.write(radau, t, state, out);
+    pub fn write(&mut self, radau: &mut Radau<'_>, t: f64, out: &mut [f64]) {
+        let Self { tangents, observed, states, outputs, of, by } = self;
+        let observed =
+            observed.as_mut().map(|observed| observed.write(t, |t| along(tangents, radau, (*states, *by), t)));
+        for (out, &place) in out.chunks_exact_mut(*by).zip(&*of) {
+            match (place.checked_sub(*outputs), &observed) {
+                (Some(own), Some(observed)) => {
+                    out.iter_mut().zip(observed.row(own).iter()).for_each(|(out, value)| *out = *value);
+                }
+                _ => tangents.write(radau, t, place, out),
+            }
         }
     }
+}
+
+/// The states and their derivatives at a time within the last step.
+fn along(tangents: &Tangents, radau: &mut Radau<'_>, (states, by): (usize, usize), t: f64) -> (Vec<f64>, DMatrix<f64>) {
+    let mut x = vec![0.0; radau.y().len()];
+    radau.interpolate(t, &mut x);
+    x.truncate(states);
+    let mut slopes = DMatrix::zeros(states, by);
+    let mut row = vec![0.0; by];
+    for state in 0..states {
+        tangents.write(radau, t, state, &mut row);
+        slopes.row_mut(state).copy_from_slice(&row);
+    }
+    (x, slopes)
 }
 
 /// The failure of a run whose derivatives end.
@@ -91,7 +167,8 @@ pub(super) fn failure(why: &str, time: f64, state: &[f64]) -> Failure {
     Failure { code: "no_derivative".into(), message, time, state: state.to_vec() }
 }
 
-fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
+/// The directions of parameters and initial values.
+pub(super) fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, count) = (structure.states, by.len());
     let slopes = model.slopes().map_err(|error| error.to_string())?;
@@ -155,16 +232,71 @@ pub(super) fn check(
     control: &Control,
     ended: &mut Ended,
 ) {
+    let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
+    let run = |moved: &Moved<'_>| -> Option<Ended> {
+        let bound =
+            if model.parameters.is_some() { model.with_parameters(moved.parameters).ok()? } else { model.clone() };
+        let initial = moved.initial(&bound.initial);
+        Some(integrate_once(&bound, &Plan { initial, ..moved.plan.clone() }, settings, analysis, control))
+    };
+    compare(plan, values, (settings.rtol, &settings.atol), run, ended);
+}
+
+/// Holds the derivatives at the end of a motion to differences of motions.
+pub(super) fn check_motion(
+    model: &MechanicalModel,
+    plan: &Plan,
+    (contact, settings): (&ContactPlan, &Settings),
+    analysis: &Analysis,
+    control: &Control,
+    ended: &mut Ended,
+) {
+    let values = model.parameters.as_ref().map_or(&[][..], |(parameters, _)| parameters.values());
+    let run = |moved: &Moved<'_>| -> Option<Ended> {
+        let bound =
+            if model.parameters.is_some() { model.with_parameters(moved.parameters).ok()? } else { model.clone() };
+        let initial = moved.initial(&bound.initial);
+        let plan = Plan { initial, ..moved.plan.clone() };
+        Some(integrate_contact_once(&bound, &plan, contact, analysis, control))
+    };
+    compare(plan, values, (settings.rtol, &settings.atol), run, ended);
+}
+
+/// A run with other parameters and initial values.
+struct Moved<'m> {
+    parameters: &'m [f64],
+    /// States with an initial value of their own.
+    states: &'m [(usize, f64)],
+    plan: &'m Plan,
+}
+
+impl Moved<'_> {
+    /// The initial values, where these follow from the parameters.
+    fn initial(&self, follow: &[f64]) -> Vec<f64> {
+        let mut initial = follow.to_vec();
+        self.states.iter().for_each(|&(state, value)| initial[state] = value);
+        initial
+    }
+}
+
+/// Compares the derivatives at the end of a run with differences of runs.
+fn compare(
+    plan: &Plan,
+    values: &[f64],
+    (rtol, atol): (f64, &[f64]),
+    run: impl Fn(&Moved<'_>) -> Option<Ended>,
+    ended: &mut Ended,
+) {
     let Some(asked) = &plan.sensitivities else { return };
+    let checks = &mut ended.solution.diagnostics.checks;
     if ended.solution.ended_by.is_some() {
         let message =
             "`stop` ended the run, and runs with other parameters, which derivatives are compared with, end elsewhere";
-        ended.solution.diagnostics.checks.caveat("derivatives_not_checked", message.to_owned());
+        checks.caveat("derivatives_not_checked", message.to_owned());
         return;
     }
     let rows: Vec<Vec<f64>> = ended.derivatives.chunks(asked.by.len()).map(<[f64]>::to_vec).collect();
-    let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
-    let part = settings.rtol.powf(POWER).min(MOST_MOVED);
+    let part = rtol.powf(POWER).min(MOST_MOVED);
     let size_of = |by: &By| match *by {
         By::Parameter(k) => values[k].abs(),
         By::Initial(state) => plan.initial[state].abs().max(ended.x[state].abs()),
@@ -177,54 +309,52 @@ pub(super) fn check(
         .zip(signs)
         .map(|(by, sign)| sign * part * if size_of(by) > 0.0 { size_of(by) } else { 1.0 })
         .collect();
-    let run = |multiple: f64| -> Option<Vec<f64>> {
-        let mut moved = values.to_vec();
+    let at_end = |multiple: f64| -> Option<Vec<f64>> {
+        let mut parameters = values.to_vec();
+        let mut states = Vec::new();
         for (by, change) in asked.by.iter().zip(&direction) {
-            if let By::Parameter(k) = by {
-                moved[*k] += multiple * change;
+            match *by {
+                By::Parameter(k) => parameters[k] += multiple * change,
+                By::Initial(state) => states.push((state, plan.initial[state] + multiple * change)),
             }
         }
-        let bound = if model.parameters.is_some() { model.with_parameters(&moved).ok()? } else { model.clone() };
-        let mut initial = bound.initial.clone();
-        for (by, change) in asked.by.iter().zip(&direction) {
-            if let By::Initial(state) = by {
-                initial[*state] = plan.initial[*state] + multiple * change;
-            }
-        }
-        let reference = Plan {
+        let mut reference = Plan {
             times: Some(vec![plan.end]),
-            fields: Vec::new(),
-            observables: Default::default(),
+            fields: asked.of.clone(),
             sensitivities: None,
-            initial,
             reducers: None,
             interpolants: None,
             ..plan.clone()
         };
-        let ended = integrate_once(&bound, &reference, settings, analysis, control);
-        (ended.solution.status == Status::Completed).then_some(ended.x)
+        reference.observables.bind(&parameters);
+        let Ended { solution, .. } = run(&Moved { parameters: &parameters, states: &states, plan: &reference })?;
+        let last = solution.trajectory.fields.iter().map(|field| field.values.last().copied());
+        if solution.status == Status::Completed { last.collect() } else { None }
     };
-    let [Some(above), Some(below), Some(far_above), Some(far_below)] = [1.0, -1.0, 2.0, -2.0].map(run) else {
+    let [Some(here), Some(above), Some(below), Some(far_above), Some(far_below)] =
+        [0.0, 1.0, -1.0, 2.0, -2.0].map(at_end)
+    else {
         let message = "runs with other parameters, which the derivatives are compared with, did not reach the end";
-        ended.solution.diagnostics.checks.caveat("derivatives_not_checked", message.to_owned());
+        checks.caveat("derivatives_not_checked", message.to_owned());
         return;
     };
     let mut worst: Option<(f64, Checked)> = None;
-    for (&state, row) in asked.of.iter().zip(&rows) {
+    for (k, (&of, row)) in asked.of.iter().zip(&rows).enumerate() {
         let derivative: f64 = row.iter().zip(&direction).map(|(slope, change)| slope * change).sum();
-        let near = 0.5 * (above[state] - below[state]);
-        let far = 0.25 * (far_above[state] - far_below[state]);
-        let noise = settings.rtol * ended.x[state].abs() + settings.atol[state];
+        let near = 0.5 * (above[k] - below[k]);
+        let far = 0.25 * (far_above[k] - far_below[k]);
+        let noise = rtol * here[k].abs() + atol.get(of).copied().unwrap_or(0.0);
         let uncertainty = (near - far).abs() + noise;
-        let off = (derivative - near).abs() / (SLACK * uncertainty);
+        let off = if derivative == near { 0.0 } else { (derivative - near).abs() / (SLACK * uncertainty) };
         if worst.as_ref().is_none_or(|(worst, _)| off > *worst) {
-            let of = plan.names[state].clone();
+            let name = plan.names.get(of).or_else(|| plan.observables.names.get(of - plan.names.len()));
+            let of = name.cloned().unwrap_or_default();
             let direction = direction.clone();
             worst = Some((off, Checked { of, direction, derivative, finite_difference: near, uncertainty }));
         }
     }
     if let Some((off, checked)) = worst {
-        ended.solution.diagnostics.checks.record(CheckCode::Derivatives, off, 1.0, || {
+        checks.record(CheckCode::Derivatives, off, 1.0, || {
             format!(
                 "the derivative of `{}` at the end is {:e} in a direction in which the difference of two runs is {:e}, with an \
                  uncertainty of {:.0e}: the order of switches may change nearby, or a tolerance is too loose",

@@ -61,11 +61,23 @@ pub struct SteadyState {
 }
 
 /// The steady state that was found.
-struct Rest {
-    x: Vec<f64>,
-    z: Vec<f64>,
-    face: ActiveFace,
-    residual: f64,
+pub(super) struct Rest {
+    pub x: Vec<f64>,
+    pub z: Vec<f64>,
+    pub face: ActiveFace,
+    pub residual: f64,
+}
+
+/// The steady state that the search reaches from the initial values.
+pub(super) fn rest_of(model: &DviModel, plan: &Plan, settings: &Settings, control: &Control) -> Result<Rest, Failure> {
+    Search { model, plan, settings, control }.find()
+}
+
+/// Whether all real parts, in decreasing order, are negative; `None` if the largest is zero, or none are known.
+pub(super) fn is_stable(eigenvalues: &[[f64; 2]]) -> Option<bool> {
+    let fastest = eigenvalues.iter().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max);
+    let largest = eigenvalues.first().map(|[re, _]| *re);
+    largest.filter(|re| re.abs() > ON_AXIS * fastest).map(|re| re < 0.0)
 }
 
 /// Finds a steady state near the initial values, and integrates from it for a while.
@@ -77,7 +89,7 @@ pub fn find_steady_state(
     control: &Control,
 ) -> Solution {
     let began = Instant::now();
-    let found = Search { model, plan, settings, control }.find();
+    let found = rest_of(model, plan, settings, control);
     let (start, eigenvalues) = match &found {
         Ok(rest) => (rest.x.clone(), eigenvalues(model, plan.start, rest)),
         Err(_) => (plan.initial.clone(), Ok(Vec::new())),
@@ -113,8 +125,7 @@ pub fn find_steady_state(
             .caveat("no_eigenvalues", format!("the eigenvalues at the steady state could not be computed: {why}"));
     }
     let eigenvalues = eigenvalues.unwrap_or_default();
-    let largest = eigenvalues.first().map(|[re, _]| *re);
-    let stable = largest.filter(|re| re.abs() > ON_AXIS * fastest).map(|re| re < 0.0);
+    let stable = is_stable(&eigenvalues);
     let named = |names: &[String], values: Vec<f64>| names.iter().cloned().zip(values).collect();
     solution.steady_state = Some(SteadyState {
         states: named(&model.state_names, rest.x),
@@ -127,7 +138,7 @@ pub fn find_steady_state(
 }
 
 /// The eigenvalues of the equations at a steady state, by decreasing real part.
-fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, String> {
+pub(super) fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, String> {
     let n = rest.x.len();
     let directions = Directions {
         initial: DMatrix::zeros(n, 0),

@@ -108,7 +108,7 @@ impl Specification {
         let mut found = Errors::default();
         let root = Pointer::Root;
         check_version(version, &root.key("version"), &mut found);
-        let asked = search::Request { periodic: periodic.as_ref(), steady_state };
+        let asked = search::Request { periodic: periodic.as_ref(), steady_state: steady_state.as_ref() };
         let of_problem = root.key("problem");
         let of_problem = of_problem.key(problem.name());
         let unread = Start { time: None, control, sizes: &vectors.sizes };
@@ -141,26 +141,35 @@ impl Specification {
             let names = model.output_names();
             let names: Vec<&str> = names.iter().map(String::as_str).collect();
             let time = time?;
-            let request = observables::Request { named: problem.written().named(), stop: &stop, view: view.as_ref() };
+            let differentiated = sensitivities.is_some().then(|| model.state_names().len());
+            let named = problem.written().named();
+            let request = observables::Request { named, stop: &stop, view: view.as_ref(), differentiated };
             let are_inputs = model.parameters().is_some();
             let observables = request.lower(&names, are_inputs, (&of_problem, start), &mut found);
             request.check(&*model, (output.global_error, study.is_some()), &mut found);
-            let sensitivities =
-                sensitivities.and_then(|asked| asked.check(&*model, &root.key("sensitivities"), &mut found));
+            // Parameters of a problem that cannot be read are not known: what names them is checked once it can be.
+            let is_read = found.is_empty() && errors.is_empty() || model.parameters().is_some();
+            let sensitivities = sensitivities.filter(|_| is_read).and_then(|asked| {
+                asked.check((&*model, &observables, &method), &root.key("sensitivities"), &mut found)
+            });
             let alone = [
                 ("sensitivities", sensitivities.is_some()),
                 ("study", study.is_some()),
                 ("stop", stop.iter().any(|stop| !stop.record)),
                 ("output.global_error", output.global_error),
             ];
-            let search = asked.check(&*model, time, &alone, &mut found);
+            let beside = [&alone[..], &[("sweep", sweep.is_some())]].concat();
+            let of_search = (problem.written().named(), &of_problem, start);
+            let search =
+                is_read.then(|| asked.check((&*model, &method, time), of_search, &beside, &mut found)).flatten();
             let analyses = [
                 ("periodic", periodic.is_some()),
                 ("steady_state", steady_state.is_some()),
                 ("sweep", sweep.is_some()),
             ];
             let others = [&analyses[..], &alone].concat();
-            let fit = fit.and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
+            let fit =
+                fit.filter(|_| is_read).and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
             let search = search.or(fit.map(|fit| Search::Fit(Arc::new(fit))));
             if study.is_some() && is_static {
                 found.report(
@@ -269,7 +278,7 @@ impl Specification {
     /// Returns this specification with another model of the same names, bound to the given parameter values.
     pub(super) fn with_model(&self, model: Arc<dyn Model>, parameters: &[f64], analysis: Analysis) -> Self {
         let mut bound = Self { model, analysis, digest: None, ..self.clone() };
-        bound.observables.program.bind(parameters);
+        bound.observables.bind(parameters);
         if let Some(sweep) = &mut bound.sweep {
             sweep.reducers.program.bind(parameters);
         }

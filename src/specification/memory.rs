@@ -45,6 +45,7 @@ impl Specification {
     pub(super) fn directions(&self) -> usize {
         let of_search = self.search().map_or(0, |search| match search {
             Search::Fit(fit) => fit.parameters.len(),
+            Search::Branch(_) => self.model().initial().len() + 1,
             Search::Periodic(_) | Search::SteadyState => self.model().initial().len(),
         });
         self.sensitivities().map_or(of_search, |sensitivities| sensitivities.by.len())

@@ -13,7 +13,7 @@ use super::view::View;
 use super::wording::abridged;
 use expression::{Node, Tape};
 use serde::{Deserialize, Serialize};
-use solution::{Direction, Monitored, Observables};
+use solution::{Argument, Direction, Monitored, ObservableSlopes, Observables};
 use utoipa::ToSchema;
 
 /// Most definitions, integrals and monitors together.
@@ -43,7 +43,12 @@ pub(super) struct Request<'a> {
     pub named: Named<'a>,
     pub stop: &'a [Stop],
     pub view: Option<&'a View>,
+    /// The number of states, where derivatives by them and by parameters are asked for.
+    pub differentiated: Option<usize>,
 }
+
+/// Functions that jump, by their names.
+const JUMPS: [&str; 6] = ["sign", "heaviside", "floor", "round", "mod", "previous"];
 
 impl Request<'_> {
     /// Compiles the expressions over the given outputs; `are_inputs` says whether the model's parameters are inputs.
@@ -89,10 +94,15 @@ impl Request<'_> {
         if let Some(view) = self.view {
             view.check(&mut lowering);
         }
-        let names = definitions.names().chain(integrals.names()).map(String::from).collect();
+        let names: Vec<String> = definitions.names().chain(integrals.names()).map(String::from).collect();
+        let slopes = self.differentiated.map(|states| {
+            let is_integral = |row: usize| row >= definitions.len();
+            slopes(&mut lowering, &nodes[..names.len()], states, is_integral)
+        });
+        let slopes = slopes.unwrap_or_default();
         let program = Tape::compile(&lowering.graph, &nodes);
         errors.append(lowering.errors);
-        Observables { names, integrals: integrals.len(), reach, monitors, program }
+        Observables { names, integrals: integrals.len(), reach, monitors, program, slopes }
     }
 
     /// Refuses events that end the run where all of it is needed.
@@ -107,6 +117,42 @@ impl Request<'_> {
         let error = SpecificationError::new(Pointer::Root.key("stop").index(i).to_string(), "conflict", why);
         errors.push(error.expected("`\"record\": true`, which only records the event, or no `stop`"));
     }
+}
+
+/// The derivatives of definitions and integrands by `states` states and by parameters, where they have any.
+fn slopes(
+    lowering: &mut Lowering<'_>,
+    nodes: &[Node],
+    states: usize,
+    is_integral: impl Fn(usize) -> bool,
+) -> ObservableSlopes {
+    let (mut pattern, mut terms, mut refused) = (Vec::new(), Vec::new(), Vec::new());
+    for (row, &node) in nodes.iter().enumerate() {
+        let graph = &mut lowering.graph;
+        let jumps = || graph.kinks(node).iter().any(|(name, _)| JUMPS.contains(name));
+        if graph.inputs(node).into_iter().max().unwrap_or(0) > states {
+            refused.push(Some("it depends on more than states"));
+            continue;
+        }
+        if is_integral(row) && jumps() {
+            refused.push(Some("its integrand jumps"));
+            continue;
+        }
+        let (Ok(by_inputs), Ok(by_parameters)) = (graph.gradient(node), graph.gradient_by_parameters(node)) else {
+            refused.push(Some("its derivative is too long"));
+            continue;
+        };
+        // The first input is the time.
+        let by_states = by_inputs.into_iter().filter(|(input, _)| *input > 0);
+        let by_states = by_states.map(|(input, node)| (Argument::State(input - 1), node));
+        let by_parameters = by_parameters.into_iter().map(|(parameter, node)| (Argument::Parameter(parameter), node));
+        for (argument, node) in by_states.chain(by_parameters) {
+            pattern.push((row, argument));
+            terms.push(node);
+        }
+        refused.push(None);
+    }
+    ObservableSlopes { pattern, program: Tape::compile(&lowering.graph, &terms), refused }
 }
 
 impl Stop {

@@ -82,7 +82,8 @@ impl Output {
         let place = place.key("fields");
         let names = || columns.names();
         let positions: HashMap<&str, usize> = names().zip(0..).collect();
-        let mut taken = vec![false; positions.len()];
+        // Names given twice are reported elsewhere and still have a column each.
+        let mut taken = vec![false; names().count()];
         let mut kept = Vec::with_capacity(fields.len());
         for (i, field) in fields.iter().enumerate() {
             let place = place.index(i);

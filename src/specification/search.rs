@@ -4,16 +4,17 @@ use super::document::Time;
 use super::error::{Errors, SpecificationError};
 use super::expression::Expression;
 use super::lowering::{Lowering, Named, Start};
-use super::method::out_of_range;
+use super::method::{Method, out_of_range};
 use super::model::Model;
 use super::pointer::Pointer;
-use super::sensitivities::differentiable;
+use super::sensitivities::{differentiable, differentiable_motion};
 use super::wording::{abridged, listed};
-use expression::nearest;
+use expression::{Tape, nearest};
+use problem::ConvexSet;
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
-use solution::{Fit, Periodic};
+use solution::{BranchOf, BranchPlan, Fit, Periodic};
 use std::fmt;
 use std::sync::Arc;
 use utoipa::openapi::RefOr;
@@ -28,6 +29,26 @@ use utoipa::{PartialSchema, ToSchema};
 pub struct PeriodicRequest {
     /// The period.
     pub period: Period,
+    /// Continuation of this orbit over a parameter.
+    #[serde(rename = "continue")]
+    pub branch: Option<ContinueRequest>,
+}
+
+/// Continuation over one parameter by pseudo-arclength, so that the branch may turn back. The answer is `branch`, with
+/// its folds, period doublings, torus and Hopf bifurcations, and the points at which an orbit or a steady state meets a
+/// contact or a bound that it did not touch before.
+#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ContinueRequest {
+    /// The parameter.
+    pub parameter: String,
+    /// The value of the parameter at the beginning of the branch. Default: its value in the problem.
+    pub from: Option<f64>,
+    /// The value at which the branch ends, if it gets there.
+    pub to: f64,
+    /// Most points of the branch, 2 to 10,000. Default 200.
+    #[schema(minimum = 2, maximum = 10_000)]
+    pub points: Option<u32>,
 }
 
 /// A period that is given by the forcing of the problem, or unknown.
@@ -51,9 +72,13 @@ pub struct FreePeriod {
 
 /// Search for a steady state: constant states and variables, near the initial values. The answer is `steady_state`.
 /// `time` is optional, and only its `start` is used.
-#[derive(Clone, Copy, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub struct SteadyStateRequest {}
+pub struct SteadyStateRequest {
+    /// Continuation of this steady state over a parameter.
+    #[serde(rename = "continue")]
+    pub branch: Option<ContinueRequest>,
+}
 
 /// The object of a search.
 #[derive(Clone, Debug)]
@@ -62,6 +87,8 @@ pub enum Search {
     Periodic(Periodic),
     /// A steady state.
     SteadyState,
+    /// A branch of orbits or steady states.
+    Branch(Arc<BranchPlan>),
     /// Parameters that fit data.
     Fit(Arc<Fit>),
 }
@@ -69,8 +96,12 @@ pub enum Search {
 /// The search in the document, before it is checked.
 pub(super) struct Request<'a> {
     pub periodic: Option<&'a PeriodicRequest>,
-    pub steady_state: Option<SteadyStateRequest>,
+    pub steady_state: Option<&'a SteadyStateRequest>,
 }
+
+/// Default and largest number of points of a branch.
+const POINTS: u32 = 200;
+const MOST_POINTS: u32 = 10_000;
 
 impl Request<'_> {
     /// The key of the search, if there is one.
@@ -91,7 +122,7 @@ impl Request<'_> {
         errors: &mut Errors,
     ) -> Option<Time> {
         let begin = given.map_or(0.0, |time| time.start);
-        let Some(PeriodicRequest { period }) = self.periodic else {
+        let Some(PeriodicRequest { period, .. }) = self.periodic else {
             return match (given, self.steady_state) {
                 (Some(time), None) => Some(time),
                 (_, Some(_)) => Some(Time { start: begin, end: begin + 1.0 }),
@@ -123,8 +154,8 @@ impl Request<'_> {
     /// is present.
     pub fn check(
         &self,
-        model: &dyn Model,
-        time: Time,
+        (model, method, time): (&dyn Model, &Method, Time),
+        (named, problem, start): (Named<'_>, &Pointer<'_>, Start<'_>),
         others: &[(&'static str, bool)],
         errors: &mut Errors,
     ) -> Option<Search> {
@@ -134,33 +165,102 @@ impl Request<'_> {
         if self.periodic.is_some() && self.steady_state.is_some() {
             found.report(&place, "conflict", "`periodic` and `steady_state` cannot be combined");
         }
-        for (other, _) in others.iter().filter(|(_, given)| *given) {
-            found.report(&place, "conflict", format!("`{other}` applies only to a run over a given time"));
-        }
-        let what = if key == "periodic" { "periodic orbits are found" } else { "steady states are found" };
-        let dvi = differentiable(model, what, &place, &mut found);
-        let search = dvi.and_then(|dvi| {
-            let Some(PeriodicRequest { period }) = self.periodic else { return Some(Search::SteadyState) };
-            let length = time.end - time.start;
-            let Period::Free(FreePeriod { phase, .. }) = period else {
-                return Some(Search::Periodic(Periodic { period: length, phase: None }));
+        let branch = self
+            .periodic
+            .map_or_else(|| self.steady_state.and_then(|asked| asked.branch.as_ref()), |asked| asked.branch.as_ref());
+        for (other, _) in others.iter().filter(|(other, given)| *given && (*other != "sweep" || branch.is_some())) {
+            let detail = if *other == "sweep" {
+                "a branch belongs to one problem, and `sweep` asks for many".to_owned()
+            } else {
+                format!("`{other}` applies only to a run over a given time")
             };
-            let names = || dvi.state_names.iter().map(String::as_str);
-            let at = names().position(|name| name == phase);
-            if at.is_none() {
-                let place = place.key("period");
-                let error = SpecificationError::new(
-                    place.key("phase").to_string(),
-                    "unknown_name",
-                    format!("`{}` is not a state", abridged(phase)),
-                );
-                found.push(error.expected(listed(names())).did_you_mean(nearest(phase, names())));
+            found.report(&place, "conflict", detail);
+        }
+        let states = model.state_names();
+        match (model.mechanical(), self.periodic) {
+            (Some(motion), Some(_)) => {
+                differentiable_motion(motion, method, &place, &mut found);
             }
-            Some(Search::Periodic(Periodic { period: length, phase: Some(at?) }))
+            (_, Some(_)) => {
+                differentiable(model, "periodic orbits are found", &place, &mut found);
+            }
+            (_, None) => {
+                differentiable(model, "steady states are found", &place, &mut found);
+            }
+        }
+        let of = match self.periodic {
+            None => Some(BranchOf::Rests),
+            Some(PeriodicRequest { period, .. }) => {
+                let length = time.end - time.start;
+                match period {
+                    Period::Given(expression) => {
+                        let mut lowering = Lowering::with_inputs(start, named, problem);
+                        let constant = lowering.parametric(expression, &place.key("period"));
+                        let program = constant.and_then(|constant| constant.node);
+                        let program = program.map(|node| Tape::compile(&lowering.graph, &[node]));
+                        Some(BranchOf::Orbits(Periodic { period: length, phase: None }, program))
+                    }
+                    Period::Free(FreePeriod { phase, .. }) => {
+                        let names = || states.iter().map(String::as_str);
+                        let at = names().position(|name| name == phase);
+                        if at.is_none() {
+                            let place = place.key("period");
+                            let detail = format!("`{}` is not a state", abridged(phase));
+                            let error = SpecificationError::new(place.key("phase").to_string(), "unknown_name", detail);
+                            found.push(error.expected(listed(names())).did_you_mean(nearest(phase, names())));
+                        }
+                        at.map(|at| BranchOf::Orbits(Periodic { period: length, phase: Some(at) }, None))
+                    }
+                }
+            }
+        };
+        let search = of.and_then(|of| match branch {
+            Some(asked) => asked.check(model, of, &place.key("continue"), &mut found),
+            None => Some(match of {
+                BranchOf::Rests => Search::SteadyState,
+                BranchOf::Orbits(periodic, _) => Search::Periodic(periodic),
+            }),
         });
         let search = search.filter(|_| found.is_empty());
         errors.append(found);
         search
+    }
+}
+
+impl ContinueRequest {
+    fn check(&self, model: &dyn Model, of: BranchOf, place: &Pointer<'_>, errors: &mut Errors) -> Option<Search> {
+        if matches!(of, BranchOf::Rests) && model.set().is_some_and(ConvexSet::has_blocks) {
+            let detail = "steady states are continued only if all variables are in intervals";
+            let error = SpecificationError::new(place.to_string(), "conflict", detail);
+            errors.push(error.expected("a set of intervals, or no `continue`"));
+            return None;
+        }
+        let names = model.parameters().map_or(&[][..], |parameters| parameters.names());
+        let values = model.parameters().map_or(&[][..], |parameters| parameters.values());
+        let known = || names.iter().map(String::as_str);
+        let Some(parameter) = known().position(|name| name == self.parameter) else {
+            let detail = format!("`{}` is not a parameter that may vary", abridged(&self.parameter));
+            let error = SpecificationError::new(place.key("parameter").to_string(), "unknown_name", detail);
+            errors.push(error.expected(listed(known())).did_you_mean(nearest(&self.parameter, known())));
+            return None;
+        };
+        let from = self.from.unwrap_or(values[parameter]);
+        if from == self.to {
+            out_of_range(
+                &place.key("to"),
+                self.to,
+                &format!("another value than {from}, where the branch begins"),
+                errors,
+            );
+            return None;
+        }
+        let points = self.points.unwrap_or(POINTS);
+        if !(2..=MOST_POINTS).contains(&points) {
+            out_of_range(&place.key("points"), f64::from(points), &format!("2 to {MOST_POINTS}"), errors);
+            return None;
+        }
+        let name = self.parameter.clone();
+        Some(Search::Branch(Arc::new(BranchPlan { of, parameter, name, from, to: self.to, points: points as usize })))
     }
 }
 

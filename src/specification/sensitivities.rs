@@ -1,13 +1,14 @@
 //! Requested sensitivities: of which states, with respect to which parameters and initial values.
 
 use super::error::{Errors, SpecificationError};
+use super::method::{Impacts, Method};
 use super::model::Model;
 use super::pointer::Pointer;
 use super::wording::{abridged, listed};
 use expression::nearest;
-use models::DviModel;
+use models::{DviModel, MechanicalModel, Unbindable};
 use serde::{Deserialize, Serialize};
-use solution::{By, Sensitivities};
+use solution::{By, Observables, Sensitivities};
 use utoipa::ToSchema;
 
 /// Most unknowns of a differentiated problem: the sensitivity equations of all stages form one dense matrix.
@@ -15,33 +16,61 @@ const MOST_UNKNOWNS: usize = 100;
 /// Most sensitivity columns.
 const MOST_COLUMNS: usize = 10_000;
 
+/// Relative change of a parameter that shows whether it decides the structure of a problem.
+const SHIFT: f64 = 1e-6;
+
 /// Suffix to the name of a state that denotes its initial value.
 pub(super) const INITIAL: &str = ".initial";
 
-/// Derivatives of states with respect to parameters and initial values, as columns `dx/dm` beside the states.
+/// Derivatives of states, definitions and integrals with respect to parameters and initial values, as columns `dx/dm`
+/// beside the states; for a motion with located impacts also those of the times of its events, as `event_slopes`.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensitivitiesRequest {
     /// Parameters, and initial values as `x.initial`, to differentiate with respect to.
     pub to: Vec<String>,
-    /// States to differentiate. Default: all.
+    /// States to differentiate, and definitions and integrals made of states, parameters and `t`. Default: all states.
     pub of: Option<Vec<String>>,
 }
 
 impl SensitivitiesRequest {
     /// Checks the request for a model.
-    pub(super) fn check(&self, model: &dyn Model, place: &Pointer<'_>, errors: &mut Errors) -> Option<Sensitivities> {
-        let dvi = differentiable(model, "derivatives are computed", place, errors)?;
+    pub(super) fn check(
+        &self,
+        (model, observables, method): (&dyn Model, &Observables, &Method),
+        place: &Pointer<'_>,
+        errors: &mut Errors,
+    ) -> Option<Sensitivities> {
+        match model.mechanical() {
+            Some(motion) => differentiable_motion(motion, method, place, errors)?,
+            None => differentiable(model, "derivatives are computed", place, errors).map(drop)?,
+        }
+        let states = model.state_names();
+        let outputs = model.output_names().len();
         let parameters = model.parameters().map_or(&[][..], |parameters| parameters.names());
-        let initial: Vec<String> = dvi.state_names.iter().map(|name| format!("{name}{INITIAL}")).collect();
+        let initial: Vec<String> = states.iter().map(|name| format!("{name}{INITIAL}")).collect();
         let mut found = Errors::default();
         let by = places(&self.to, parameters.iter().chain(&initial), &place.key("to"), &mut found);
         let by: Vec<By> =
             by.into_iter().map(|at| at.checked_sub(parameters.len()).map_or(By::Parameter(at), By::Initial)).collect();
+        if model.mechanical().is_some() {
+            self.check_structure(model, &by, &place.key("to"), &mut found);
+        }
+        let of_names = place.key("of");
         let of = match &self.of {
-            Some(of) => places(of, dvi.state_names.iter(), &place.key("of"), &mut found),
-            None => (0..dvi.state_names.len()).collect(),
+            Some(of) => places(of, states.iter().chain(&observables.names), &of_names, &mut found),
+            None => (0..states.len()).collect(),
         };
+        for (i, at) in of.iter().enumerate() {
+            let refused = at.checked_sub(states.len()).and_then(|own| *observables.slopes.refused.get(own)?);
+            let Some(why) = refused else { continue };
+            let name = &observables.names[at - states.len()];
+            let detail = format!("`{}` has no derivative here: {why}", abridged(name));
+            let error = SpecificationError::new(of_names.index(i).to_string(), "conflict", detail);
+            found.push(error.expected(
+                "states, or definitions and integrals made of states, parameters and `t`, without jumps in integrands",
+            ));
+        }
         if self.to.is_empty() {
             let error = SpecificationError::new(
                 place.key("to").to_string(),
@@ -66,10 +95,72 @@ impl SensitivitiesRequest {
         let names = of
             .iter()
             .flat_map(|&state| by.iter().map(move |by| (state, by)))
-            .map(|(state, by)| format!("d{}/d{}", dvi.state_names[state], name_of(by)))
+            .map(|(at, by)| {
+                let of = states.get(at).unwrap_or_else(|| &observables.names[at - states.len()]);
+                format!("d{of}/d{}", name_of(by))
+            })
             .collect();
-        Some(Sensitivities { by, of, names })
+        let to = by.iter().map(|by| name_of(by).clone()).collect();
+        // Definitions and integrals stand behind all outputs.
+        let of = of.into_iter().map(|at| if at < states.len() { at } else { at - states.len() + outputs }).collect();
+        Some(Sensitivities { by, to, of, names })
     }
+}
+
+impl SensitivitiesRequest {
+    /// Refuses parameters of a mechanical system that decide its structure, such as a coefficient of friction at zero or
+    /// a ratio: equations of a fixed structure do not show what a change of them does.
+    fn check_structure(&self, model: &dyn Model, by: &[By], place: &Pointer<'_>, errors: &mut Errors) {
+        let Some(parameters) = model.parameters() else { return };
+        for by in by {
+            let By::Parameter(at) = *by else { continue };
+            let (name, mut values) = (&parameters.names()[at], parameters.values().to_vec());
+            let size = if values[at] == 0.0 { 1.0 } else { values[at].abs() };
+            values[at] += SHIFT * size;
+            if let Err(Unbindable::Structure { .. }) = model.with_parameters(&values) {
+                let detail =
+                    format!("`{}` decides the structure of the problem, which equations are built for", abridged(name));
+                let index = self.to.iter().position(|asked| asked == name).unwrap_or(0);
+                let error = SpecificationError::new(place.index(index).to_string(), "conflict", detail);
+                errors.push(error.expected(
+                    "parameters of forces, masses, gaps and slips, or coefficients of restitution, or of friction above 0",
+                ));
+            }
+        }
+    }
+}
+
+/// Refuses mechanical systems whose motion cannot be differentiated.
+pub(super) fn differentiable_motion(
+    model: &MechanicalModel,
+    method: &Method,
+    place: &Pointer<'_>,
+    errors: &mut Errors,
+) -> Option<()> {
+    let unknowns = model.state_names.len();
+    let refused = if method.impacts() != Impacts::Locate {
+        let detail = "differences of time stepping do not converge to derivatives, nor do derivatives of its steps";
+        Some(("conflict", detail.to_owned(), "`\"impacts\": \"locate\"` in `method`, without `step`".to_owned()))
+    } else if unknowns > MOST_UNKNOWNS {
+        let expected = format!("at most {MOST_UNKNOWNS} coordinates and velocities, for derivatives");
+        Some(("too_many_unknowns", format!("{unknowns} coordinates and velocities"), expected))
+    } else if let Some(k) = model.structure().contacts.iter().position(|contact| contact.varies) {
+        let detail = format!(
+            "the coefficient of friction of `{}` varies, and derivatives are computed only for constant ones",
+            abridged(&model.contacts[k])
+        );
+        Some(("conflict", detail, "a number or an expression in parameters for its `friction`".to_owned()))
+    } else if model.has_kinks {
+        let detail = "a force, a mass, a gap or a slip has a kink or a jump in coordinates or velocities, across which the \
+                      motion is not differentiable";
+        let expected = "expressions that are smooth in coordinates and velocities; a gap of each surface of its own";
+        Some(("conflict", detail.to_owned(), expected.to_owned()))
+    } else {
+        None
+    };
+    let Some((code, detail, expected)) = refused else { return Some(()) };
+    errors.push(SpecificationError::new(place.to_string(), code, detail).expected(expected));
+    None
 }
 
 /// The equations of a differentiable model. Any other is refused; `what` is the purpose, for the message.

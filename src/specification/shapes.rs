@@ -48,6 +48,21 @@ const EXAMPLES: [(&str, &str); 40] = [
     ("regions", r#"[{"indicator": "x", "rates": {"x": "-1"}}]"#),
 ];
 
+/// The kinds of circuit components.
+const KINDS_OF_COMPONENTS: [&str; 11] = [
+    "resistor",
+    "capacitor",
+    "inductor",
+    "diode",
+    "zener",
+    "switch",
+    "voltage_source",
+    "current_source",
+    "transformer",
+    "op_amp",
+    "comparator",
+];
+
 /// Suggests what to write for `found` at the end of a path, where `expected` is required.
 pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<String> {
     let key = path.iter().rev().find_map(|step| if let Step::Key(key) = step { Some(key.as_str()) } else { None });
@@ -103,6 +118,9 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
             return Some(format!("`{{\"to\": {shown}}}`"));
         }
         (Json::List(items), Some("output")) if !items.is_empty() => return Some(format!("`{{\"fields\": {shown}}}`")),
+        (Json::Object(members), Some(key)) if expected == "a list" && is_member && is_of_objects(members) => {
+            return Some(format!("`{}`", abridged(&listed_objects(key, members))));
+        }
         (Json::Object(members), _) if expected == "a list" && is_member && !members.is_empty() => {
             let values = members.iter().map(|(_, value)| value);
             let of_numbers = members.iter().all(|(_, value)| matches!(value, Json::Number(_)));
@@ -134,6 +152,38 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
         _ if expected.starts_with("3 entries") || expected.contains("length 3") => Some("`[0, 0, 1]`".to_owned()),
         _ => None,
     }
+}
+
+/// Whether an object has members, and all of them are objects.
+fn is_of_objects(members: &[(String, Json)]) -> bool {
+    !members.is_empty() && members.iter().all(|(_, value)| matches!(value, Json::Object(_)))
+}
+
+/// Rewrites an object of objects as a list: each key becomes the name of its entry, or its kind.
+fn listed_objects(key: &str, members: &[(String, Json)]) -> String {
+    let is_kind = |name: &str| match key {
+        "components" => KINDS_OF_COMPONENTS.contains(&name),
+        "set" => true,
+        _ => false,
+    };
+    let named = |name: &str, value: &Json| {
+        let Json::Object(own) = value else { return value.to_string() };
+        let has_name = own.iter().any(|(key, _)| key == "name");
+        let own: Vec<String> = own.iter().map(|(key, value)| format!("{}: {value}", quoted(key))).collect();
+        let name = if has_name { Vec::new() } else { vec![format!("\"name\": {}", quoted(name))] };
+        format!("{{{}}}", [name, own].concat().join(", "))
+    };
+    let entry = |(name, value): &(String, Json)| match (key, value) {
+        _ if is_kind(name) => format!("{{{}: {value}}}", quoted(name)),
+        // The value under a component's name holds its kind; if not, show the form with a resistor.
+        ("components", Json::Object(own)) => match own.as_slice() {
+            [(kind, inner @ Json::Object(_))] => format!("{{{}: {}}}", quoted(kind), named(name, inner)),
+            _ => format!("{{\"resistor\": {}}}", named(name, value)),
+        },
+        _ => named(name, value),
+    };
+    let entries: Vec<String> = members.iter().map(entry).collect();
+    format!("[{}]", entries.join(", "))
 }
 
 /// How to write a choice with contents, where only its name is given.

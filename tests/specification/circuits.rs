@@ -193,7 +193,7 @@ fn an_error_in_a_deck_has_its_line_and_column() {
         ("X1 a two\n.subckt two a b\nR1 a b 1\n.ends", "wrong_count", "has 2 nodes, and 1 are given"),
         (".subckt two a b\nR1 a b 1", "incomplete_component", "line 3, column 9: the subcircuit `two` has no end"),
         ("X1 a loop\n.subckt loop a\nX1 a loop\n.ends", "too_deep", "16 levels"),
-        ("K1 L1 L2 0.5", "unknown_name", "line 3, column 1: `K1` couples"),
+        ("K1 L1 L2 0.5", "unknown_name", "line 3, column 1: `K1` must couple"),
         ("L1 a 0 1\nL2 b 0 1\nK1 L1 L2 1.5", "out_of_range", "the coupling coefficient is 1.5"),
         ("R1 a 0 1\n.ic V(a)=1", "inconsistent_start", ".ic of `a`"),
         ("R1 a 0 1\n.ic V(a)", "unexpected_word", "`V` is not an initial value"),

@@ -96,7 +96,7 @@ fn a_body_has_the_constants_of_its_kind_and_no_others() {
 #[test]
 fn an_obstacle_of_a_string_meets_every_other_node() {
     let odd = with(string(), "/problem/elastic/elements", json!(7));
-    assert_errors(&odd, &[("/problem/elastic/elements", "odd_elements", "7 is odd")]);
+    assert_errors(&odd, &[("/problem/elastic/elements", "odd_elements", "7 elements is odd")]);
     let between = with(string(), "/problem/elastic/contact/below/between", json!([0.3, 0.4]));
     assert_errors(&between, &[("/problem/elastic/contact/below", "no_contact_node", "no free node")]);
 }

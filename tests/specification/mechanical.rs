@@ -202,3 +202,24 @@ fn stages_are_refused_where_time_stepping_is_asked_for() {
     let staged = with(block_on_floor(), "/method", json!({"step": 0.01, "impacts": "time_stepping", "stages": 3}));
     assert_errors(&staged, &[("/method/stages", "conflict", "stages")]);
 }
+
+/// Friction that varies, and parameters that the equations are built for, have no derivatives: without a refusal these
+/// would be zero or not a number.
+#[test]
+fn derivatives_are_refused_where_the_equations_do_not_show_them() {
+    let document = |friction: Value, to: &str| {
+        json!({"problem": {"mechanical": {
+            "parameters": {"mu": 0.3, "r": 0.5, "none": 0},
+            "coordinates": {"x": {"initial": 0, "velocity": 1}, "y": {"initial": 0}, "z": {"initial": 0}},
+            "mass": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "potential": "9.81*z",
+            "contacts": [{"name": "plane", "gap": "z", "friction": friction}]}},
+            "time": {"end": 1}, "method": {"impacts": "locate"}, "sensitivities": {"to": [to]}})
+    };
+    let slips = |coefficient: &str| json!({"coefficient": coefficient, "ratio": "r", "slip": ["x_dot", "y_dot"]});
+    Specification::from_json(document(slips("mu"), "mu").to_string().as_bytes()).unwrap();
+    assert_errors(&document(slips("mu"), "r"), &[("/sensitivities/to/0", "conflict", "`r` decides the structure")]);
+    let zero = document(json!({"coefficient": "none", "slip": ["x_dot", "y_dot"]}), "none");
+    assert_errors(&zero, &[("/sensitivities/to/0", "conflict", "`none` decides the structure")]);
+    let varying = document(slips("mu/(1 + slip_speed)"), "mu");
+    assert_errors(&varying, &[("/sensitivities", "conflict", "the coefficient of friction of `plane` varies")]);
+}

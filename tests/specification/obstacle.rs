@@ -75,7 +75,7 @@ fn coefficients_are_finite_and_diffusion_does_not_run_backwards() {
     says(interval(), "diffusion", json!("0/0"), "diffusion", "not_finite", "`diffusion` is NaN");
     says(interval(), "advection", json!("1/x^400"), "advection", "not_finite", "`advection` is inf");
     says(rectangle(), "advection", json!(1), "advection", "wrong_shape", "2 directions");
-    says(rectangle(), "advection", json!({"x": 1}), "advection", "missing_key", "no `y`");
+    says(rectangle(), "advection", json!({"x": 1}), "advection", "missing_key", "`y` is missing");
     says(rectangle(), "diffusion", json!({"x": 1, "y": 1, "z": 1}), "diffusion/z", "no_such_direction", "`z`");
 }
 

@@ -106,8 +106,10 @@ fn every_example_can_be_bound_to_other_values_of_its_parameters() {
         let document: Value = serde_json::from_str(example.text).expect("an example");
         let specification = read(&document);
         let Some(parameters) = specification.model().parameters() else { continue };
-        // Elements of vectors have no member of their own to replace.
-        let own = |(name, _): &(&String, &f64)| !name.contains('[');
+        // Elements of vectors, and starts that a sweep varies, have no member of their own to replace.
+        let problem = document["problem"].as_object().and_then(|problem| problem.values().next());
+        let members = problem.and_then(|problem| problem["parameters"].as_object());
+        let own = |(name, _): &(&String, &f64)| members.is_some_and(|members| members.contains_key(*name));
         for (name, value) in parameters.names().iter().zip(parameters.values()).filter(own) {
             let given = [(name.as_str(), 1.25 * value + 0.01)];
             let what = format!("{}: {given:?}", example.name);

@@ -98,15 +98,15 @@ fn names_of_other_programs_are_told_what_they_are_called_here() {
 #[test]
 fn a_misplaced_key_is_told_its_place() {
     for (place, detail) in [
-        ("/rtol", "`rtol` is not a key here; `rtol` stands in `method`"),
-        ("/time/step", "`step` is not a key here; `step` stands in `method`"),
-        ("/t_end", "`t_end` is not a key here; `end` stands in `time`"),
+        ("/rtol", "`rtol` is not a key here; `rtol` belongs in `method`"),
+        ("/time/step", "`step` is not a key here; `step` belongs in `method`"),
+        ("/t_end", "`t_end` is not a key here; `end` belongs in `time`"),
         (
             "/parameters",
-            "`parameters` is not a key here; `parameters` stands in the problem, beside its type's other keys",
+            "`parameters` is not a key here; `parameters` belongs in the problem, beside its type's other keys",
         ),
-        ("/output/dt", "`dt` is not a key here; `step` stands in `method`"),
-        ("/method/label", "`label` is not a key here; `label` stands in the document"),
+        ("/output/dt", "`dt` is not a key here; `step` belongs in `method`"),
+        ("/method/label", "`label` is not a key here; `label` belongs in the document"),
     ] {
         let document = with(with(block(), "/method", json!({})), "/output", json!({}));
         assert_errors(&with(document, place, json!(1)), &[(place, "unknown_key", detail)]);

@@ -3,6 +3,7 @@
 
 use crate::systems::harness::{column, events, last, solve};
 use crate::systems::reference::example;
+use nalgebra::{Matrix3, Vector3};
 use serde_json::{Value, json};
 
 fn circuit(components: Value, end: f64) -> Value {
@@ -229,4 +230,44 @@ fn a_transformer_keeps_power_and_turns_a_load_by_the_square_of_its_ratio() {
     let power = |i: &str, v: &str| last(&solution, i) * last(&solution, v);
     let (primary, secondary) = (power("i(T1.primary)", "v(p)"), power("i(T1.secondary)", "v(s)"));
     assert_near(primary, -secondary, 1e-9);
+}
+
+/// A source that jumps with the sawtooth of an inverse tangent drives a switch, and every output lies within rounding of
+/// a multiple of a fifth of the time between jumps, so that some lie on the other side of a jump than the step they belong
+/// to. Reference: matrix exponentials from jump to jump; the current never vanishes.
+#[test]
+fn a_boost_converter_driven_by_a_sawtooth_is_right_at_every_output() {
+    let (inductance, capacitance, load, closed, open) = (1e-4, 1e-3, 10.0, 1e-6, 1e7);
+    let sawtooth = "atan2(sin(w*(t - 2.5e-06)), cos(w*(t - 2.5e-06)))/w + 2.5e-06".replace('w', "(628318.5307179586)");
+    let specification = json!({
+        "problem": {"circuit": {"components": [
+            {"voltage_source": {"name": "Vin", "nodes": ["in", "0"], "volts": 12}},
+            {"inductor": {"name": "L1", "nodes": ["in", "sw"], "henries": inductance, "amperes": 4.8}},
+            {"resistor": {"name": "Ron", "nodes": ["sw", "on"], "ohms": closed}},
+            {"resistor": {"name": "Roff", "nodes": ["sw", "0"], "ohms": open}},
+            {"switch": {"name": "S1", "nodes": ["on", "0"], "closed": "v(g) - 0.5", "hysteresis": 0.1}},
+            {"diode": {"name": "D1", "nodes": ["sw", "out"]}},
+            {"capacitor": {"name": "C1", "nodes": ["out", "0"], "farads": capacitance, "volts": 24}},
+            {"resistor": {"name": "RL", "nodes": ["out", "0"], "ohms": load}},
+            {"voltage_source": {"name": "Vg", "nodes": ["g", "0"],
+                                "volts": format!("heaviside({sawtooth}) - heaviside({sawtooth} - 5e-6)")}}
+        ]}},
+        "time": {"end": 1e-3}, "method": {"rtol": 1e-10, "atol": 1e-13},
+        "output": {"times": {"count": 1001}, "fields": ["v(C1)", "i(L1)"]}
+    });
+    let solution = solve(&specification);
+    let shunt = 1.0 / (1.0 / closed + 1.0 / open);
+    let over = |rates: [f64; 9]| (1e-6 * Matrix3::from_row_slice(&rates)).exp();
+    let charging =
+        over([-shunt / inductance, 0.0, 12.0 / inductance, 0.0, -1.0 / (load * capacitance), 0.0, 0.0, 0.0, 0.0]);
+    let leaving = 1.0 / (load * capacitance) + 1.0 / (open * capacitance);
+    let feeding = over([0.0, -1.0 / inductance, 12.0 / inductance, 1.0 / capacitance, -leaving, 0.0, 0.0, 0.0, 0.0]);
+    let (mut exact, mut worst) = (Vector3::new(4.8, 24.0, 1.0), 0.0_f64);
+    let (current, voltage) = (column(&solution, "i(L1)"), column(&solution, "v(C1)"));
+    for row in 0..1001 {
+        worst = worst.max((current[row] - exact[0]).abs()).max((voltage[row] - exact[1]).abs());
+        exact = if row % 10 < 5 { charging } else { feeding } * exact;
+    }
+    assert!(worst < 1e-6, "off by {worst:e} at most");
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }

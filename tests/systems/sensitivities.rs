@@ -197,5 +197,8 @@ fn what_cannot_be_differentiated_is_refused_with_its_place() {
     assert_eq!(codes(decay("-k*x"), json!({"to": ["k"], "of": ["y"]})), told("/sensitivities/of/0", "unknown_name"));
     assert_eq!(codes(decay("-k*sign(x)"), json!({"to": ["k"]})), told("/sensitivities", "conflict"));
     let fall = json!({"mechanical": {"coordinates": {"y": {"initial": 1}}, "mass": [[1]]}});
-    assert_eq!(codes(fall, json!({"to": ["y.initial"]})), told("/sensitivities", "conflict"));
+    let mut stepped = json!({"problem": fall, "time": {"end": 1}, "sensitivities": {"to": ["y.initial"]}});
+    stepped["method"] = json!({"impacts": "time_stepping", "step": 0.01});
+    let errors = Specification::from_json(stepped.to_string().as_bytes()).expect_err("errors");
+    assert_eq!((errors[0].pointer.as_str(), errors[0].code), ("/sensitivities", "conflict"));
 }

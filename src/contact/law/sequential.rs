@@ -13,25 +13,23 @@ const STRIKES: usize = 1000;
 /// Approach velocities below this fraction of the largest velocity before the impacts are treated as zero.
 const ROUNDING: f64 = 1e-13;
 
-/// The impulses of the strikes, from the velocities before the step, and the number of strikes. Friction in each strike
-/// is that of a single contact with a disk.
-pub fn sequential(contacts: &Contacts<'_>) -> (Vec<Vector3<f64>>, usize) {
+/// The strikes in their order, each with its contact and its impulse, from the velocities before the step. Friction in
+/// each strike is that of a single contact with a disk.
+pub fn sequential(contacts: &Contacts<'_>) -> Vec<(usize, Vector3<f64>)> {
     let n = contacts.gap.len();
-    let mut r = vec![Vector3::zeros(); n];
     let mut u = contacts.before.to_vec();
     let least = ROUNDING * u.iter().fold(0.0_f64, |most, u| most.max(u.norm()));
-    let mut strikes = 0;
-    while strikes < STRIKES * n {
+    let mut strikes = Vec::new();
+    while strikes.len() < STRIKES * n {
         let closed = |k: &usize| u[*k].x < -least && contacts.closes(*k, u[*k].x);
         let Some(k) = (0..n).filter(closed).min_by(|&a, &b| u[a].x.total_cmp(&u[b].x)) else { break };
         let q = Vector3::new((1.0 + contacts.restitution[k]) * u[k].x, u[k].y, u[k].z);
         let Some(strike) = solve_contact(contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };
-        r[k] += strike;
+        strikes.push((k, strike));
         // W is symmetric up to rounding: row k equals column k.
         for (l, block) in contacts.delassus.row(k) {
             u[l] += block.transpose() * strike;
         }
-        strikes += 1;
     }
-    (r, strikes)
+    strikes
 }

@@ -52,7 +52,7 @@ impl Forces {
 }
 
 /// `K_m^-1` in blocks: accelerations and multipliers by forces and by biases.
-pub(super) struct Inverse {
+pub(crate) struct Inverse {
     a_by_r: DMatrix<f64>,
     a_by_w: DMatrix<f64>,
     l_by_r: DMatrix<f64>,

@@ -49,6 +49,7 @@ impl SmoothPhase<'_, '_> {
             let known = ALLOWED * self.located.radau.rtol * highest.height(gradient);
             let possible = (2.0 * acceleration.abs() * known).sqrt();
             if gap <= known && speed.abs() <= possible {
+                self.located.grazes = true;
                 let restitution = self.located.structure.contacts[k].restitution;
                 let change = (1.0 + restitution) * possible / tolerance;
                 if self.located.grazed.is_none_or(|worst| change > worst.change) {

@@ -22,10 +22,15 @@ mod mode_equations;
 mod monitors;
 mod search;
 mod smooth_phase;
+mod transition;
 
 pub use grazing::Grazed;
 pub use mode::Status;
+pub(crate) use mode::held;
+pub(crate) use mode_equations::ModeEquations;
+pub(crate) use monitors::Ending;
 pub use smooth_phase::{ModeEvaluators, SmoothPhase};
+pub(crate) use transition::{Impact, Transition};
 
 use super::contact_event::ContactEvent;
 use super::energy::Energy;
@@ -33,8 +38,6 @@ use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, Probed, State, VelocityStep};
 use super::violations::Violations;
 use grazing::Opening;
-use mode::held;
-use monitors::Ending;
 use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control, EventKind, Mechanical, MechanicalStructure};
 
@@ -98,22 +101,26 @@ pub struct EventDriven<'p> {
     pub screening: Screening,
     /// The grazing contact with the largest consequence, if any.
     pub grazed: Option<Grazed>,
+    /// The passage at the end of the last step, if an arc ended there or the run began.
+    pub(crate) transition: Option<Transition>,
+    /// Whether a contact grazed within the last step or at its end.
+    pub(crate) grazes: bool,
     /// The largest opening of each gap since its last contact.
     highest: Vec<Opening>,
     /// The status of each contact; `None` where time stepping takes over.
-    mode: Option<Vec<Status>>,
+    pub(crate) mode: Option<Vec<Status>>,
     /// Reference forces on contacts: where multipliers are not unique, those nearest to the reference are used. It is
     /// the normal force of the probe; with its friction too after a stick-slip transition, where the share of friction
     /// was too large.
-    loads: Vec<Vector3<f64>>,
+    pub(crate) loads: Vec<Vector3<f64>>,
     /// The coefficient of friction of each contact where the mode begins.
-    coefficients: Vec<f64>,
-    structure: MechanicalStructure,
+    pub(crate) coefficients: Vec<f64>,
+    pub(crate) structure: MechanicalStructure,
     constraints: Constraints,
     last_impact: Vec<f64>,
     /// The longest time between two impacts of each contact.
     longest_flight: Vec<f64>,
-    radau: radau::Settings,
+    pub(crate) radau: radau::Settings,
     /// The last step size of Radau IIA, the first of the next mode.
     h: Option<f64>,
     /// The next step size of time stepping; zero after smooth motion.
@@ -169,6 +176,8 @@ impl<'p> EventDriven<'p> {
             passed: None,
             screening: Screening::default(),
             grazed: None,
+            transition: None,
+            grazes: false,
             highest: vec![Opening::default(); contacts],
             step: VelocityStep::new(problem, settings.impact_law, settings.tolerance),
             last: state.clone(),
@@ -195,6 +204,7 @@ impl<'p> EventDriven<'p> {
             end,
         };
         located.step.atol = located.radau.atol[located.structure.coordinates..].to_vec();
+        located.note_transition(vec![Status::Open; contacts], None);
         located.apply_impact_law(control)?;
         located.select_mode(None, control)?;
         Ok(located)
@@ -210,6 +220,7 @@ impl<'p> EventDriven<'p> {
         self.stalls = if self.state.t > self.last.t { 0 } else { self.stalls + 1 };
         let before = self.mode.take().unwrap_or_default();
         let t = self.state.t;
+        self.note_transition(before.clone(), Some(ending));
         if self.stalls > MAX_EVENTS_AT_ONE_TIME {
             return Ok(());
         }
@@ -230,6 +241,9 @@ impl<'p> EventDriven<'p> {
                     self.accumulations += 1;
                     let lost = self.energy.lost_in_impacts;
                     self.velocity_step(0.0, Forces::Inelastic, control)?;
+                    if let Some(Transition { impact: Some(impact), .. }) = &mut self.transition {
+                        impact.accumulates = Some(k);
+                    }
                     self.note_passed(k, self.energy.lost_in_impacts - lost);
                     // A contact that closes again at the same time has no rebound.
                     let rests = |&i: &usize| self.step.contacted.r[i].x > 0.0 || i == k && self.stalls > 0;
@@ -250,6 +264,12 @@ impl<'p> EventDriven<'p> {
         let stopped = mode.filter(|(_, pair)| stops && matches!(pair, (Status::Stick, Status::Slip(_))));
         self.new_events.extend(stopped.map(|(contact, _)| ContactEvent { t, kind: EventKind::Stick, contact }));
         Ok(())
+    }
+
+    /// Records the passage that begins at the present state.
+    fn note_transition(&mut self, mode: Vec<Status>, ending: Option<Ending>) {
+        let (before, grazes) = (self.state.clone(), self.grazes);
+        self.transition = Some(Transition { before, mode, ending, impact: None, grazes });
     }
 
     /// Records the accumulation that took the most energy; contacts with restitution 1 come before others.
@@ -312,7 +332,7 @@ impl<'p> EventDriven<'p> {
     }
 
     /// The slip tolerances of all contacts, at zero velocity.
-    fn tolerances_of_slips(&mut self) -> Vec<f64> {
+    pub(crate) fn tolerances_of_slips(&mut self) -> Vec<f64> {
         self.evaluate_constraints();
         let none = vec![0.0; self.structure.coordinates];
         (0..self.structure.contacts.len()).map(|k| self.tolerance_of_slip(k, &self.constraints, &none)).collect()
@@ -329,7 +349,17 @@ impl<'p> EventDriven<'p> {
         let h = h.min(self.end - self.state.t);
         let State { t, q, v } = &self.state;
         let before = self.step.problem.energies(*t, q, v);
+        let limited = self.step.work.limited;
         self.step.advance(&mut self.state, h, forces, control)?;
+        if let Some(transition) = self.transition.as_mut().filter(|_| forces != Forces::All) {
+            transition.impact = Some(Impact {
+                strikes: std::mem::take(&mut self.step.strikes),
+                contacted: self.step.contacted.clone(),
+                rebounds: forces == Forces::Impact,
+                is_limited: self.step.work.limited > limited,
+                accumulates: None,
+            });
+        }
         let State { t, q, v } = &self.state;
         let after = self.step.problem.energies(*t, q, v);
         self.impulses.iter_mut().zip(&self.step.contacted.r).for_each(|(sum, r)| *sum += r);
@@ -357,6 +387,7 @@ impl<'p> EventDriven<'p> {
     /// Saves the state, impulses and energy at the beginning of a step.
     fn begin(&mut self) {
         self.last.clone_from(&self.state);
+        (self.transition, self.grazes) = (None, false);
         self.impulses_before.clone_from(&self.impulses);
         self.energy_before = self.energy;
     }

@@ -72,7 +72,7 @@ pub struct ModeEquations {
 }
 
 /// `M^-1` and `(C M^-1 G)^-1`, with the matrices from which they were computed.
-pub(super) struct Solved {
+pub(crate) struct Solved {
     pub matrix: DMatrix<f64>,
     pub mass: Cholesky<f64, Dyn>,
     pub c: DMatrix<f64>,
@@ -113,7 +113,7 @@ impl Solved {
     }
 
     /// Solves `M a - G lambda = p`, `C a = w` for `a` and `lambda`, with several right-hand sides.
-    fn solve(&self, p: &DMatrix<f64>, w: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
+    pub fn solve(&self, p: &DMatrix<f64>, w: &DMatrix<f64>) -> (DMatrix<f64>, DMatrix<f64>) {
         let free = self.mass.solve(p);
         let lambda = &self.inverse * (w - &self.c * &free);
         (free + &self.y * &lambda, lambda)
@@ -127,7 +127,7 @@ struct Held {
 }
 
 /// The reference loads of the held rows, and the square roots of the weights of the metric.
-#[derive(Default)]
+#[derive(Clone, Default)]
 struct Metric {
     load: DVector<f64>,
     scale: DVector<f64>,
@@ -197,6 +197,13 @@ impl ModeEquations {
         (self.rank, self.last) = (None, None);
     }
 
+    /// Takes up the mode of other equations of the same system, with its loads and slips.
+    pub(crate) fn adopt(&mut self, other: &Self) {
+        (self.mode, self.least, self.rows) = (other.mode.clone(), other.least.clone(), other.rows.clone());
+        self.metric = other.metric.clone();
+        (self.rank, self.last) = (other.rank, None);
+    }
+
     /// The structure of the mechanical system.
     pub fn shape(&self) -> &MechanicalStructure {
         &self.shape
@@ -213,12 +220,12 @@ impl ModeEquations {
     }
 
     /// The slip speed of a contact below which its direction is that of the mode.
-    pub(super) fn least_slip(&self, k: usize) -> f64 {
+    pub(crate) fn least_slip(&self, k: usize) -> f64 {
         self.least[k]
     }
 
     /// The factors at the last evaluation.
-    pub(super) fn solved_last(&self) -> Option<&Solved> {
+    pub(crate) fn solved_last(&self) -> Option<&Solved> {
         self.last.as_ref()
     }
 

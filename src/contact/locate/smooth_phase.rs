@@ -53,8 +53,8 @@ pub struct SmoothPhase<'l, 'p> {
     /// The event-driven run.
     pub located: &'l mut EventDriven<'p>,
     pub(super) mode: Vec<Status>,
-    radau: Option<Radau<'l>>,
-    pub(super) watch: &'l mut ModeEquations,
+    pub(crate) radau: Option<Radau<'l>>,
+    pub(crate) watch: &'l mut ModeEquations,
     control: &'l Control,
     over: bool,
     /// The partition of the last step in which its dependence on time shows.
@@ -222,6 +222,17 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         if let Some(radau) = &mut self.radau {
             radau.interpolate(t, x);
         }
+    }
+
+    /// Writes `x` at a time within the last step; at its end that in the new mode.
+    pub fn states_at(&mut self, t: f64, x: &mut [f64]) {
+        let EventDriven { state, last, .. } = &*self.located;
+        if t < state.t && t >= last.t && self.radau.is_some() {
+            return self.at(t, x);
+        }
+        let (q, v) = x.split_at_mut(state.q.len());
+        q.copy_from_slice(&state.q);
+        v.copy_from_slice(&state.v);
     }
 
     /// Encloses `x` between two times within the last step; empty if the step was not smooth motion.

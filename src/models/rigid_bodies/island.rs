@@ -323,7 +323,7 @@ impl Island {
         let (mu, restitution, cone) = (&mu[..], &restitution[..], &cone[..]);
         if rebounds && self.impact_law == ImpactLaw::Sequential {
             let contacts = Contacts { delassus: matrix, free: &free, before: &before, gap, mu, restitution, cone, h };
-            struck = sequential(&contacts).0;
+            sequential(&contacts).into_iter().for_each(|(k, strike)| struck[k] += strike);
             for k in 0..gap.len() {
                 let change = matrix.row_product(k, &struck);
                 before[k] += change;

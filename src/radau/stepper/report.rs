@@ -3,6 +3,7 @@
 use super::Radau;
 use crate::consistent_variables::inequality;
 use crate::face::ActiveFace;
+use crate::tableau::Tableau;
 use crate::work::Work;
 use problem::{ConvexSet, Dvi, FaceEquations};
 
@@ -19,7 +20,38 @@ pub struct Variables<'a> {
     pub g: &'a [f64],
 }
 
+/// The last accepted step, for those who differentiate it.
+#[derive(Clone, Copy, Debug)]
+pub struct LastStep<'a> {
+    /// Time at its beginning.
+    pub t: f64,
+    /// Its size.
+    pub h: f64,
+    /// `y` at its beginning.
+    pub y: &'a [f64],
+    /// The stage increments, in as many blocks as there are stages.
+    pub z: &'a [f64],
+    /// The coefficients.
+    pub tableau: &'static Tableau,
+}
+
 impl Radau<'_> {
+    /// The last accepted step; of size zero if there is none.
+    pub fn last_step(&self) -> LastStep<'_> {
+        LastStep {
+            t: self.last.t,
+            h: self.last.h,
+            y: &self.last.y,
+            z: &self.last.z,
+            tableau: self.orders.last().tableau,
+        }
+    }
+
+    /// Whether the last step ended at a breakpoint or a switch, behind which the run begins anew.
+    pub fn begins_anew(&self) -> bool {
+        !self.continues
+    }
+
     /// The time reached.
     pub fn t(&self) -> f64 {
         self.clock.t

@@ -89,6 +89,24 @@ impl Tangents {
         Ok([mass, by_y])
     }
 
+    /// The derivatives of the equations of a face at `(t, y)`: of `F`, then of the equation of each variable, with respect
+    /// to `y` and to the directions.
+    ///
+    /// # Errors
+    /// Variables on the boundary of a block.
+    pub fn derivatives(&mut self, face: &ActiveFace, t: f64, y: &[f64]) -> Result<[DMatrix<f64>; 2], NoDerivative> {
+        let (n, unknowns) = (self.mass.nrows(), y.len());
+        let rows = self.rows_at(t, y);
+        let mut by_y = rows.by_y.rows(0, unknowns).into_owned();
+        let mut by_directions = rows.by_directions.rows(0, unknowns).into_owned();
+        for k in 0..unknowns - n {
+            let (own, own_by_directions) = self.equation(face, k, &rows)?;
+            by_y.row_mut(n + k).copy_from_slice(&own);
+            by_directions.row_mut(n + k).copy_from_slice(&own_by_directions);
+        }
+        Ok([by_y, by_directions])
+    }
+
     /// Solves for the derivatives of the states at the stages of a step.
     pub(super) fn solve_stages(&mut self, step: &Step, tableau: &Tableau) -> Result<(), NoDerivative> {
         let (n, unknowns, s, h) = (self.mass.nrows(), step.y.len(), tableau.stages(), step.h);

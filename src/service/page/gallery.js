@@ -8,6 +8,8 @@ const FIELDS = ["Friction and impact", "Bodies", "Circuits", "Control and switch
 const TEXTS = {
   friction_belt: [0, "m v' = -c v - k x - F,  F in [-f, f],  -(v - v_belt) F maximal", "A mass on a spring rides on a moving belt: it sticks, is torn loose, slips. Turn the speed of the belt and watch stick-slip vanish."],
   bouncing_ball: [0, "m y'' = -m g + r,  0 <= y, r >= 0,  y'+ = -e y'-", "A ball bounces infinitely often in a finite time, then rests. The impacts accumulate, and the solver passes their limit."],
+  bouncing_ball_slopes: [0, "dx+ = R_x (dx- + x'- dtau) - x'+ dtau", "The slopes of a bouncing ball by height, gravity and restitution, exact through every impact. They go on behind the limit of the impacts, whose time has slopes of its own."],
+  shaken_ball_branch: [0, "0 <= y - a sin 2 pi t,  x(1) = x(0)", "A ball jumps on a shaken table once a period, followed over the amplitude. Where the multiplier passes -1, the jumps become unequal."],
   friction_disk: [0, "m v' = -F,  |F| <= mu m g,  F along v", "A block slides in the plane until friction stops it. Friction is a disk, not a box: the path stays straight."],
   friction_chain: [0, "m x_i'' = k (x_{i+1} - 2 x_i + x_{i-1}) - F_i", "Twenty masses on a rough table are pulled at one end. A wave of slip runs in and dies where friction holds."],
   newton_cradle: [0, "x_i'' = -g/l x_i,  0 <= x_{i+1} - x_i", "Five balls on strings, struck one after the other. Sequential impacts carry the blow through, as the toy does."],

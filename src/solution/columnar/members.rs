@@ -139,6 +139,9 @@ impl PartsWriter {
         let Some(rest) = self.rest.take() else { return Ok(()) };
         let index = self.index.get_or_insert_with(|| PartsIndex { head: rest.emptied(), parts: Vec::new() });
         index.head.failed += rest.failed;
+        if rest.rows() == 0 {
+            return Ok(());
+        }
         let (mut columns, mut bytes) = (Vec::with_capacity(rest.columns.len()), Vec::new());
         for Column { values, .. } in &rest.columns {
             bytes.clear();
@@ -146,9 +149,7 @@ impl PartsWriter {
             columns.push((bytes.len() as u64, checksum(&bytes)));
             out.write_all(&bytes)?;
         }
-        if rest.rows() > 0 {
-            index.parts.push(PartIndex { rows: rest.rows(), columns });
-        }
+        index.parts.push(PartIndex { rows: rest.rows(), columns });
         Ok(())
     }
 }

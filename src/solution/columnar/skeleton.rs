@@ -1,8 +1,8 @@
 //! A solution without its columns, as JSON: everything in an excerpt other than the numbers.
 
 use crate::{
-    Checked, EndedBy, Event, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution, Status, SteadyState,
-    Summary, Table, Trajectory, Verdict, Version,
+    Branch, Checked, EndedBy, Event, EventSlope, Failure, FitAnswer, Orbit, Provenance, Solution, StaticSolution,
+    Status, SteadyState, Summary, Table, Trajectory, Verdict, Version,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
@@ -39,10 +39,14 @@ struct Parts<'a> {
     diagnostics: Option<Cow<'a, RawValue>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensitivities: Option<Checked>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    event_slopes: Vec<EventSlope>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     orbit: Option<Orbit>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     steady_state: Option<SteadyState>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    branch: Option<Branch>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     fit: Option<FitAnswer>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -76,8 +80,10 @@ impl Skeleton {
             trajectory,
             diagnostics,
             sensitivities,
+            event_slopes,
             orbit,
             steady_state,
+            branch,
             table,
             summary,
             fit,
@@ -97,8 +103,10 @@ impl Skeleton {
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
             diagnostics: Some(evidence(serde_json::value::to_raw_value(diagnostics))?),
             sensitivities: sensitivities.clone(),
+            event_slopes: event_slopes.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),
+            branch: branch.clone(),
             table: table.as_ref().map(|table| evidence(head_of(table))).transpose()?,
             summary: summary.clone(),
             fit: fit.clone(),

@@ -196,8 +196,12 @@ impl Written for MechanicalProblem {
             }
         };
         let mut model = MechanicalModel::new(&coordinates, &names, initial, system, warnings);
+        let written = [&rows.mass, &rows.forces, &rows.joints, &rows.gaps, &rows.slips].into_iter().flatten();
+        let mut of_states = written.chain([&rows.potential]).flat_map(|&node| lowering.graph.kinks(node));
+        model.has_kinks = of_states.any(|(_, inputs)| inputs.iter().any(|&input| input > 0));
         let (coefficients, contacts) = terms.into_iter().unzip();
-        let terms = ParametricTerms { initial: start_terms, contacts, ..ParametricTerms::default() };
+        let rows = model.terms().to_vec();
+        let terms = ParametricTerms { initial: start_terms, contacts, rows, ..ParametricTerms::default() };
         let parameters = lowering.parameters(terms, &Mass::Identity);
         model.parameters = parameters.map(|parameters| (parameters, coefficients));
         self.check_names(&model, place, &mut lowering);

@@ -12,7 +12,7 @@ use analysis::{Analysis, analysis_numbers};
 use models::{DviModel, Parameters, Unbindable};
 use problem::{Control, ConvexSet, Warning};
 use radau::run_numbers;
-use solution::{Diagnostics, Plan, Solution};
+use solution::{BranchOf, Diagnostics, Plan, Solution};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -122,6 +122,13 @@ impl Model for DviModel {
             Some(Search::Periodic(asked)) => solution::find_orbit(self, plan, *asked, &settings, analysis, control),
             Some(Search::Fit(fit)) => solution::fit(self, plan, fit, &settings, analysis, control),
             Some(Search::SteadyState) => solution::find_steady_state(self, plan, &settings, analysis, control),
+            Some(Search::Branch(asked)) => match &asked.of {
+                BranchOf::Rests => solution::follow_rests(self, plan, asked, &settings, analysis, control),
+                BranchOf::Orbits(periodic, program) => {
+                    let of = (&**asked, *periodic, program.as_ref());
+                    solution::follow_orbits(self, plan, of, &settings, analysis, control)
+                }
+            },
         }
     }
 

@@ -6,11 +6,12 @@ use crate::error::{Errors, SpecificationError};
 use crate::mechanical;
 use crate::method::{Impacts, Method, MethodName};
 use crate::pointer::Pointer;
+use crate::search::Search;
 use crate::stages::Stages;
 use analysis::Analysis;
 use models::{MechanicalModel, Parameters, Unbindable};
 use problem::{Control, Warning};
-use solution::{ContactPlan, Diagnostics, Plan, Solution};
+use solution::{BranchOf, ContactPlan, Diagnostics, Plan, Solution};
 use std::sync::Arc;
 
 /// Default relative residual of the contact law, small enough that bodies at rest do not creep.
@@ -35,6 +36,10 @@ impl Model for MechanicalModel {
 
     fn warnings(&self) -> &[Warning] {
         &self.warnings
+    }
+
+    fn mechanical(&self) -> Option<&MechanicalModel> {
+        Some(self)
     }
 
     fn parameters(&self) -> Option<&Parameters> {
@@ -96,7 +101,20 @@ impl Model for MechanicalModel {
     }
 
     fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution {
-        solution::integrate_contact(self, plan, &plan_of(specification), specification.analysis(), control)
+        let (contact, analysis) = (plan_of(specification), specification.analysis());
+        match (specification.search(), &contact.located) {
+            (Some(Search::Periodic(asked)), Some(radau)) => {
+                solution::find_orbit_of_motion(self, plan, *asked, (&contact, radau), analysis, control)
+            }
+            (Some(Search::Branch(asked)), Some(radau)) => match &asked.of {
+                BranchOf::Orbits(periodic, program) => {
+                    let of = (&**asked, *periodic, program.as_ref());
+                    solution::follow_orbits_of_motion(self, plan, of, (&contact, radau), analysis, control)
+                }
+                BranchOf::Rests => solution::integrate_contact(self, plan, &contact, analysis, control),
+            },
+            _ => solution::integrate_contact(self, plan, &contact, analysis, control),
+        }
     }
 
     fn method_name(&self, _stages: Stages) -> String {

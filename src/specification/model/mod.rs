@@ -20,7 +20,7 @@ use super::pointer::Pointer;
 use super::stages::Stages;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
-use models::{DviModel, Parameters, Unbindable};
+use models::{DviModel, MechanicalModel, Parameters, Unbindable};
 use problem::{Control, ConvexSet, Warning};
 use solution::{Diagnostics, Plan, Solution};
 use std::any::Any;
@@ -57,6 +57,11 @@ pub trait Model: Any + Debug + Send + Sync {
 
     /// The differential variational inequality, if the problem is formulated as one.
     fn dvi(&self) -> Option<&DviModel> {
+        None
+    }
+
+    /// The mechanical system in generalised coordinates, if the problem is formulated as one.
+    fn mechanical(&self) -> Option<&MechanicalModel> {
         None
     }
 

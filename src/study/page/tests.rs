@@ -90,7 +90,7 @@ fn systems_that_implicit_euler_solves_to_rounding_stand_apart() {
     let page = html(&[exact, telling], None, &[], false);
     let apart = page.find("solves to rounding").expect("a part of their own");
     let figure = &page[..page.find("</svg>").expect("a figure")];
-    assert!(figure.contains(">telling<") && !figure.contains(">exact<"), "{figure}");
+    assert!(figure.contains("\ntelling\n") && !figure.contains("\nexact\n"), "{figure}");
     assert!(page.find("#telling").expect("a row") < apart && apart < page.find("#exact").expect("a row"), "{page}");
 }
 

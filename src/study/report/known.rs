@@ -66,7 +66,7 @@ pub fn all() -> HashMap<String, Known> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use serde_json::json;
+    use crate::report;
     use specification::{EXAMPLES, Specification};
     use std::path::Path;
 
@@ -75,26 +75,25 @@ mod tests {
         let known: HashMap<String, Known> = serde_json::from_str(KNOWN).expect("a table");
         for (name, known) in known {
             let example = EXAMPLES.iter().find(|example| example.name == name);
-            let text = example.unwrap_or_else(|| panic!("`{name}` is no example")).text;
+            let example = example.unwrap_or_else(|| panic!("`{name}` is no example"));
             assert!(!known.equations.is_empty(), "{name} has no equations");
             assert_eq!(
                 known.exact.is_empty(),
                 known.source.is_none(),
                 "{name}: values have a source, and a source values"
             );
-            if let Some(file) = known.source.and_then(|source| source.file) {
-                let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(&file);
+            if let Some(file) = known.source.as_ref().and_then(|source| source.file.as_ref()) {
+                let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(file);
                 assert!(path.exists(), "{name}: {file} is no file");
             }
             if known.exact.is_empty() {
                 continue;
             }
-            let mut document: Value = serde_json::from_str(text).expect("JSON");
-            let end = known.end.unwrap_or_else(|| document["time"]["end"].as_f64().expect("an end"));
-            document["time"]["end"] = end.into();
+            let document = report::shown(example, &known).expect("an object");
+            let end = document["time"]["end"].as_f64().expect("an end");
             let start = document["time"]["start"].as_f64().unwrap_or(0.0);
             assert!(known.switches.iter().all(|t| (start..=end).contains(t)), "{name}: {:?}", known.switches);
-            document["study"] = json!({"step": [end - start], "exact": known.exact});
+            let document = report::with_exact_values(document, &known).expect("an end");
             let read = Specification::from_json(document.to_string().as_bytes());
             assert!(read.is_ok(), "{name}: {:#?}", read.err());
         }

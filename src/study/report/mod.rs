@@ -18,6 +18,7 @@ pub use pictures::{chapter_picture, chosen, first_order, picture};
 pub use reference::Reference;
 
 use crate::solve::solve_once;
+use known::Known;
 use problem::Control;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -167,23 +168,8 @@ impl Run {
 /// Runs all of one system. `None` where no ladder fits it.
 pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
     let known = known::known(example.name);
-    let mut document: Value = serde_json::from_str(example.text).ok()?;
-    let root = document.as_object_mut()?;
-    // What ends a run, or is asked for beside it, is no part of the comparison.
-    for key in ["sensitivities", "output", "study"] {
-        root.remove(key);
-    }
-    if let Some(Value::Array(monitors)) = root.get_mut("stop") {
-        monitors.retain(|monitor| monitor["record"] == true);
-    }
-    if let Some(end) = known.end {
-        document["time"]["end"] = end.into();
-    }
-    let shown = document.clone();
-    if !known.exact.is_empty() {
-        let horizon = document["time"]["end"].as_f64()? - document["time"]["start"].as_f64().unwrap_or(0.0);
-        document["study"] = json!({"step": [horizon], "exact": known.exact});
-    }
+    let shown = shown(example, &known)?;
+    let document = with_exact_values(shown.clone(), &known)?;
     let specification = Specification::from_json(document.to_string().as_bytes()).ok()?;
     let ladders = specification.model().varied().ladders;
     if ladders.is_empty() || specification.sweep().is_some() || specification.search().is_some() {
@@ -217,6 +203,31 @@ pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
         peers: Vec::new(),
         conditions: Conditions::here(date.to_owned()),
     })
+}
+
+/// The specification of a system as the report compares its runs: whatever ends a run or is asked for beside it is left out.
+fn shown(example: &Example, known: &Known) -> Option<Value> {
+    let mut document: Value = serde_json::from_str(example.text).ok()?;
+    let root = document.as_object_mut()?;
+    for key in ["sensitivities", "output", "study"] {
+        root.remove(key);
+    }
+    if let Some(Value::Array(monitors)) = root.get_mut("stop") {
+        monitors.retain(|monitor| monitor["record"] == true);
+    }
+    if let Some(end) = known.end {
+        document["time"]["end"] = end.into();
+    }
+    Some(document)
+}
+
+/// The same as a study with the values that are known from outside, if there are any.
+fn with_exact_values(mut document: Value, known: &Known) -> Option<Value> {
+    if !known.exact.is_empty() {
+        let horizon = document["time"]["end"].as_f64()? - document["time"]["start"].as_f64().unwrap_or(0.0);
+        document["study"] = json!({"step": [horizon], "exact": known.exact});
+    }
+    Some(document)
 }
 
 /// Points of a curve of the picture of a solution.

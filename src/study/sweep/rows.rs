@@ -277,7 +277,7 @@ fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -
         }
         Some(Search::SteadyState) => columns.push(("stable", words())),
         // A fit does not go with a sweep.
-        Some(Search::Fit(_)) | None => {}
+        Some(Search::Fit(_) | Search::Branch(_)) | None => {}
     }
     columns.extend([
         ("status", words()),

@@ -7,6 +7,7 @@ mod impacts;
 mod located;
 mod rest;
 mod scenes;
+mod slopes;
 mod units;
 mod varying;
 

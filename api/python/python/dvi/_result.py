@@ -285,6 +285,16 @@ class Result:
         return self._part("fit")
 
     @property
+    def event_slopes(self) -> list[dict[str, Any]]:
+        """The derivatives of the times of events, of a motion with impacts."""
+        return self._part("event_slopes") or []
+
+    @property
+    def branch(self) -> Optional[dict[str, Any]]:
+        """The branch of orbits or states of rest that was followed."""
+        return self._part("branch")
+
+    @property
     def study(self) -> Optional[dict[str, Any]]:
         """Error against run time."""
         return self._part("study")

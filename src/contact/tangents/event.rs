@@ -1,0 +1,188 @@
+//! The times of events, and their derivatives.
+
+use super::linearised::{Columns, Linearised};
+use super::{Directions, NoDerivative};
+use crate::locate::{Ending, ModeEquations, Status};
+use nalgebra::{DMatrix, RowDVector};
+use problem::{EventKind, MechanicalStructure};
+
+/// A monitor is crossed if its rate exceeds this fraction of the terms of the rate, which is rounding: whether a contact
+/// grazes within the tolerances is told by the run.
+const TRANSVERSAL: f64 = 1e-13;
+
+/// The part of the largest derivatives so far below which what is left of them is rounding.
+const CANCELLED: f64 = 1e-9;
+
+/// Flights of less than this fraction of each other do not get shorter: they have no limit.
+const SHORTER: f64 = 1e-6;
+
+/// The time of an event with its derivatives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EventSlope {
+    /// The time.
+    pub t: f64,
+    /// What happened.
+    pub kind: TimedEvent,
+    /// The index of the contact.
+    pub contact: usize,
+    /// The derivatives of the time, one per direction.
+    pub slopes: Vec<f64>,
+    /// The transversality: the rate at which the monitor of the event crosses zero, in absolute value.
+    pub transversality: f64,
+}
+
+/// An event with a time of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimedEvent {
+    /// An event of a contact.
+    Contact(EventKind),
+    /// The limit of impacts that accumulate.
+    Accumulation,
+}
+
+/// A monitor at an event: its rate of change along the motion, and its derivatives at a fixed time.
+pub(super) struct Crossed {
+    pub rate: f64,
+    /// The sum of the absolute values of the terms of the rate.
+    pub terms: f64,
+    /// One per direction.
+    pub slopes: RowDVector<f64>,
+    /// The sum of the absolute values of the terms of each.
+    pub sizes: RowDVector<f64>,
+}
+
+impl Crossed {
+    /// The monitor of an ending at a state with velocities and accelerations `rates`, where the derivatives of the states
+    /// are `now`, no larger than `largest` so far.
+    pub fn at(
+        ending: Ending,
+        equations: &ModeEquations,
+        linearised: &Linearised,
+        directions: &Directions,
+        (rates, now, largest): (&[f64], &DMatrix<f64>, &DMatrix<f64>),
+    ) -> Self {
+        let structure = equations.shape();
+        let columns = Columns { coordinates: structure.coordinates, directions: directions.count() };
+        let mut gradient = RowDVector::zeros(columns.all());
+        match ending {
+            Ending::Impact(k) => gradient += linearised.values.row(structure.joints + k),
+            Ending::Detachment(k) => gradient += linearised.lambda.row(structure.normal(k)),
+            Ending::StickToSlip(k, _) => {
+                let normal = structure.normal(k);
+                gradient += linearised.lambda.row(normal) * structure.contacts[k].mu;
+                for p in 0..columns.directions {
+                    gradient[columns.direction(p)] += directions.mu[(k, p)] * equations.lambda[normal];
+                }
+                let friction = structure.tangents(k).map(|row| equations.lambda[row].powi(2)).sum::<f64>().sqrt();
+                for row in structure.tangents(k) {
+                    gradient -= linearised.lambda.row(row) * (equations.lambda[row] / friction);
+                }
+            }
+            Ending::SlipToStick(k) => {
+                if let Status::Slip(d) = equations.mode()[k] {
+                    for (row, d) in structure.tangents(k).zip(d.iter()) {
+                        gradient += linearised.velocity.row(row) * *d;
+                    }
+                }
+            }
+        }
+        let time = gradient[columns.time()];
+        let own = gradient.columns(2 * columns.coordinates, columns.directions);
+        let by_state = gradient.columns(0, 2 * columns.coordinates);
+        let terms = by_state.iter().zip(rates).map(|(by, rate)| (by * rate).abs()).sum::<f64>() + time.abs();
+        // What cancels leaves rounding of what was there before.
+        let sizes = by_state.abs() * (now.abs() + largest * CANCELLED) + own.abs();
+        Self {
+            rate: by_state.iter().zip(rates).map(|(by, rate)| by * rate).sum::<f64>() + time,
+            terms,
+            slopes: by_state * now + own,
+            sizes,
+        }
+    }
+
+    /// Moves it to a time `ahead`, where its rate and its derivatives change at these rates.
+    pub fn move_to(&mut self, ahead: f64, of_rate: f64, of_slopes: &RowDVector<f64>) {
+        self.rate += ahead * of_rate;
+        self.slopes += of_slopes * ahead;
+    }
+
+    /// The derivatives of the time at which the monitor crosses zero.
+    pub fn times(&self) -> Result<RowDVector<f64>, NoDerivative> {
+        let times = &self.slopes * (-1.0 / self.rate);
+        let is_crossed = self.rate.abs() > TRANSVERSAL * self.terms && times.iter().all(|time| time.is_finite());
+        if is_crossed { Ok(times) } else { Err(NoDerivative::Grazing) }
+    }
+
+    /// Whether the monitor stays zero at times that change by `times`.
+    pub fn agrees(&self, times: &RowDVector<f64>, tolerance: f64) -> bool {
+        (0..times.len()).all(|p| {
+            let moved = self.rate * times[p];
+            (self.slopes[p] + moved).abs() <= tolerance * (self.sizes[p] + moved.abs() + self.terms * times[p].abs())
+        })
+    }
+}
+
+/// The kind of an ending.
+pub(super) fn kind(ending: Ending) -> EventKind {
+    match ending {
+        Ending::Impact(_) => EventKind::Impact,
+        Ending::Detachment(_) => EventKind::LiftOff,
+        Ending::StickToSlip(..) => EventKind::Slip,
+        Ending::SlipToStick(_) => EventKind::Stick,
+    }
+}
+
+/// The contact of an ending.
+pub(super) fn contact(ending: Ending) -> usize {
+    match ending {
+        Ending::Impact(k) | Ending::Detachment(k) | Ending::StickToSlip(k, _) | Ending::SlipToStick(k) => k,
+    }
+}
+
+/// The ending that takes a contact from one status to another; `None` if no monitor does.
+pub(super) fn between(structure: &MechanicalStructure, k: usize, from: Status, to: Status) -> Option<Ending> {
+    match (from, to) {
+        (Status::Open, Status::Open)
+        | (Status::Frictionless, Status::Frictionless)
+        | (Status::Stick, Status::Stick) => None,
+        (Status::Open, _) => Some(Ending::Impact(k)),
+        (_, Status::Open) => Some(Ending::Detachment(k)),
+        (Status::Stick, Status::Slip(direction)) => Some(Ending::StickToSlip(k, direction)),
+        (Status::Slip(_), Status::Stick) => Some(Ending::SlipToStick(k)),
+        (Status::Slip(before), Status::Slip(after)) => {
+            (structure.contacts[k].slips < 2 && before.dot(&after) < 0.0).then_some(Ending::SlipToStick(k))
+        }
+        (Status::Frictionless, _) | (_, Status::Frictionless) => None,
+    }
+}
+
+/// The last impacts of a contact, with the derivatives of their times.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Flights {
+    last: Vec<(f64, RowDVector<f64>)>,
+}
+
+impl Flights {
+    /// Records an impact.
+    pub fn note(&mut self, t: f64, times: &RowDVector<f64>) {
+        if self.last.len() == 3 {
+            self.last.remove(0);
+        }
+        self.last.push((t, times.clone()));
+    }
+
+    /// The time of the limit of the impacts, and its derivatives: that of the last impact and the geometric rest
+    /// `T rho/(1 - rho)` of flights, each `rho` times as long as the one before.
+    pub fn limit(&self) -> Option<(f64, RowDVector<f64>)> {
+        let [(t0, s0), (t1, s1), (t2, s2)] = self.last.as_slice() else { return None };
+        let (first, last) = (t1 - t0, t2 - t1);
+        let (of_first, of_last) = (s1 - s0, s2 - s1);
+        let rho = last / first;
+        let left = 1.0 - rho;
+        if !(left > SHORTER && rho > 0.0) {
+            return None;
+        }
+        let slope = (&of_last / left + (&of_last - of_first * rho) / (left * left)) * rho;
+        Some((t2 + last * rho / left, s2 + slope))
+    }
+}

@@ -1,0 +1,237 @@
+//! The derivatives of an event-driven motion with respect to its parameters and initial values: along smooth arcs those of
+//! the stages ([`Arc`]), and where an arc ends those of its event and of what follows it (saltation; Aizerman and
+//! Gantmakher 1958; Hiskens and Pai 2000). With a monitor `phi` of the event and the impact or the new mode as a map `R`
+//! from the state before to the state after,
+//!
+//! ```text
+//! dtau = -(phi_x dx + phi_p)/phi',    dx+ = R_x (dx- + x'- dtau) + R_p + R_t dtau - x'+ dtau
+//! ```
+//!
+//! An impact with friction is differentiated on the face that it ends on: closed contacts with their target velocities,
+//! sticking ones without slip, slipping ones with their friction at its bound. On the border between two faces there is no
+//! derivative, and none is reported; nor where contacts meet at one time whose order depends on the direction.
+//!
+//! Where impacts accumulate, the run passes their limit by one impact without restitution, at the last of them. By the
+//! balance of momentum the tangential motion after it is that after infinitely many impacts, whatever the direction. The
+//! time of the limit is that of the last impact and the geometric rest `T rho/(1 - rho)` of the flights of length `T`
+//! behind it.
+
+mod arc;
+mod event;
+mod impact;
+mod linearised;
+mod no_derivative;
+mod transition;
+
+pub use event::{EventSlope, TimedEvent};
+pub use no_derivative::NoDerivative;
+
+use super::locate::{EventDriven, ModeEquations, SmoothPhase};
+use super::velocity_step::State;
+use arc::Arc;
+use event::Flights;
+use nalgebra::DMatrix;
+use numerics::CENTRAL_DIFFERENCE;
+use problem::{Mechanical, MechanicalStructure};
+use transition::Instant;
+
+/// A jump of the accelerations below this fraction of their terms counts as zero.
+const CONTINUOUS: f64 = 1e-9;
+
+/// Writes the derivatives of the terms of motion with respect to each direction at `t` and `(q, v, a, lambda)`: of the
+/// balance `M a - f - J^T lambda`, of `u'`, of `u`, and of the values of joints and gaps, one row each.
+pub type TermsBy = Box<dyn FnMut(f64, &[f64], &mut DMatrix<f64>) + Send>;
+
+/// The directions of differentiation, one per column.
+pub struct Directions {
+    /// The derivatives of `q` and `v` at the start.
+    pub initial: DMatrix<f64>,
+    /// Those of the terms of motion.
+    pub terms: TermsBy,
+    /// Those of the coefficients of friction, one contact per row.
+    pub mu: DMatrix<f64>,
+    /// Those of the coefficients of restitution, one contact per row.
+    pub restitution: DMatrix<f64>,
+    /// The system shifted along each direction, for its event functions of time; `None` if they do not depend on it.
+    pub shifted: Vec<Option<ShiftedMotion>>,
+}
+
+/// A system with one parameter above and below its value.
+pub struct ShiftedMotion {
+    /// Size of the shift.
+    pub by: f64,
+    /// The systems with the parameter above and below its value.
+    pub systems: [Box<dyn Mechanical>; 2],
+}
+
+impl Directions {
+    fn count(&self) -> usize {
+        self.initial.ncols()
+    }
+
+    fn evaluate(&mut self, t: f64, y: &[f64], out: &mut DMatrix<f64>) {
+        (self.terms)(t, y, out);
+    }
+}
+
+/// A jump of the states at an event whose time may move.
+#[derive(Clone, Debug)]
+pub struct Jumped {
+    /// The time.
+    pub t: f64,
+    /// `q` and `v` before.
+    pub before: Vec<f64>,
+    /// `q` and `v` after.
+    pub after: Vec<f64>,
+    /// The derivatives of the time, one state per row: islands of bodies have their own events.
+    pub times: DMatrix<f64>,
+}
+
+/// The derivatives along an event-driven run.
+pub struct Tangents {
+    equations: ModeEquations,
+    directions: Directions,
+    structure: MechanicalStructure,
+    /// The derivatives of `q` and `v` at the time reached, one direction per column.
+    now: DMatrix<f64>,
+    /// Their largest values so far: a scale for rounding.
+    largest: DMatrix<f64>,
+    /// The last arc.
+    arc: Option<Arc>,
+    reached: f64,
+    /// The transition at the time reached, if there was one.
+    instant: Option<Instant>,
+    flights: Vec<Flights>,
+    events: Vec<EventSlope>,
+}
+
+impl Tangents {
+    /// Begins at the start of a run of `problem`.
+    ///
+    /// # Errors
+    /// Why there is no derivative from the start on.
+    pub fn new(
+        problem: Box<dyn Mechanical>,
+        directions: Directions,
+        located: &mut EventDriven<'_>,
+    ) -> Result<Self, NoDerivative> {
+        let structure = problem.structure().clone();
+        let now = directions.initial.clone();
+        let (n, count) = (structure.coordinates, directions.count());
+        // The start has a time that nothing moves.
+        let start = Instant { times: DMatrix::zeros(n, count), happened: vec![true; n] };
+        let mut tangents = Self {
+            instant: Some(start),
+            equations: ModeEquations::new(problem),
+            largest: now.abs(),
+            flights: vec![Flights::default(); structure.contacts.len()],
+            now,
+            directions,
+            structure,
+            arc: None,
+            reached: located.state.t,
+            events: Vec::new(),
+        };
+        if let Some(transition) = located.transition.take() {
+            tangents.check_start(located, &transition)?;
+            tangents.pass(located, &transition)?;
+            tangents.keep_largest();
+        }
+        Ok(tangents)
+    }
+
+    /// Takes up the mode of a smooth phase that begins.
+    pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
+        self.equations.adopt(phase.watch);
+        self.arc = None;
+    }
+
+    /// Follows the last step of a phase, and returns the jump at its end, if its arc ended there.
+    ///
+    /// # Errors
+    /// Why there is no derivative from the end of this step on.
+    pub fn follow(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
+        let Some(radau) = &phase.radau else { return Err(NoDerivative::SteppedOver) };
+        let located = &*phase.located;
+        let (begin, transition) = (located.last.t, &located.transition);
+        let end = transition.as_ref().map_or(located.state.t, |transition| transition.before.t);
+        if end > begin {
+            self.instant = None;
+            let step = radau.last_step();
+            let arc = Arc::new(step, &self.now, &mut self.equations, &mut self.directions)?;
+            self.now = arc.at(end);
+            self.arc = Some(arc);
+            self.keep_largest();
+            if transition.is_none() && radau.begins_anew() && !radau.is_done() && end == radau.t() {
+                let (ends, x) = ([step.t + step.h, end], [located.state.q.as_slice(), &located.state.v].concat());
+                self.pass_break(ends, &x)?;
+            }
+        }
+        self.reached = located.state.t;
+        if located.grazes {
+            return Err(NoDerivative::Grazing);
+        }
+        let Some(transition) = phase.located.transition.clone() else { return Ok(None) };
+        let times = self.pass(phase.located, &transition)?;
+        self.keep_largest();
+        let (State { t, q, v }, after) = (transition.before, &phase.located.state);
+        let n = self.structure.coordinates;
+        let times = DMatrix::from_fn(2 * n, times.ncols(), |i, j| times[(i % n, j)]);
+        Ok(Some(Jumped { t, before: [q, v].concat(), after: [after.q.as_slice(), &after.v].concat(), times }))
+    }
+
+    /// Writes the derivatives of `q` and `v` at a time within the last step, one state per row.
+    pub fn at(&self, t: f64) -> DMatrix<f64> {
+        match &self.arc {
+            Some(arc) if t < self.reached => arc.at(t),
+            _ => self.now.clone(),
+        }
+    }
+
+    /// The rates `(v, a)` of a state in the present mode, at the time reached.
+    pub fn rates(&mut self, x: &[f64]) -> Vec<f64> {
+        self.equations.evaluate_at(self.reached, x);
+        [&x[self.structure.coordinates..], &self.equations.a].concat()
+    }
+
+    /// Hands over the derivatives of the times of events since the last call.
+    pub fn take_events(&mut self) -> std::vec::Drain<'_, EventSlope> {
+        self.events.drain(..)
+    }
+
+    fn keep_largest(&mut self) {
+        self.largest.zip_apply(&self.now, |largest, now| *largest = largest.max(now.abs()));
+    }
+
+    /// Continues the derivatives across a breakpoint of time, at which forces may jump.
+    fn pass_break(&mut self, [before, after]: [f64; 2], x: &[f64]) -> Result<(), NoDerivative> {
+        let n = self.structure.coordinates;
+        let mut at = |t: f64| {
+            self.equations.evaluate_at(t, x);
+            self.equations.a.clone()
+        };
+        let (left, right) = (at(before), at(after));
+        let size = left.iter().chain(&right).fold(0.0_f64, |most, a| most.max(a.abs()));
+        let jump: Vec<f64> = left.iter().zip(&right).map(|(left, right)| left - right).collect();
+        if jump.iter().all(|jump| jump.abs() <= CONTINUOUS * size) {
+            return Ok(());
+        }
+        let first = self.equations.problem().breaks(before).to_vec();
+        let changes = |(after, before): (&f64, &f64)| (*after >= 0.0) != (*before >= 0.0);
+        let place = self.equations.problem().breaks(after).iter().zip(&first).position(changes);
+        let Some(place) = place else { return Ok(()) };
+        let by = CENTRAL_DIFFERENCE * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
+        let problem = self.equations.problem();
+        let rate = (problem.breaks(after + by)[place] - problem.breaks(before - by)[place]) / (2.0 * by);
+        for (direction, shifted) in self.directions.shifted.iter_mut().enumerate() {
+            let Some(shifted) = shifted else { continue };
+            let [above, below] = shifted.systems.each_mut().map(|system| system.breaks(before)[place]);
+            let time = -(above - below) / (2.0 * shifted.by) / rate;
+            if !time.is_finite() {
+                return Err(NoDerivative::Smooth(radau::NoDerivative::Grazing));
+            }
+            jump.iter().enumerate().for_each(|(i, jump)| self.now[(n + i, direction)] += jump * time);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,50 @@
+//! Why a motion with impacts has no derivative.
+
+use radau::NoDerivative as NoSmoothDerivative;
+
+/// Why there is no derivative.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum NoDerivative {
+    /// As on smooth motion.
+    #[error(transparent)]
+    Smooth(#[from] NoSmoothDerivative),
+    /// A gap touches zero.
+    #[error(
+        "a contact is touched and not struck (grazing): the velocity after it changes by the root of what is changed before"
+    )]
+    Grazing,
+    /// Several contacts at one time.
+    #[error(
+        "several contacts meet at one time, and which is the first depends on what is changed: the motion after them differs \
+         with their order"
+    )]
+    Several,
+    /// An impact between stick and slip, or between closed and open.
+    #[error(
+        "an impact is on the border between stick and slip, or between push and no push: the motion after it has a kink there"
+    )]
+    Degenerate,
+    /// The restitution was limited.
+    #[error(
+        "an impact with its whole restitution would have added energy, and as much was taken as adds none: that share has no \
+         derivative"
+    )]
+    Limited,
+    /// Impacts without loss accumulate.
+    #[error("impacts with a restitution of 1 crowd, which have no limit")]
+    Elastic,
+    /// The motion leaves a contact that the start holds.
+    #[error(
+        "a contact or a joint holds, and what is changed leads off it: a derivative would be one to one side only; vary what \
+         keeps it, or begin apart from it"
+    )]
+    OffContact,
+    /// Forces that are not unique.
+    #[error(
+        "contacts share a load in more than one way, so that the time at which one of them gives way is not unique"
+    )]
+    Redundant,
+    /// Time stepping took over.
+    #[error("no smooth motion could go on, and time stepping did, of which no derivatives are made")]
+    SteppedOver,
+}

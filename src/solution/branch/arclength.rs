@@ -1,0 +1,404 @@
+//! Pseudo-arclength continuation (Keller 1977; Allgower and Georg 2003, *Introduction to Numerical Continuation Methods*): the
+//! solutions `(w, p)` of `n` equations `r(w, p) = 0` form a curve, which is followed by steps along its tangent `t`,
+//!
+//! ```text
+//! (r_w r_p) t = 0, |t| = 1;    r(w, p) = 0,  <t, (w, p) - (w_0, p_0)> = ds
+//! ```
+//!
+//! so that it may turn back in `p`. Between two points a change of the sign of a function of the point is located by the step
+//! `ds` from the first, solved anew each time. Where the structure of the solution changes (its word: the faces that it is on,
+//! the events on its way), steps are halved until the place is known to the resolution, and the branch goes on behind it where
+//! there is a solution.
+
+use crate::Failure;
+use nalgebra::{DMatrix, DVector};
+use numerics::Bracket;
+
+/// Steps in units of the interval of the parameter, or of the sizes of the unknowns: the first, the longest, and the shortest,
+/// to which the place of a border is known.
+const FIRST: f64 = 0.02;
+const LONGEST: f64 = 0.05;
+const SHORTEST: f64 = 1e-9;
+/// The first step behind a border.
+const AGAIN: f64 = 1e-3;
+/// By how much a step grows after so many that took few corrections, and so many are few: where a border is near, steps that
+/// do not grow at once halve the distance to it.
+const GROWTH: f64 = 1.5;
+const STREAK: usize = 3;
+const FEW: usize = 4;
+/// The most corrections of one point.
+const CORRECTIONS: usize = 8;
+/// The least cosine of the angle between successive tangents: a sharper turn is made in shorter steps.
+const LEAST_COSINE: f64 = 0.9;
+/// The most trials in the location of an event, and the width to which it is located, as a part of the step.
+const TRIALS: usize = 60;
+const WIDTH: f64 = 1e-9;
+/// The part of a step by which a point may be off the plane that it is looked for in.
+const ON_PLANE: f64 = 1e-3;
+/// Singular values below this part of the largest are zero, as for single orbits.
+const RANK: f64 = 1e-8;
+/// How far behind a border the branch is looked for, in units of the interval.
+const BEHIND: f64 = 1e-4;
+
+/// The equations at one point.
+pub struct Evaluation<W> {
+    /// The residuals, in units of their tolerances.
+    pub residual: DVector<f64>,
+    /// Their derivatives by `w` and `p`, `n` rows and `n + 1` columns, in the units of both.
+    pub jacobian: DMatrix<f64>,
+    /// What must stay the same along a smooth piece of the branch.
+    pub word: W,
+    /// The numbers that tell stability, by which bifurcations are found.
+    pub spectrum: Vec<[f64; 2]>,
+    /// Whether the point is a solution of what was posed, and not only of the equations of its word.
+    pub is_admissible: bool,
+}
+
+/// A family of equations.
+pub trait Family {
+    /// The structure of a solution.
+    type Word: Clone + PartialEq;
+
+    /// Evaluates the equations, with the structure of a solution nearby where they need one.
+    ///
+    /// # Errors
+    /// Why they have no value or no derivative.
+    fn evaluate(&mut self, w: &[f64], p: f64, near: Option<&Self::Word>) -> Result<Evaluation<Self::Word>, Failure>;
+
+    /// A solution with another structure, at or a little behind the border `at`, reached in the direction of `towards`.
+    fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)>;
+
+    /// Whether the outside asks to stop.
+    fn is_stopped(&self) -> bool;
+}
+
+/// A point of the branch.
+#[derive(Clone, Debug)]
+pub struct Solved<W> {
+    pub w: Vec<f64>,
+    pub p: f64,
+    /// The unit tangent, in units of the sizes of the unknowns and of the interval of the parameter.
+    pub tangent: DVector<f64>,
+    pub word: W,
+    pub spectrum: Vec<[f64; 2]>,
+}
+
+/// Functions of a point whose changes of sign are events.
+pub type Test = fn(&[[f64; 2]], &DVector<f64>) -> f64;
+
+/// What happened on the branch.
+#[derive(Clone, Debug)]
+pub struct Found<W> {
+    pub at: Solved<W>,
+    /// The number of the point before.
+    pub after: usize,
+    pub what: What<W>,
+}
+
+/// The kind of an event.
+#[derive(Clone, Debug)]
+pub enum What<W> {
+    /// The sign of a test changed, by its number.
+    Test(usize),
+    /// The structure changed, to this one where one was found.
+    Border(Option<W>),
+}
+
+/// The curve that was followed.
+pub struct Curve<W> {
+    pub points: Vec<Solved<W>>,
+    pub events: Vec<Found<W>>,
+    /// Why it ends before the end of the interval; `None` at the end.
+    pub ended: Option<Failure>,
+}
+
+/// The interval of the parameter, and the sizes of the unknowns.
+pub struct Scales {
+    pub from: f64,
+    pub to: f64,
+    pub unknowns: Vec<f64>,
+}
+
+impl Scales {
+    fn of(&self, column: usize) -> f64 {
+        self.unknowns.get(column).copied().unwrap_or((self.to - self.from).abs())
+    }
+
+    /// The part of the interval that is passed at `p`.
+    fn passed(&self, p: f64) -> f64 {
+        (p - self.from) / (self.to - self.from)
+    }
+}
+
+/// A continuation on its way.
+pub struct Continuation<'f, F: Family> {
+    family: &'f mut F,
+    scales: Scales,
+    tests: &'f [Test],
+}
+
+impl<'f, F: Family> Continuation<'f, F> {
+    pub fn new(family: &'f mut F, scales: Scales, tests: &'f [Test]) -> Self {
+        Self { family, scales, tests }
+    }
+
+    /// Follows the branch from a point near `w` at the beginning of the interval, over at most so many points.
+    ///
+    /// # Errors
+    /// Why there is no first point.
+    pub fn follow(&mut self, w: &[f64], most: usize) -> Result<Curve<F::Word>, Failure> {
+        let n = w.len();
+        let mut ahead = DVector::zeros(n + 1);
+        ahead[n] = 1.0;
+        let from = self.scales.from;
+        let first = self.correct((w, from), (w, from), &ahead, 0.0, None)?.0;
+        let mut curve = Curve { points: vec![first], events: Vec::new(), ended: None };
+        let (mut ds, mut streak) = (FIRST, 0);
+        let (mut why, mut other) = (None, None);
+        while curve.points.len() < most {
+            let Some(last) = curve.points.last().cloned() else { break };
+            if self.family.is_stopped() {
+                curve.ended = Some(stopped(&last));
+                return Ok(curve);
+            }
+            // In units of the interval the parameter goes from 0 to 1; a branch that turns may come back to its beginning.
+            let (passed, along) = (self.scales.passed(last.p), last.tangent[n]);
+            let end = if along > 0.0 { 1.0 } else { 0.0 };
+            let left = (end - passed) / along;
+            if curve.points.len() > 1 && left.abs() <= SHORTEST {
+                return Ok(curve);
+            }
+            let is_last = along != 0.0 && ds >= left;
+            let step = if is_last { left } else { ds };
+            let made = if is_last { self.last_step(&last, step, end) } else { self.step(&last, step) };
+            match made {
+                Ok((next, corrections)) if next.word == last.word => {
+                    if next.tangent.dot(&last.tangent) < LEAST_COSINE && step > 1e3 * SHORTEST {
+                        (ds, streak) = (0.5 * step, 0);
+                        continue;
+                    }
+                    self.locate((&last, &next), step, &mut curve);
+                    curve.points.push(next);
+                    streak += 1;
+                    if streak >= STREAK && corrections <= FEW {
+                        ds = (GROWTH * ds).min(LONGEST);
+                    }
+                }
+                outcome => {
+                    match outcome {
+                        Ok((point, _)) => other = Some(point.word),
+                        Err(failure) => why = Some(failure),
+                    }
+                    (ds, streak) = (0.5 * step, 0);
+                    if step > SHORTEST {
+                        continue;
+                    }
+                    if !self.cross(&last, other.take(), &mut curve) {
+                        curve.ended = Some(why.unwrap_or_else(|| ended(&last)));
+                        return Ok(curve);
+                    }
+                    (ds, why) = (AGAIN, None);
+                }
+            }
+        }
+        Ok(curve)
+    }
+
+    /// A step along the tangent, and the number of its corrections.
+    fn step(&mut self, last: &Solved<F::Word>, ds: f64) -> Result<(Solved<F::Word>, usize), Failure> {
+        let n = last.w.len();
+        let w: Vec<f64> = (0..n).map(|i| last.w[i] + ds * last.tangent[i] * self.scales.of(i)).collect();
+        let p = last.p + ds * last.tangent[n] * self.scales.of(n) * self.direction();
+        self.correct((&w, p), (&last.w, last.p), &last.tangent, ds, Some(&last.word))
+    }
+
+    /// A step to an end of the interval.
+    fn last_step(&mut self, last: &Solved<F::Word>, ds: f64, end: f64) -> Result<(Solved<F::Word>, usize), Failure> {
+        let n = last.w.len();
+        let w: Vec<f64> = (0..n).map(|i| last.w[i] + ds * last.tangent[i] * self.scales.of(i)).collect();
+        let p = if end > 0.0 { self.scales.to } else { self.scales.from };
+        let mut at_fixed = DVector::zeros(n + 1);
+        at_fixed[n] = 1.0;
+        let (mut point, corrections) = self.correct((&w, p), (&w, p), &at_fixed, 0.0, Some(&last.word))?;
+        if point.tangent.dot(&last.tangent) < 0.0 {
+            point.tangent = -point.tangent;
+        }
+        Ok((point, corrections))
+    }
+
+    /// The sign of the parameter in units of its interval.
+    fn direction(&self) -> f64 {
+        (self.scales.to - self.scales.from).signum()
+    }
+
+    /// Newton's method for the point at the distance `ds` from `origin` along `tangent`.
+    fn correct(
+        &mut self,
+        (w, p): (&[f64], f64),
+        origin: (&[f64], f64),
+        tangent: &DVector<f64>,
+        ds: f64,
+        near: Option<&F::Word>,
+    ) -> Result<(Solved<F::Word>, usize), Failure> {
+        let n = w.len();
+        let (mut w, mut p) = (w.to_vec(), p);
+        let mut before = f64::INFINITY;
+        for correction in 0..=CORRECTIONS {
+            let evaluation = self.family.evaluate(&w, p, near)?;
+            let distance = evaluation.residual.amax();
+            let bordered = self.bordered(&evaluation.jacobian, tangent);
+            let along: f64 = (0..n).map(|i| tangent[i] * (w[i] - origin.0[i]) / self.scales.of(i)).sum::<f64>()
+                + tangent[n] * (p - origin.1) / self.scales.of(n) * self.direction();
+            let off = ds - along;
+            let is_on_plane = off.abs() <= ON_PLANE * ds.max(SHORTEST);
+            if distance <= 1.0 && (is_on_plane || correction == CORRECTIONS) {
+                if !evaluation.is_admissible {
+                    return Err(inadmissible(&w, p));
+                }
+                let mut unit = DVector::zeros(n + 1);
+                unit[n] = 1.0;
+                let direction = solve(bordered, &unit).ok_or_else(|| singular(&w, p))?;
+                let tangent = &direction / direction.norm();
+                let Evaluation { word, spectrum, .. } = evaluation;
+                return Ok((Solved { w, p, tangent, word, spectrum }, correction));
+            }
+            if correction == CORRECTIONS || !distance.is_finite() || distance > 1e3 * before.max(1e3) {
+                break;
+            }
+            before = distance;
+            let mut right = DVector::zeros(n + 1);
+            right.rows_mut(0, n).copy_from(&-&evaluation.residual);
+            right[n] = off;
+            let change = solve(bordered, &right).ok_or_else(|| singular(&w, p))?;
+            (0..n).for_each(|i| w[i] += change[i] * self.scales.of(i));
+            p += change[n] * self.scales.of(n) * self.direction();
+        }
+        Err(unsolved(&w, p))
+    }
+
+    /// The derivatives of the residuals by the unknowns in units of their sizes, with the tangent as the last row.
+    fn bordered(&self, jacobian: &DMatrix<f64>, tangent: &DVector<f64>) -> DMatrix<f64> {
+        let n = jacobian.nrows();
+        let mut matrix = DMatrix::zeros(n + 1, n + 1);
+        for column in 0..=n {
+            let scale = self.scales.of(column) * if column == n { self.direction() } else { 1.0 };
+            matrix.view_mut((0, column), (n, 1)).copy_from(&(jacobian.column(column) * scale));
+        }
+        matrix.row_mut(n).copy_from(&tangent.transpose());
+        matrix
+    }
+
+    /// Locates the changes of sign of the tests between two points.
+    fn locate(&mut self, (last, next): (&Solved<F::Word>, &Solved<F::Word>), ds: f64, curve: &mut Curve<F::Word>) {
+        let after = curve.points.len() - 1;
+        for (number, test) in self.tests.iter().enumerate() {
+            let value = |point: &Solved<F::Word>| test(&point.spectrum, &point.tangent);
+            let (before, behind) = (value(last), value(next));
+            if !(before.is_finite() && behind.is_finite()) || before == 0.0 || before.signum() == behind.signum() {
+                continue;
+            }
+            // The bracket falls.
+            let sign = before.signum();
+            let mut bracket = Bracket::new((0.0, sign * before), (ds, sign * behind));
+            let mut best = next.clone();
+            for _ in 0..TRIALS {
+                if bracket.width() <= WIDTH * ds {
+                    break;
+                }
+                let trial = bracket.guess();
+                let (a, b) = (bracket.before.0, bracket.behind.0);
+                let trial = if trial > a && trial < b { trial } else { 0.5 * (a + b) };
+                let Ok((point, _)) = self.step(last, trial) else { break };
+                let found = sign * value(&point);
+                best = point;
+                if found == 0.0 || !found.is_finite() {
+                    break;
+                }
+                bracket.narrow(trial, found);
+            }
+            curve.events.push(Found { at: best, after, what: What::Test(number) });
+        }
+    }
+
+    /// Goes on behind a border, where there is a solution; returns whether there is.
+    fn cross(&mut self, last: &Solved<F::Word>, other: Option<F::Word>, curve: &mut Curve<F::Word>) -> bool {
+        let n = last.w.len();
+        let ahead: Vec<f64> = (0..n).map(|i| last.tangent[i] * self.scales.of(i)).collect();
+        let by_p = last.tangent[n] * self.scales.of(n) * self.direction();
+        let behind: Vec<f64> = (0..n).map(|i| last.w[i] + BEHIND * ahead[i]).collect();
+        let found = self.family.beyond(last, &behind, last.p + BEHIND * by_p);
+        let next = found.and_then(|(w, p, word)| self.first_behind(last, (&w, p), &word));
+        let what = What::Border(next.as_ref().map(|point| point.word.clone()).or(other));
+        curve.events.push(Found { at: last.clone(), after: curve.points.len() - 1, what });
+        let goes_on = next.is_some();
+        curve.points.extend(next);
+        goes_on
+    }
+}
+
+impl<F: Family> Continuation<'_, F> {
+    /// The first point behind a border, with its tangent towards where the branch goes on.
+    fn first_behind(
+        &mut self,
+        last: &Solved<F::Word>,
+        (w, p): (&[f64], f64),
+        word: &F::Word,
+    ) -> Option<Solved<F::Word>> {
+        let n = w.len();
+        let mut at_fixed = DVector::zeros(n + 1);
+        at_fixed[n] = 1.0;
+        let (mut point, _) = self.correct((w, p), (w, p), &at_fixed, 0.0, Some(word)).ok()?;
+        let away: f64 = (0..n).map(|i| point.tangent[i] * (point.w[i] - last.w[i]) / self.scales.of(i)).sum::<f64>()
+            + point.tangent[n] * (point.p - last.p) / self.scales.of(n) * self.direction();
+        if away < 0.0 {
+            point.tangent = -point.tangent;
+        }
+        // The branch goes to the side on which it is a solution.
+        for _ in 0..2 {
+            if self.step(&point, AGAIN).is_ok_and(|(next, _)| next.word == point.word) {
+                return Some(point);
+            }
+            point.tangent = -point.tangent;
+        }
+        None
+    }
+}
+
+/// The solution of a square system, the smallest where it is singular.
+fn solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+    let rows = DVector::from_fn(matrix.nrows(), |i, _| {
+        let largest = matrix.row(i).amax();
+        if largest > 0.0 { largest.recip() } else { 1.0 }
+    });
+    let scaled = DMatrix::from_diagonal(&rows) * matrix;
+    let right = right.component_mul(&rows);
+    let svd = scaled.try_svd(true, true, f64::EPSILON, 0)?;
+    let least = RANK * svd.singular_values.max();
+    let found = svd.solve(&right, least).ok()?;
+    found.iter().all(|value| value.is_finite()).then_some(found)
+}
+
+fn failure(code: &'static str, message: String, w: &[f64]) -> Failure {
+    Failure { code: code.into(), message, time: 0.0, state: w.to_vec() }
+}
+
+fn stopped<W>(last: &Solved<W>) -> Failure {
+    failure("cancelled", format!("the continuation was stopped where the parameter is {:?}", last.p), &last.w)
+}
+
+fn ended<W>(last: &Solved<W>) -> Failure {
+    let message = format!("the branch ends where the parameter is {:?}: behind it no solution was found", last.p);
+    failure("no_branch", message, &last.w)
+}
+
+fn inadmissible(w: &[f64], p: f64) -> Failure {
+    failure("no_branch", format!("where the parameter is {p:?} the solution leaves what its set allows"), w)
+}
+
+fn singular(w: &[f64], p: f64) -> Failure {
+    failure("no_branch", format!("the equations of the branch are singular where the parameter is {p:?}"), w)
+}
+
+fn unsolved(w: &[f64], p: f64) -> Failure {
+    failure("no_branch", format!("Newton's method found no solution near where the parameter is {p:?}"), w)
+}

@@ -1,0 +1,375 @@
+//! Branches of periodic orbits, by shooting with the derivatives of each run by its start and by the parameter.
+
+use super::arclength::{Continuation, Curve, Evaluation, Family, Found, Scales, Solved, Test, What};
+use super::test_functions::{OF_ORBITS, is_confirmed};
+use super::{Branch, BranchEvent, BranchEventKind, BranchPlan};
+use crate::contact::{ContactPlan, integrate_contact_once};
+use crate::integrate::integrate_once;
+use crate::orbit::{Missed, Periodic, is_stable, run_along, search_from_start};
+use crate::run::{Ended, ending};
+use crate::shooting::{Passed, Shot, Subject};
+use crate::{Failure, Plan, Solution, Status};
+use analysis::Analysis;
+use expression::Tape;
+use models::{DviModel, MechanicalModel};
+use nalgebra::{DMatrix, DVector};
+use numerics::CENTRAL_DIFFERENCE;
+use problem::Control;
+use radau::Settings;
+use std::time::Instant;
+
+/// How far from the border, in units of the sizes of the unknowns, the branch may be taken up behind it.
+const NEAR: f64 = 0.1;
+/// The most corrections of an orbit behind a border.
+const CORRECTIONS: usize = 12;
+
+/// A model whose parameters can be bound, of a motion with how it meets impacts.
+#[derive(Clone)]
+enum Model<'a> {
+    Dvi(Box<DviModel>),
+    Motion(Box<MechanicalModel>, &'a ContactPlan),
+}
+
+impl<'a> Model<'a> {
+    fn values(&self) -> Vec<f64> {
+        let parameters = match self {
+            Self::Dvi(model) => model.parameters.as_ref(),
+            Self::Motion(model, _) => model.parameters.as_ref().map(|(parameters, _)| parameters),
+        };
+        parameters.map_or_else(Vec::new, |parameters| parameters.values().to_vec())
+    }
+
+    fn bound(&self, values: &[f64]) -> Result<Self, String> {
+        match self {
+            Self::Dvi(model) => model.with_parameters(values).map(|model| Self::Dvi(Box::new(model))),
+            Self::Motion(model, contact) => {
+                model.with_parameters(values).map(|model| Self::Motion(Box::new(model), contact))
+            }
+        }
+        .map_err(|why| why.to_string())
+    }
+
+    fn initial(&self) -> &[f64] {
+        match self {
+            Self::Dvi(model) => &model.initial,
+            Self::Motion(model, _) => &model.initial,
+        }
+    }
+
+    /// What is shot with.
+    fn subject<'m>(&'m self, settings: &'m Settings) -> Subject<'m> {
+        match self {
+            Self::Dvi(model) => Subject::Dvi(model, settings),
+            Self::Motion(model, contact) => Subject::Motion(model, contact, settings),
+        }
+    }
+
+    /// The name of what an event is of.
+    fn name(&self, of: &Passed) -> Option<String> {
+        match (self, of) {
+            (Self::Dvi(model), Passed::Switch(variable, ..)) => model.variable_names.get(*variable).cloned(),
+            (Self::Motion(model, _), Passed::Contact(contact, _)) => model.contacts.get(*contact).cloned(),
+            _ => None,
+        }
+    }
+}
+
+/// How its runs are made.
+#[derive(Clone, Copy)]
+struct How<'a> {
+    settings: &'a Settings,
+    analysis: &'a Analysis,
+}
+
+/// Follows orbits of a differential variational inequality.
+pub fn follow_orbits(
+    model: &DviModel,
+    plan: &Plan,
+    (asked, periodic, program): (&BranchPlan, Periodic, Option<&Tape>),
+    settings: &Settings,
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    let how = How { settings, analysis };
+    follow(&Model::Dvi(Box::new(model.clone())), plan, (asked, periodic, program), how, control)
+}
+
+/// Follows orbits of a motion with located impacts.
+pub fn follow_orbits_of_motion(
+    model: &MechanicalModel,
+    plan: &Plan,
+    (asked, periodic, program): (&BranchPlan, Periodic, Option<&Tape>),
+    (contact, settings): (&ContactPlan, &Settings),
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    let how = How { settings, analysis };
+    follow(&Model::Motion(Box::new(model.clone()), contact), plan, (asked, periodic, program), how, control)
+}
+
+/// The orbits over the parameter.
+struct Orbits<'a> {
+    model: &'a Model<'a>,
+    how: How<'a>,
+    plan: &'a Plan,
+    parameter: usize,
+    values: Vec<f64>,
+    periodic: Periodic,
+    /// The value that the state of the phase keeps.
+    anchor: f64,
+    /// The period as a function of the parameters, where it is given.
+    program: Option<Tape>,
+    control: &'a Control,
+    shots: u64,
+}
+
+impl Orbits<'_> {
+    fn failure(&self, message: String) -> Failure {
+        Failure { code: "no_branch".into(), message, time: self.plan.start, state: self.plan.initial.clone() }
+    }
+
+    fn values_at(&self, p: f64) -> Vec<f64> {
+        let mut values = self.values.clone();
+        values[self.parameter] = p;
+        values
+    }
+
+    /// The period where it is given.
+    fn period_at(&mut self, p: f64) -> f64 {
+        let values = self.values_at(p);
+        let Some(program) = &mut self.program else { return self.periodic.period };
+        program.bind(&values);
+        let mut period = [0.0];
+        program.evaluate(0.0, &[], &mut period);
+        period[0]
+    }
+
+    /// The start and the period of an orbit.
+    fn start(&mut self, w: &[f64], p: f64) -> (Vec<f64>, f64) {
+        let mut from = w.to_vec();
+        match self.periodic.phase {
+            Some(phase) => {
+                let period = std::mem::replace(&mut from[phase], self.anchor);
+                (from, period)
+            }
+            None => (from, self.period_at(p)),
+        }
+    }
+
+    fn shoot(&mut self, w: &[f64], p: f64) -> Result<Shot, Failure> {
+        let (from, period) = self.start(w, p);
+        if !(period > 0.0 && period.is_finite()) {
+            return Err(self.failure(format!("the period is {period:?} where the parameter is {p:?}")));
+        }
+        let model = self.model.bound(&self.values_at(p)).map_err(|why| self.failure(why))?;
+        self.shots += 1;
+        model.subject(self.how.settings).shoot(self.plan, (&from, period), &[self.parameter], self.control)
+    }
+
+    fn unknowns(&self, shot: &Shot) -> Vec<f64> {
+        let mut w = shot.from.clone();
+        if let Some(phase) = self.periodic.phase {
+            w[phase] = shot.period;
+        }
+        w
+    }
+}
+
+impl Family for Orbits<'_> {
+    type Word = Vec<Passed>;
+
+    fn evaluate(&mut self, w: &[f64], p: f64, _: Option<&Self::Word>) -> Result<Evaluation<Self::Word>, Failure> {
+        let shot = self.shoot(w, p)?;
+        let n = w.len();
+        let monodromy = shot.monodromy.as_ref().map_err(|why| self.failure(why.clone()))?;
+        let slope = DVector::from_column_slice(&shot.slope);
+        let mut jacobian = DMatrix::zeros(n, n + 1);
+        jacobian.columns_mut(0, n).copy_from(&(monodromy - DMatrix::identity(n, n)));
+        let mut by_parameter = shot.by_parameters.column(0).into_owned();
+        match self.periodic.phase {
+            Some(phase) => jacobian.set_column(phase, &slope),
+            None => {
+                let by = CENTRAL_DIFFERENCE * if p == 0.0 { 1.0 } else { p.abs() };
+                let of_period = (self.period_at(p + by) - self.period_at(p - by)) / (2.0 * by);
+                by_parameter += &slope * of_period;
+            }
+        }
+        jacobian.set_column(n, &by_parameter);
+        for (i, mut row) in jacobian.row_iter_mut().enumerate() {
+            row /= shot.scale[i];
+        }
+        let residual = DVector::from_fn(n, |i, _| (shot.to[i] - shot.from[i]) / shot.scale[i]);
+        let mut spectrum = shot.multipliers();
+        if self.periodic.phase.is_some() {
+            // The multiplier of the free phase is 1, and tells nothing.
+            let off = |value: &[f64; 2]| (value[0] - 1.0).hypot(value[1]);
+            let nearest = (0..spectrum.len()).min_by(|a, b| off(&spectrum[*a]).total_cmp(&off(&spectrum[*b])));
+            nearest.map(|nearest| spectrum.remove(nearest));
+        }
+        Ok(Evaluation { residual, jacobian, word: shot.word, spectrum, is_admissible: true })
+    }
+
+    fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)> {
+        let mut w = towards.to_vec();
+        for _ in 0..CORRECTIONS {
+            let Evaluation { residual, jacobian, word, .. } = self.evaluate(&w, p, None).ok()?;
+            if residual.amax() <= 1.0 {
+                let sizes = at.w.iter().map(|x| x.abs()).fold(f64::MIN_POSITIVE, f64::max);
+                let is_near = w.iter().zip(&at.w).all(|(w, at)| (w - at).abs() <= NEAR * sizes.max(at.abs()));
+                return (word != at.word && is_near).then_some((w, p, word));
+            }
+            let n = w.len();
+            let svd = jacobian.columns(0, n).into_owned().try_svd(true, true, f64::EPSILON, 0)?;
+            let least = f64::EPSILON.sqrt() * svd.singular_values.max();
+            let change = svd.solve(&-residual, least).ok()?;
+            w.iter_mut().zip(change.iter()).for_each(|(w, change)| *w += change);
+        }
+        None
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.control.poll().is_some()
+    }
+}
+
+fn follow(
+    model: &Model<'_>,
+    plan: &Plan,
+    (asked, periodic, program): (&BranchPlan, Periodic, Option<&Tape>),
+    how: How<'_>,
+    control: &Control,
+) -> Solution {
+    let began = Instant::now();
+    let mut orbits = Orbits {
+        model,
+        how,
+        plan,
+        parameter: asked.parameter,
+        values: model.values(),
+        periodic,
+        anchor: 0.0,
+        program: program.cloned(),
+        control,
+        shots: 0,
+    };
+    let (curve, at) = match first(&mut orbits, asked).and_then(|(w, sizes)| {
+        let tests: Vec<Test> = OF_ORBITS.iter().map(|(test, _)| *test).collect();
+        let scales = Scales { from: asked.from, to: asked.to, unknowns: sizes };
+        Continuation::new(&mut orbits, scales, &tests).follow(&w, asked.points)
+    }) {
+        Ok(curve) => {
+            let at = curve.points.last().map_or(asked.from, |point| point.p);
+            (Ok(curve), at)
+        }
+        Err(failure) => (Err(failure), asked.from),
+    };
+    let mut solution = along_last(&mut orbits, (&curve, at), control);
+    solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+    match curve {
+        Ok(curve) if solution.status == Status::Completed => {
+            let branch = told(&mut orbits, asked, curve);
+            branch.tell(&mut solution);
+        }
+        Ok(_) => {}
+        Err(failure) => {
+            let (status, failure) = ending(control, failure);
+            (solution.status, solution.error) = (status, Some(failure));
+        }
+    }
+    solution
+}
+
+/// The first orbit, from the initial values, and the sizes of its unknowns.
+fn first(orbits: &mut Orbits<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f64>), Failure> {
+    let model = orbits.model.bound(&orbits.values_at(asked.from)).map_err(|why| orbits.failure(why))?;
+    let subject = model.subject(orbits.how.settings);
+    let period = orbits.period_at(asked.from);
+    let initial = model.initial().to_vec();
+    let plan = Plan { initial, end: orbits.plan.start + period, ..orbits.plan.clone() };
+    let (found, shots) = search_from_start(subject, &plan, Periodic { period, ..orbits.periodic }, orbits.control);
+    orbits.shots += shots;
+    let shot = found.map_err(|missed: Missed| missed.1)?;
+    let settings = orbits.how.settings;
+    // Below its tolerance a state is at zero, and has no size.
+    let sizes = shot.scale.iter().zip(&settings.atol).map(|(scale, atol)| {
+        let largest = (scale - atol) / settings.rtol;
+        if largest > *atol { largest } else { 1.0 }
+    });
+    let mut sizes: Vec<f64> = sizes.collect();
+    if let Some(phase) = orbits.periodic.phase {
+        sizes[phase] = shot.period;
+        orbits.anchor = shot.from[phase];
+    }
+    Ok((orbits.unknowns(&shot), sizes))
+}
+
+/// A run along the last orbit of the branch, or from the start where there is none.
+fn along_last(
+    orbits: &mut Orbits<'_>,
+    (curve, at): (&Result<Curve<Vec<Passed>>, Failure>, f64),
+    control: &Control,
+) -> Solution {
+    let model = orbits.model.bound(&orbits.values_at(at)).unwrap_or_else(|_| orbits.model.clone());
+    let last = curve.as_ref().ok().and_then(|curve| curve.points.last());
+    let shot = last.and_then(|last| orbits.shoot(&last.w, last.p).ok());
+    let period = shot.as_ref().map_or(orbits.periodic.period, |shot| shot.period);
+    let found = shot.ok_or_else(|| Box::new((None, orbits.failure("there is no orbit".to_owned()))));
+    let mut plan = Plan { initial: model.initial().to_vec(), ..orbits.plan.clone() };
+    plan.observables.bind(&orbits.values_at(at));
+    plan.end = plan.start + period;
+    plan.times = orbits.plan.times.as_ref().map(|times| {
+        let at = |t: &f64| plan.start + (t - plan.start) * (period / orbits.periodic.period);
+        times.iter().map(at).collect()
+    });
+    let How { analysis, settings } = orbits.how;
+    let along = |plan: &Plan| -> Ended {
+        match &model {
+            Model::Motion(model, contact) => integrate_contact_once(model, plan, contact, analysis, control),
+            Model::Dvi(model) => integrate_once(model, plan, settings, analysis, control),
+        }
+    };
+    let asked = Periodic { period, ..orbits.periodic };
+    run_along(model.subject(settings), &plan, asked, (found, orbits.shots), along, control)
+}
+
+/// The branch by names.
+fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<Vec<Passed>>) -> Branch {
+    let (names, model) = (orbits.plan.names.clone(), orbits.model);
+    let mut branch = Branch { name: asked.name.clone(), shots: orbits.shots, ..Branch::default() };
+    let mut place = |point: &Solved<Vec<Passed>>| {
+        let (from, period) = orbits.start(&point.w, point.p);
+        (names.iter().cloned().zip(from).collect(), period)
+    };
+    for point in &curve.points {
+        let (states, period) = place(point);
+        branch.parameter.push(point.p);
+        branch.points.push(states);
+        branch.period.push(period);
+        branch.stable.push(is_stable(&point.spectrum, false));
+        branch.spectrum.push(point.spectrum.clone());
+    }
+    for Found { at, after, what } in &curve.events {
+        let (kind, of) = match what {
+            What::Test(number) => (OF_ORBITS[*number].1, None),
+            What::Border(other) => border(&at.word, other.as_ref()),
+        };
+        if !is_confirmed(kind, &at.spectrum) {
+            continue;
+        }
+        let (point, period) = place(at);
+        let of = of.and_then(|of| model.name(&of));
+        branch.events.push(BranchEvent { at: at.p, kind, after: *after as u64, point, period: Some(period), of });
+    }
+    branch.ended = curve.ended.map(|failure| failure.message);
+    branch
+}
+
+/// What a border is: where the number of events changes, something is touched.
+fn border(before: &[Passed], after: Option<&Vec<Passed>>) -> (BranchEventKind, Option<Passed>) {
+    let Some(after) = after else { return (BranchEventKind::Grazing, None) };
+    let first = before.iter().zip(after).position(|(a, b)| a != b).unwrap_or(before.len().min(after.len()));
+    let longer = if after.len() > before.len() { after.as_slice() } else { before };
+    let of = longer.get(first).cloned();
+    let kind = if before.len() == after.len() { BranchEventKind::Border } else { BranchEventKind::Grazing };
+    (kind, of)
+}

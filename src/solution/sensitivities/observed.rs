@@ -1,0 +1,152 @@
+//! The derivatives of what a user defines: of a definition `D(t, x, p)` they are `D_x dx/dp + D_p`, and of an integral the
+//! integrals of these. Where a state jumps at a time that moves, the integrand jumps there, and the integral changes by
+//! `(D(x-) - D(x+)) dtau` more.
+
+use super::By;
+use crate::observables::{Argument, ObservableSlopes, Observables};
+use crate::quadrature;
+use expression::Tape;
+use nalgebra::DMatrix;
+
+/// The derivatives of definitions and integrals along a run.
+pub(super) struct ObservedSlopes {
+    of: ObservableSlopes,
+    /// Definitions, integrands and monitors, with room for all outputs of the problem and for all values.
+    program: Tape,
+    outputs: Vec<f64>,
+    values: Vec<f64>,
+    definitions: usize,
+    integrals: usize,
+    /// The direction of each parameter that has one.
+    directions: Vec<(usize, usize)>,
+    count: usize,
+    /// The derivatives of the integrals at the beginning and the end of the last step, one per row.
+    begun: DMatrix<f64>,
+    ended: DMatrix<f64>,
+    step: (f64, f64),
+}
+
+/// A jump of the states, at a time that moves: the states before and after, and the derivatives of the time for each state.
+pub(super) struct Jump {
+    pub t: f64,
+    pub before: Vec<f64>,
+    pub after: Vec<f64>,
+    pub times: DMatrix<f64>,
+}
+
+impl ObservedSlopes {
+    /// Begins at the start of a run of a problem with so many outputs.
+    pub fn new(observables: &Observables, outputs: usize, by: &[By], start: f64) -> Self {
+        let parameter = |(direction, by): (usize, &By)| match *by {
+            By::Parameter(parameter) => Some((parameter, direction)),
+            By::Initial(_) => None,
+        };
+        let none = DMatrix::zeros(observables.integrals, by.len());
+        Self {
+            of: observables.slopes.clone(),
+            program: observables.program.clone(),
+            outputs: vec![0.0; outputs],
+            values: vec![0.0; observables.names.len() + observables.monitors.len()],
+            definitions: observables.definitions(),
+            integrals: observables.integrals,
+            directions: by.iter().enumerate().filter_map(parameter).collect(),
+            count: by.len(),
+            begun: none.clone(),
+            ended: none,
+            step: (start, start),
+        }
+    }
+
+    /// The derivatives of definitions and integrands where the states `x` have the derivatives `slopes`.
+    fn at(&mut self, t: f64, x: &[f64], slopes: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut values = vec![0.0; self.of.pattern.len()];
+        self.of.program.evaluate(t, x, &mut values);
+        let mut out = DMatrix::zeros(self.definitions + self.integrals, self.count);
+        for (&(row, argument), value) in self.of.pattern.iter().zip(values) {
+            match argument {
+                Argument::State(state) => {
+                    let mut row = out.row_mut(row);
+                    row += slopes.row(state) * value;
+                }
+                Argument::Parameter(parameter) => {
+                    let directions = self.directions.iter().filter(|(of, _)| *of == parameter);
+                    directions.for_each(|&(_, direction)| out[(row, direction)] += value);
+                }
+            }
+        }
+        out
+    }
+
+    /// The integrals of the derivatives of integrands between two times.
+    fn integral(&mut self, from: f64, to: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
+        let (first, integrals, count) = (self.definitions, self.integrals, self.count);
+        let mut sums = vec![0.0; integrals * count];
+        quadrature::integrate(from, to, &mut sums, |t, out| {
+            let (x, slopes) = along(t);
+            out.copy_from_slice(self.at(t, &x, &slopes).rows(first, integrals).into_owned().as_slice());
+        });
+        DMatrix::from_column_slice(integrals, count, &sums)
+    }
+
+    /// Follows the integrals over a step between two times; `along` gives states and their derivatives within it.
+    pub fn step(
+        &mut self,
+        (from, to): (f64, f64),
+        along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>),
+        jump: Option<&Jump>,
+    ) {
+        if self.integrals == 0 {
+            return;
+        }
+        self.begun.copy_from(&self.ended);
+        self.step = (from, to);
+        if to > from {
+            let gained = self.integral(from, to, along);
+            self.ended += gained;
+        }
+        if let Some(jump) = jump {
+            self.pass(jump);
+        }
+    }
+
+    /// Adds what the integrals change by where integrands jump.
+    fn pass(&mut self, jump: &Jump) {
+        let Jump { t, before, after, times } = jump;
+        let Self { program, outputs, values, definitions, integrals, .. } = self;
+        let integrands = *definitions..*definitions + *integrals;
+        let mut integrands = |x: &[f64]| {
+            outputs[..x.len()].copy_from_slice(x);
+            program.evaluate(*t, outputs, values);
+            values[integrands.clone()].to_vec()
+        };
+        // Islands may jump at times that move apart: one after the other.
+        let mut x = before.clone();
+        let mut last = integrands(&x);
+        let mut open: Vec<usize> = (0..x.len()).collect();
+        while let Some(&first) = open.first() {
+            let moves: Vec<usize> = open.iter().copied().filter(|&i| times.row(i) == times.row(first)).collect();
+            moves.iter().for_each(|&i| x[i] = after[i]);
+            open.retain(|i| !moves.contains(i));
+            let next = integrands(&x);
+            for (integral, (before, after)) in last.iter().zip(&next).enumerate() {
+                let mut row = self.ended.row_mut(integral);
+                row += times.row(first) * (before - after);
+            }
+            last = next;
+        }
+    }
+
+    /// The derivatives of definitions and integrals at a time within the last step.
+    pub fn write(&mut self, t: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
+        let (x, slopes) = along(t);
+        let mut out = self.at(t, &x, &slopes);
+        if self.integrals > 0 {
+            let integrals = match t < self.step.1 {
+                true => self.integral(self.step.0, t, along) + &self.begun,
+                false => self.ended.clone(),
+            };
+            out.rows_mut(self.definitions, self.integrals).copy_from(&integrals);
+        }
+        out
+    }
+}

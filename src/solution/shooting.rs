@@ -1,0 +1,275 @@
+//! Runs over one period, with the derivatives of their ends: of a differential variational inequality by Radau IIA, and of a
+//! motion from impact to impact.
+
+use super::contact::{ContactPlan, failure_of};
+use super::integrate::failure;
+use super::sensitivities::{By, directions, directions_of_motion};
+use super::{Failure, Plan};
+use contact::{Elapsed, EventDriven, ModeEvaluators, SmoothPhase, State, tangents};
+use models::{DviModel, MechanicalModel};
+use nalgebra::{DMatrix, DVector};
+use problem::{Control, EventKind};
+use radau::{Activity, Radau, Settings, Switch, Tangents};
+
+/// Singular values of `S - I` below this fraction of the largest count as zero: the square root of the accuracy of its
+/// entries, which is close to that of doubles.
+const RANK: f64 = 1e-8;
+
+/// How long before the end of a period a start is held to what the set allows there, as a part of the period: far less than a
+/// switch takes, and far more than rounding of time.
+const BEFORE_END: f64 = 1e-9;
+
+/// A run over one period.
+#[derive(Clone, Debug)]
+pub(super) struct Shot {
+    pub from: Vec<f64>,
+    pub period: f64,
+    pub to: Vec<f64>,
+    /// The rates at the end.
+    pub slope: Vec<f64>,
+    /// The derivative of the end with respect to the beginning, or the reason why it does not exist.
+    pub monodromy: Result<DMatrix<f64>, String>,
+    /// The derivative of the end with respect to each requested parameter; without meaning if there is no monodromy matrix.
+    pub by_parameters: DMatrix<f64>,
+    /// The tolerances of the states.
+    pub scale: Vec<f64>,
+    /// The events on the way, without their times.
+    pub word: Vec<Passed>,
+}
+
+/// An event, without its time.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Passed {
+    /// A variable went from one place to another.
+    Switch(usize, Activity, Activity),
+    /// An event of a contact.
+    Contact(usize, EventKind),
+}
+
+impl Shot {
+    /// The distance of the end from the beginning, in units of the tolerances.
+    pub fn distance(&self) -> f64 {
+        let parts = self.to.iter().zip(&self.from).zip(&self.scale);
+        parts.map(|((to, from), scale)| (to - from).abs() / scale).fold(0.0, f64::max)
+    }
+
+    /// The Newton correction of the initial state and of the period.
+    pub fn correction(&self, phase: Option<usize>, rtol: f64) -> Option<(Vec<f64>, f64)> {
+        let n = self.from.len();
+        let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);
+        let mut unit = self.scale.clone();
+        if let Some(phase) = phase {
+            matrix.set_column(phase, &DVector::from_column_slice(&self.slope));
+            unit[phase] = rtol * self.period;
+        }
+        for (i, mut row) in matrix.row_iter_mut().enumerate() {
+            row.iter_mut().zip(&unit).for_each(|(value, unit)| *value *= unit / self.scale[i]);
+        }
+        let right = DVector::from_fn(n, |i, _| (self.from[i] - self.to[i]) / self.scale[i]);
+        let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
+        let rank = RANK * svd.singular_values.max();
+        let found = svd.solve(&right, rank).ok()?;
+        let mut change: Vec<f64> = found.iter().zip(&unit).map(|(value, unit)| value * unit).collect();
+        let of_period = phase.map_or(0.0, |phase| std::mem::take(&mut change[phase]));
+        (of_period.is_finite() && change.iter().all(|value| value.is_finite())).then_some((change, of_period))
+    }
+
+    /// The multipliers, by decreasing modulus.
+    pub fn multipliers(&self) -> Vec<[f64; 2]> {
+        let Ok(monodromy) = &self.monodromy else { return Vec::new() };
+        let mut values: Vec<[f64; 2]> =
+            monodromy.complex_eigenvalues().iter().map(|value| [value.re, value.im]).collect();
+        values.sort_by(|a, b| modulus(b).total_cmp(&modulus(a)).then(b[1].total_cmp(&a[1])));
+        values
+    }
+}
+
+pub(super) fn modulus([re, im]: &[f64; 2]) -> f64 {
+    re.hypot(*im)
+}
+
+/// What comes back to itself.
+#[derive(Clone, Copy)]
+pub(super) enum Subject<'a> {
+    /// A differential variational inequality.
+    Dvi(&'a DviModel, &'a Settings),
+    /// A motion with located impacts.
+    Motion(&'a MechanicalModel, &'a ContactPlan, &'a Settings),
+}
+
+impl<'a> Subject<'a> {
+    /// The choices for Radau IIA.
+    pub fn settings(self) -> &'a Settings {
+        match self {
+            Self::Dvi(_, settings) | Self::Motion(_, _, settings) => settings,
+        }
+    }
+
+    /// The names of the states.
+    pub fn state_names(self) -> &'a [String] {
+        match self {
+            Self::Dvi(model, _) => &model.state_names,
+            Self::Motion(model, ..) => &model.state_names,
+        }
+    }
+
+    /// Runs over one period from a start; `parameters` are those by which the end is differentiated beside its start.
+    pub fn shoot(
+        self,
+        plan: &Plan,
+        (from, period): (&[f64], f64),
+        parameters: &[usize],
+        control: &Control,
+    ) -> Result<Shot, Failure> {
+        let initial = (0..from.len()).map(By::Initial);
+        let by: Vec<By> = initial.chain(parameters.iter().map(|&k| By::Parameter(k))).collect();
+        match self {
+            Self::Dvi(model, settings) => shoot_dvi((model, settings), plan, (from, period), &by, control),
+            Self::Motion(model, contact, settings) => {
+                shoot_motion((model, contact, settings), plan, (from, period), &by, control)
+            }
+        }
+    }
+
+    /// The nearest start that the set allows: that at which the states are once impulses have brought them there, at the
+    /// start and, as what comes back is there too, at the end of a period.
+    pub fn allowed(self, plan: &Plan, (from, period): (&[f64], f64), control: &Control) -> Vec<f64> {
+        let mut from = from.to_vec();
+        let Self::Dvi(model, settings) = self else { return from };
+        for t in [plan.start + (1.0 - BEFORE_END) * period, plan.start] {
+            let mut problem = model.problem();
+            let end = t + BEFORE_END * period;
+            if let Ok(radau) = Radau::new(&mut *problem, settings.clone(), t, &from, end, control)
+                && radau.jumped().is_some()
+            {
+                from = radau.y()[..from.len()].to_vec();
+            }
+        }
+        from
+    }
+}
+
+fn too_many(accepted: u64, time: f64, state: &[f64]) -> Failure {
+    let message = format!("{accepted} steps were made within one period");
+    Failure { code: "steps".into(), message, time, state: state.to_vec() }
+}
+
+fn shoot_dvi(
+    (model, settings): (&DviModel, &Settings),
+    plan: &Plan,
+    (from, period): (&[f64], f64),
+    by: &[By],
+    control: &Control,
+) -> Result<Shot, Failure> {
+    let n = from.len();
+    let failed = |error, t, x: &[f64]| failure(plan, &model.kinks, &error, t, x);
+    let mut problem = model.problem();
+    let end = plan.start + period;
+    let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, from, end, control)
+        .map_err(|error| failed(error, plan.start, from))?;
+    let mut word = Vec::new();
+    // Where the run begins is no switch.
+    radau.take_switches();
+    let tangents = directions(model, by)
+        .and_then(|directions| Tangents::new(model.problem(), directions).map_err(|why| why.to_string()));
+    let mut tangents = tangents;
+    while !radau.is_done() {
+        if control.poll().is_some() || radau.counts.accepted >= plan.most_steps {
+            return Err(too_many(radau.counts.accepted, radau.t(), &radau.y()[..n]));
+        }
+        let at = radau.t();
+        if let Err(error) = radau.step() {
+            return Err(failed(error, at, &radau.y()[..n]));
+        }
+        word.extend(radau.take_switches().map(|Switch { variable, from, to, .. }| Passed::Switch(variable, from, to)));
+        if let Ok(followed) = &mut tangents
+            && let Err(why) = followed.follow(&mut radau)
+        {
+            tangents = Err(why.to_string());
+        }
+    }
+    let slopes = tangents.map(|tangents| {
+        let mut matrix = DMatrix::zeros(n, by.len());
+        let mut row = vec![0.0; by.len()];
+        for state in 0..n {
+            tangents.write(&radau, end, state, &mut row);
+            matrix.row_mut(state).copy_from_slice(&row);
+        }
+        matrix
+    });
+    let scale = settings.tolerances(0, &radau.largest()[..n]);
+    let (to, slope) = (radau.y()[..n].to_vec(), radau.slopes_at(end));
+    Ok(shot((from, period), (to, slope), slopes, scale, word))
+}
+
+fn shoot_motion(
+    (model, contact, settings): (&MechanicalModel, &ContactPlan, &Settings),
+    plan: &Plan,
+    (from, period): (&[f64], f64),
+    by: &[By],
+    control: &Control,
+) -> Result<Shot, Failure> {
+    let n = from.len() / 2;
+    let failed = |error: contact::ContactError, x: &[f64]| failure_of(model, error.ahead(plan.start), plan.start, x);
+    let mut problem = Elapsed::new(model.problem(), plan.start);
+    let state = State { t: 0.0, q: from[..n].to_vec(), v: from[n..].to_vec() };
+    let run = EventDriven::new(&mut problem, &contact.settings, settings.clone(), state, period, control);
+    let mut located = run.map_err(|error| failed(error, from))?;
+    let system = || Box::new(Elapsed::new(model.problem(), plan.start));
+    let mut evaluators = ModeEvaluators::new(|| system());
+    let mut tangents = directions_of_motion(model, by, plan.start).and_then(|directions| {
+        tangents::Tangents::new(system(), directions, &mut located).map_err(|why| why.to_string())
+    });
+    located.new_events.clear();
+    let mut largest: Vec<f64> = from.iter().map(|x| x.abs()).collect();
+    let mut word = Vec::new();
+    let mut slope = vec![0.0; 2 * n];
+    while !located.is_done() {
+        let mut phase = SmoothPhase::new(&mut located, &mut evaluators, control);
+        if let Ok(tangents) = &mut tangents {
+            tangents.begin(&phase);
+        }
+        while !phase.is_over() {
+            let state = |phase: &SmoothPhase<'_, '_>| {
+                let State { q, v, .. } = &phase.located.state;
+                [q.as_slice(), v].concat()
+            };
+            if control.poll().is_some() || phase.located.accepted >= plan.most_steps {
+                return Err(too_many(phase.located.accepted, plan.start + phase.located.state.t, &state(&phase)));
+            }
+            if let Err(error) = phase.advance() {
+                return Err(failed(error, &state(&phase)));
+            }
+            let x = state(&phase);
+            largest.iter_mut().zip(&x).for_each(|(largest, x)| *largest = largest.max(x.abs()));
+            let events = phase.located.new_events.drain(..);
+            word.extend(events.map(|event| Passed::Contact(event.contact, event.kind)));
+            if let Ok(followed) = &mut tangents {
+                match followed.follow(&mut phase) {
+                    Ok(_) => slope = followed.rates(&x),
+                    Err(why) => tangents = Err(why.to_string()),
+                }
+            }
+        }
+    }
+    let State { q, v, .. } = &located.state;
+    let to = [q.as_slice(), v].concat();
+    let slopes = tangents.map(|tangents| tangents.at(period));
+    let scale = settings.tolerances(0, &largest);
+    Ok(shot((from, period), (to, slope), slopes, scale, word))
+}
+
+fn shot(
+    (from, period): (&[f64], f64),
+    (to, slope): (Vec<f64>, Vec<f64>),
+    slopes: Result<DMatrix<f64>, String>,
+    scale: Vec<f64>,
+    word: Vec<Passed>,
+) -> Shot {
+    let n = from.len();
+    let by_parameters = slopes
+        .as_ref()
+        .map_or_else(|_| DMatrix::zeros(n, 0), |slopes| slopes.columns(n, slopes.ncols() - n).into_owned());
+    let monodromy = slopes.map(|slopes| slopes.columns(0, n).into_owned());
+    Shot { from: from.to_vec(), period, to, slope, monodromy, by_parameters, scale, word }
+}
