@@ -287,7 +287,8 @@ class Result:
     @property
     def event_slopes(self) -> list[dict[str, Any]]:
         """The derivatives of the times of events, of a motion with impacts."""
-        return self._part("event_slopes") or []
+        slopes: list[dict[str, Any]] = self._evidence.get("event_slopes") or []
+        return slopes
 
     @property
     def branch(self) -> Optional[dict[str, Any]]:
