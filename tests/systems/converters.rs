@@ -271,3 +271,63 @@ fn a_boost_converter_driven_by_a_sawtooth_is_right_at_every_output() {
     assert!(worst < 1e-6, "off by {worst:e} at most");
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
+
+fn switched_charge(volts: f64, ohms: f64, load: f64, start: f64, closed: &str, end: f64) -> Value {
+    json!({
+        "problem": {"circuit": {"components": [
+            {"voltage_source": {"name": "V1", "nodes": ["i", "0"], "volts": volts}},
+            {"resistor": {"name": "R1", "nodes": ["i", "a"], "ohms": ohms}},
+            {"switch": {"name": "S1", "nodes": ["a", "c"], "closed": closed}},
+            {"capacitor": {"name": "C1", "nodes": ["c", "0"], "farads": 1e-6, "volts": start}},
+            {"resistor": {"name": "R2", "nodes": ["c", "0"], "ohms": load}}
+        ]}},
+        "time": {"end": end}, "method": {"rtol": 1e-8}, "output": {"times": {"count": 11}}
+    })
+}
+
+/// A switch without hysteresis that is held closed by the voltage it lets rise, and opens where a ramp overtakes that voltage:
+/// between open and closed it must be no source of energy, on which the voltage could follow the ramp. Reference:
+/// exponentials from switch to switch.
+#[test]
+fn a_switch_that_a_ramp_opens_supplies_no_energy() {
+    for (volts, ohms, load, start, scale, periods) in
+        [(10.0, 1000.0, 1000.0, 3.0, 5.0, 10), (10.0, 100.0, 5000.0, 2.4, 11.38, 5)]
+    {
+        let period = 1e-3;
+        let end = period * f64::from(periods);
+        let closed = format!("v(c)/{scale} - sawtooth(t, {period})");
+        let solution = solve(&switched_charge(volts, ohms, load, start, &closed, end));
+        let (charging, discharging) = ((1.0 / ohms + 1.0 / load) / 1e-6, 1.0 / load / 1e-6);
+        let level = volts / ohms / (charging * 1e-6);
+        let mut exact: f64 = start;
+        for _ in 0..periods {
+            let at = |t: f64| level + (exact - level) * (-charging * t).exp();
+            // The voltage over its scale less the ramp falls where it has its only zero.
+            let (mut before, mut after) = (0.0, period);
+            for _ in 0..60 {
+                let middle = 0.5 * (before + after);
+                *if at(middle) / scale > middle / period { &mut before } else { &mut after } = middle;
+            }
+            exact = at(before) * (-discharging * (period - before)).exp();
+        }
+        assert_near(last(&solution, "v(c)"), exact, 1e-7);
+        assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    }
+}
+
+/// An ideal thermostat: from the time at which the voltage reaches its level, the switch is a resistance in between.
+#[test]
+fn a_switch_that_controls_a_voltage_keeps_it() {
+    let mut specification = switched_charge(50.0, 1.0, 2.0, 15.0, "20 - v(c)", 4e-6);
+    specification["output"]["times"] = json!([2.1e-7, 2.2e-7, 4e-6]);
+    let solution = solve(&specification);
+    // v' = (50 - v)/1e-6 - v/2e-6 = 1.5e6 (100/3 - v) until v = 20.
+    let level = 100.0 / 3.0;
+    let before = level + (15.0 - level) * (-2.1e-7_f64 * 1.5e6).exp();
+    let voltages = column(&solution, "v(c)");
+    assert_near(voltages[0], before, 1e-7);
+    assert_near(voltages[1], 20.0, 1e-9);
+    assert_near(voltages[2], 20.0, 1e-9);
+    // 10 A flow to the load, and the switch takes the rest of the voltage.
+    assert_near(last(&solution, "v(S1)"), 20.0, 1e-6);
+}

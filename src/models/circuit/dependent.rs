@@ -9,8 +9,9 @@
 //! prescribed.
 //!
 //! A switch has a variable `s` that is 1 if it is closed and 0 if it is open, given by a comparator. Its voltage is a
-//! free variable with `G = s v + (1 - s) R i`, for any resistance `R`: `v = 0` if closed, `i = 0` if open. In a sliding
-//! mode, where the comparator stays at zero, the switch is a resistance in between.
+//! free variable with `G = s v - (1 - s) R i`, for any resistance `R`: `v = 0` if closed, `i = 0` if open. In a sliding
+//! mode, where the comparator stays at zero, the switch is the resistance `R (1 - s)/s`. With the opposite sign it would be
+//! a negative resistance, which supplies energy, and admits a sliding mode where the comparator crosses zero.
 
 use expression::{Graph, Node};
 

@@ -174,7 +174,7 @@ impl<'a> System<'a> {
                     let ohms = graph.constant(scale);
                     let volts = graph.multiply(ohms, i);
                     let blocks = graph.multiply(open, volts);
-                    inequality[variable] = graph.add(conducts, blocks);
+                    inequality[variable] = graph.subtract(conducts, blocks);
                     inequality.push(law.inequality(graph, s));
                     (set.lower[state], set.upper[state]) = (0.0, 1.0);
                 }
