@@ -4,8 +4,9 @@
 //!
 //! The functions that change sign at breakpoints are enclosed over the step in interval arithmetic. Subintervals over
 //! which a sign change is not excluded are bisected, the earliest first, so that no breakpoint is passed over, however
-//! close the next one is. A step ends on the last floating-point number before the first sign change, and the next step
-//! begins on the first number after it.
+//! close the next one is. A step ends on the last floating-point number before the first zero, and the next step begins on
+//! the first number behind it: on which side of a jump a row takes its value at the zero itself depends on how it is
+//! written.
 
 use numerics::Interval;
 use problem::Dvi;
@@ -34,12 +35,15 @@ const WINDOW: u32 = 10_000;
 pub struct Breaks {
     /// Breakpoints passed since the beginning of the window, and that time.
     window: (u32, f64),
-    signs: Vec<bool>,
+    /// Signs of the functions at the beginning of the step; 0 where one is zero.
+    signs: Vec<f64>,
     /// Subintervals still to be enclosed, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
     /// Time of the last breakpoint, or of the start, and the time between it and the breakpoint before it.
     last: f64,
     gap: f64,
+    /// Last floating-point number before the breakpoint that was found last.
+    before: f64,
     /// First floating-point number after the breakpoint before which the present step ends.
     after: Option<f64>,
 }
@@ -47,7 +51,15 @@ pub struct Breaks {
 impl Breaks {
     /// Starts the search for a run that begins at time `t`.
     pub fn new(t: f64) -> Self {
-        Self { window: (0, t), signs: Vec::new(), left: Vec::new(), last: t, gap: f64::INFINITY, after: None }
+        Self {
+            window: (0, t),
+            signs: Vec::new(),
+            left: Vec::new(),
+            last: t,
+            gap: f64::INFINITY,
+            before: t,
+            after: None,
+        }
     }
 
     /// The first floating-point number after the breakpoint before which the present step ends, if it ends at one.
@@ -67,7 +79,7 @@ impl Breaks {
         // The last breakpoint may still show within rounding: search behind it.
         let begin = if is_behind_break { t + noise } else { t };
         self.signs.clear();
-        self.signs.extend(problem.breaks(begin).iter().map(|value| *value >= 0.0));
+        self.signs.extend(problem.breaks(begin).iter().map(|value| if *value == 0.0 { 0.0 } else { value.signum() }));
         if self.signs.is_empty() {
             return h;
         }
@@ -81,6 +93,11 @@ impl Breaks {
                 found.map_or(h, |found| self.end_before(found, t, h))
             }
         }
+    }
+
+    /// The size of a step from `t` to `end`; if the run continued at `end` behind the last breakpoint, of one to before it.
+    pub fn size_up_to(&self, t: f64, end: f64) -> f64 {
+        if end == self.last && self.before < end && t < self.before { length(t, self.before) } else { end - t }
     }
 
     /// Records that the run continues at time `after`, behind a breakpoint.
@@ -105,8 +122,8 @@ impl Breaks {
     }
 
     fn end_before(&mut self, (before, after): (f64, f64), t: f64, h: f64) -> f64 {
-        self.after = Some(after);
-        let part = (before - t).min(h);
+        (self.before, self.after) = (before, Some(after));
+        let part = length(t, before).min(h);
         if part <= AT_END * f64::EPSILON * t.abs() { 0.0 } else { part }
     }
 
@@ -125,7 +142,11 @@ impl Breaks {
             if ranges.len() != self.signs.len() {
                 return None;
             }
-            let keeps = |(range, sign): (&Interval, &bool)| if *sign { range.least() >= 0.0 } else { range.hi < 0.0 };
+            let keeps = |(range, sign): (&Interval, &f64)| match *sign {
+                sign if sign > 0.0 => range.least() > 0.0,
+                sign if sign < 0.0 => range.hi < 0.0,
+                _ => range.least() >= 0.0,
+            };
             if ranges.iter().zip(&self.signs).all(keeps) {
                 continue;
             }
@@ -133,7 +154,7 @@ impl Breaks {
             if middle > a && middle < b && b - a > f64::EPSILON * h {
                 self.left.extend([(middle, b), (a, middle)]);
             } else if self.has_broken(problem, b) {
-                return Some(Some((a, b)));
+                return Some(Some((a, self.behind(problem, b))));
             }
         }
         Some(None)
@@ -151,7 +172,7 @@ impl Breaks {
             loop {
                 let middle = before + 0.5 * (after - before);
                 if middle <= before || middle >= after || after - before <= f64::EPSILON * h {
-                    return Some((before, after));
+                    return Some((before, self.behind(problem, after)));
                 }
                 *if self.has_broken(problem, middle) { &mut after } else { &mut before } = middle;
             }
@@ -159,7 +180,35 @@ impl Breaks {
         None
     }
 
+    /// Whether a function has reached or passed a zero; one that is zero at the beginning only if it falls.
     fn has_broken(&self, problem: &mut dyn Dvi, t: f64) -> bool {
-        problem.breaks(t).iter().zip(&self.signs).any(|(value, sign)| (*value >= 0.0) != *sign)
+        let is_broken = |(value, sign): (&f64, &f64)| match *sign {
+            sign if sign < 0.0 => *value >= 0.0,
+            sign if sign > 0.0 => *value <= 0.0 || value.is_nan(),
+            _ => *value < 0.0 || value.is_nan(),
+        };
+        problem.breaks(t).iter().zip(&self.signs).any(is_broken)
     }
+
+    /// The first number from `t` on at which no function is at its zero, within a few units of rounding.
+    fn behind(&self, problem: &mut dyn Dvi, t: f64) -> f64 {
+        let mut after = t;
+        for _ in 0..AT_END as u32 {
+            let is_zero = |(value, sign): (&f64, &f64)| *value == 0.0 && *sign != 0.0;
+            if !problem.breaks(after).iter().zip(&self.signs).any(is_zero) {
+                return after;
+            }
+            after = after.next_up();
+        }
+        t
+    }
+}
+
+/// The size of a step whose last stage, at the sum of `t` and the size, does not round to a number behind `end`.
+fn length(t: f64, end: f64) -> f64 {
+    let mut length = end - t;
+    while length > 0.0 && t + length > end {
+        length = length.next_down();
+    }
+    length
 }

@@ -266,6 +266,29 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
+    /// Passes a breakpoint of time that a mode with closed contacts reached: velocities of surfaces may jump or have a
+    /// corner there, so that contacts approach, let go or begin to slip while no monitor of the mode crosses zero.
+    fn pass_break(&mut self, before: &[Status], control: &Control) -> Result<(), ContactError> {
+        self.note_transition(before.to_vec(), None);
+        let is_struck = self.apply_impact_law(control)?;
+        self.select_mode(None, control)?;
+        let mode = self.mode.as_deref().unwrap_or_default();
+        if !is_struck && mode.len() == before.len() && mode.iter().zip(before).all(|(a, b)| a.continues(b)) {
+            self.transition = None;
+        }
+        let t = self.state.t;
+        let kind = |pair: (&Status, &Status)| match pair {
+            (Status::Stick, Status::Slip(_)) => Some(EventKind::Slip),
+            (Status::Slip(_), Status::Stick) => Some(EventKind::Stick),
+            (before, Status::Open) if before.is_closed() => Some(EventKind::LiftOff),
+            _ => None,
+        };
+        let changes = before.iter().zip(mode).map(kind).enumerate();
+        let events = changes.filter_map(|(contact, kind)| Some(ContactEvent { t, kind: kind?, contact }));
+        self.new_events.extend(events);
+        Ok(())
+    }
+
     /// Records the passage that begins at the present state.
     fn note_transition(&mut self, mode: Vec<Status>, ending: Option<Ending>) {
         let (before, grazes) = (self.state.clone(), self.grazes);

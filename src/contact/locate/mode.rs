@@ -17,6 +17,14 @@ pub enum Status {
 }
 
 impl Status {
+    /// Whether a motion with `before` goes on with this status: it is the same, and a slip has not turned round.
+    pub fn continues(&self, before: &Self) -> bool {
+        match (self, before) {
+            (Self::Slip(direction), Self::Slip(before)) => direction.dot(before) > 0.0,
+            (now, before) => now == before,
+        }
+    }
+
     /// Whether the contact is closed and may carry a normal force.
     pub fn is_closed(self) -> bool {
         self != Self::Open

@@ -185,6 +185,10 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             None => {
                 self.located.evaluate_constraints();
                 self.follow_slips();
+                if !is_cut && self.is_behind_break(t) {
+                    self.over = true;
+                    return self.located.pass_break(&self.mode, self.control);
+                }
                 if let Some(growth) = self.drift() {
                     if !self.over {
                         let next = self.radau.as_ref().map(Radau::next_step);
@@ -199,6 +203,12 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
                 Ok(())
             }
         }
+    }
+
+    /// Whether the step to `t` ended at a breakpoint of time while a contact is closed.
+    fn is_behind_break(&self, t: f64) -> bool {
+        let ends_there = |radau: &Radau<'_>| radau.t() == t && radau.begins_anew() && !radau.is_done();
+        self.mode.iter().any(|status| status.is_closed()) && self.radau.as_ref().is_some_and(ends_there)
     }
 
     /// Updates the slip directions of the mode to those of the current 3D slips, which the monitors for stops refer to:

@@ -12,7 +12,7 @@ pub struct Transition {
     pub before: State,
     /// The mode of the arc.
     pub mode: Vec<Status>,
-    /// The event that ended the arc; `None` at the start of a run.
+    /// The event that ended the arc; `None` at the start of a run, and at a breakpoint of time.
     pub ending: Option<Ending>,
     /// The impact, if there was one.
     pub impact: Option<Impact>,

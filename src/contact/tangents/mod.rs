@@ -1,5 +1,5 @@
 //! The derivatives of an event-driven motion with respect to its parameters and initial values: along smooth arcs those of
-//! the stages ([`Arc`]), and where an arc ends those of its event and of what follows it (saltation; Aizerman and
+//! the stages (`Arc`), and where an arc ends those of its event and of what follows it (saltation; Aizerman and
 //! Gantmakher 1958; Hiskens and Pai 2000). With a monitor `phi` of the event and the impact or the new mode as a map `R`
 //! from the state before to the state after,
 //!
@@ -172,6 +172,9 @@ impl Tangents {
             return Err(NoDerivative::Grazing);
         }
         let Some(transition) = phase.located.transition.clone() else { return Ok(None) };
+        if transition.ending.is_none() && end > begin {
+            return Err(NoDerivative::AtBreak);
+        }
         let times = self.pass(phase.located, &transition)?;
         self.keep_largest();
         let (State { t, q, v }, after) = (transition.before, &phase.located.state);

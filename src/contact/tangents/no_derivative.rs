@@ -44,6 +44,12 @@ pub enum NoDerivative {
         "contacts share a load in more than one way, so that the time at which one of them gives way is not unique"
     )]
     Redundant,
+    /// A contact that changes at a breakpoint of time.
+    #[error(
+        "a contact opens, is struck, or changes between stick and slip at a time at which given motions jump or have a corner: \
+         of that passage no derivatives are made"
+    )]
+    AtBreak,
     /// Time stepping took over.
     #[error("no smooth motion could go on, and time stepping did, of which no derivatives are made")]
     SteppedOver,

@@ -13,7 +13,7 @@ impl Radau<'_> {
     ///
     /// The step keeps its face: this is for problems without bounded variables, whose faces do not end.
     pub fn remake(&mut self, end: f64, tighter: f64) -> bool {
-        let h = end - self.last.t;
+        let h = self.breaks.size_up_to(self.last.t, end);
         if self.last.is_remade && h == self.last.h {
             return true;
         }

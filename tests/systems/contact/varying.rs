@@ -316,3 +316,55 @@ fn events_of_a_belt_are_stick_and_slip_in_turn() {
     assert!(kinds.len() > 5, "{kinds:?}");
     assert!(kinds.windows(2).all(|pair| pair[0] != pair[1]), "{kinds:?}");
 }
+
+fn on_a_belt(belt: &str, end: f64, count: u32) -> Value {
+    json!({
+        "problem": {"mechanical": {
+            "coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]], "potential": "10*y",
+            "contacts": [{"name": "F", "gap": "y", "friction": {"coefficient": 0.2, "slip": [format!("x_dot - {belt}")]}}],
+            "tables": {"ramp": {"x": [0, 1, 2, 9], "y": [0, 0, 4, 4], "interpolation": "linear"}}
+        }},
+        "time": {"end": end}, "output": {"times": {"count": count}}
+    })
+}
+
+/// A belt that starts and stops at once leaves a block behind, which it had carried with it: friction is bounded.
+#[test]
+fn a_belt_whose_speed_jumps_does_not_take_a_block_along_at_once() {
+    let solution = solve(&on_a_belt("pulse(t, 1, 2)", 6.0, 61));
+    let exact = |t: f64| match t {
+        t if t < 1.0 => 0.0,
+        t if t < 1.5 => (t - 1.0).powi(2),
+        t if t < 3.0 => 0.25 + (t - 1.5),
+        t => 2.0 - (3.5 - t.min(3.5)).powi(2),
+    };
+    let error = distance(&solution, "x", exact);
+    assert!(error < 1e-9, "off by {error:e}");
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    let kinds: Vec<(f64, EventKind)> = solution.trajectory.events.iter().map(|event| (event.t, event.kind)).collect();
+    let expected = [(1.0, EventKind::Slip), (1.5, EventKind::Stick), (3.0, EventKind::Slip), (3.5, EventKind::Stick)];
+    assert!(
+        kinds.len() == 4 && kinds.iter().zip(expected).all(|(a, b)| a.1 == b.1 && (a.0 - b.0).abs() < 1e-9),
+        "{kinds:?}"
+    );
+}
+
+/// From its corner on the belt accelerates by 4, twice what friction can transmit.
+#[test]
+fn a_belt_that_begins_to_run_faster_than_friction_moves_a_block_from_its_corner_on() {
+    let solution = solve(&on_a_belt("ramp(t)", 6.0, 61));
+    // It has the speed of the belt at t = 3.
+    let exact = |t: f64| if t < 3.0 { (t - 1.0).max(0.0).powi(2) } else { 4.0 + 4.0 * (t - 3.0) };
+    let error = distance(&solution, "x", exact);
+    assert!(error < 1e-8, "off by {error:e}");
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+}
+
+/// A belt that runs one second forth and one back: the block slips all the time, and friction turns with the slip.
+#[test]
+fn friction_turns_where_the_belt_turns() {
+    let solution = solve(&on_a_belt("if(t < 1, 3, -3)", 2.0, 21));
+    let error = distance(&solution, "x", |t| if t < 1.0 { t * t } else { 1.0 + 2.0 * (t - 1.0) - (t - 1.0).powi(2) });
+    assert!(error < 1e-9, "off by {error:e}");
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+}
