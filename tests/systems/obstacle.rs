@@ -287,3 +287,26 @@ fn what_sinks_onto_an_obstacle_as_a_whole_is_on_its_way_until_it_is_there() {
         assert!(arrivals.len() == 1 && (arrivals[0] - 4.0).abs() < 10.0 * rtol, "{arrivals:?} at {rtol:e} until {end}");
     }
 }
+
+/// Nothing depends on the place: `u` falls by 1/2 in the unit of time unless the obstacle `sin t` pushes it up. Between its
+/// contacts `u` is linear in time, so that its error estimate is zero.
+#[test]
+fn an_obstacle_that_moves_is_not_stepped_over() {
+    let specification = json!({
+        "problem": {"obstacle": {
+            "domain": {"x": [0, 1]}, "elements": 10, "diffusion": 1, "probes": {"p": [0.3]},
+            "source": -0.5, "obstacle": "sin(t)", "initial": 0.5
+        }},
+        "time": {"end": 14}, "output": {"times": {"count": 141}}
+    });
+    let solution = solve(&specification);
+    let (fine, mut u, mut worst) = (10_000, 0.5_f64, 0.0_f64);
+    for row in 1..141_i32 {
+        for part in 1..=fine {
+            let t = 0.1 * (f64::from(row - 1) + f64::from(part) / f64::from(fine));
+            u = (u - 0.05 / f64::from(fine)).max(t.sin());
+        }
+        worst = worst.max((column(&solution, "p")[row as usize] - u).abs());
+    }
+    assert!(worst < 1e-3, "off by {worst:e}");
+}

@@ -12,6 +12,9 @@
 //!   three times, they are evaluated. A node that is in contact at none of the three times contributes the displacement
 //!   caused by the deviation of its load from the parabola through the three times; a node with a given value, the
 //!   deviation of that value from its parabola; a node overtaken by an obstacle, its penetration.
+//!
+//! The parabola of a node may enter an obstacle that moves within its range at the three times: where obstacles depend on
+//! time, every free node contributes its penetration at [points in between](BETWEEN).
 
 use super::resting::{Moment, Resting};
 use super::{Condition, Field, GAMMA, ObstacleError, Semidiscrete};
@@ -24,6 +27,10 @@ const PARTS: usize = 48;
 /// Admissible excess of a field over its range at the three times, relative to the range: allows a smooth extremum in
 /// between.
 const BEYOND: f64 = 0.25;
+
+/// Parts of a step at which moving obstacles are compared with the parabolas of nodes: quarters of the time to the stage, and
+/// the middle of the time behind it.
+const BETWEEN: [f64; 4] = [0.25 * GAMMA, 0.5 * GAMMA, 0.75 * GAMMA, 0.5 * (1.0 + GAMMA)];
 
 /// Workspace for data at times between the stages.
 pub struct Hidden {
@@ -102,6 +109,9 @@ impl Hidden {
         for t in self.suspects(system, seen.times) {
             self.look(system, t, seen, &mut moved, control)?;
         }
+        if system.set_varies() {
+            self.look_at_obstacles(system, seen, &mut moved, control)?;
+        }
         let weighted = moved.iter().zip(&system.weights).map(|(moved, weight)| weight * moved * moved);
         Ok((weighted.sum::<f64>() / system.weights.iter().sum::<f64>()).sqrt())
     }
@@ -146,6 +156,31 @@ impl Hidden {
             parts.extend([(a, middle), (middle, b)]);
         }
         suspect
+    }
+
+    /// Raises `moved` to the penetrations of the parabolas of nodes into obstacles between the stages.
+    fn look_at_obstacles(
+        &mut self,
+        system: &mut Semidiscrete,
+        seen: &Seen<'_>,
+        moved: &mut [f64],
+        control: &Control,
+    ) -> Result<(), ObstacleError> {
+        let Kept { lower, upper, .. } = &mut self.kept;
+        lower.clone_from(&system.set.lower);
+        upper.clone_from(&system.set.upper);
+        let [begin, _, end] = seen.times;
+        let mut found = Ok(());
+        for t in BETWEEN.map(|part| begin + part * (end - begin)) {
+            found = found.and_then(|()| system.bounds_at(t, control));
+            for (i, moved) in moved.iter_mut().enumerate().filter(|(i, _)| found.is_ok() && !system.is_given[*i]) {
+                let u = seen.parabola(t, seen.values.map(|values| values[i]));
+                *moved = moved.max(system.set.lower[i] - u).max(u - system.set.upper[i]);
+            }
+        }
+        system.set.lower.copy_from_slice(lower);
+        system.set.upper.copy_from_slice(upper);
+        found
     }
 
     /// Raises `moved` to the displacements that the data at time `t` would cause.

@@ -131,6 +131,14 @@ impl Semidiscrete {
         Ok(())
     }
 
+    /// Evaluates `K` alone at time `t`.
+    ///
+    /// # Errors
+    /// As for [`Self::vectors_at`].
+    pub(super) fn bounds_at(&mut self, t: f64, control: &Control) -> Result<(), ObstacleError> {
+        set_at(&mut self.problem, &mut self.set, &self.is_given, t, control)
+    }
+
     /// The initial nodal values, with Dirichlet values on the sides. `f` and `K` must have been evaluated at the
     /// initial time.
     ///
