@@ -2,7 +2,7 @@
 //! definitions, which are further columns; integrals of expressions over time; and monitors, whose sign changes are
 //! located and recorded, or end the run.
 
-use super::quadrature;
+use super::quadrature::{self, Integrals};
 use super::run::Stepper;
 use super::{Event, EventKind};
 use expression::{IntervalWorkspace, Tape};
@@ -105,7 +105,7 @@ pub(super) struct Observed<'a> {
     monitors: Monitors,
     place: EvaluationBuffer,
     /// The integrals up to the time `reached`.
-    integrals: Vec<f64>,
+    integrals: Integrals,
     reached: f64,
     /// A monitor without a finite value, if there is one.
     lost: Option<usize>,
@@ -171,7 +171,7 @@ impl<'a> Observed<'a> {
         };
         let t = stepper.t();
         let monitors = Monitors::new(&place.at(stepper, t)[of.names.len()..]);
-        Self { monitors, place, integrals: vec![0.0; of.integrals], reached: t, lost: None, of }
+        Self { monitors, place, integrals: Integrals::new(of.integrals), reached: t, lost: None, of }
     }
 
     /// Locates the events of the monitors over the last step, from `begin` on, and appends them to `events` as long as
@@ -236,7 +236,7 @@ impl<'a> Observed<'a> {
         self.integrate(stepper, t);
         let (of_definitions, of_integrals) = out.split_at_mut(self.of.definitions());
         self.define(t, outputs, of_definitions);
-        of_integrals.copy_from_slice(&self.integrals);
+        of_integrals.copy_from_slice(&self.integrals.values);
     }
 
     /// Writes the definitions at a time where the problem has the given outputs.
@@ -257,6 +257,12 @@ impl<'a> Observed<'a> {
             out.copy_from_slice(&place.at(stepper, t)[first..first + count]);
         });
         self.reached = t;
+    }
+
+    /// The integral with the largest relative uncertainty, and that uncertainty.
+    pub fn uncertainty(&self) -> Option<(&str, f64)> {
+        let (integral, uncertainty) = self.integrals.uncertainty()?;
+        Some((self.of.names.get(self.of.definitions() + integral)?, uncertainty))
     }
 
     /// Number of steps in which a monitor may have changed sign twice without being noticed.

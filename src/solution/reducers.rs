@@ -2,7 +2,7 @@
 //! along the dense output, counts and times of located events, and the mode word. Output times have no influence.
 
 use super::columnar::checksum;
-use super::quadrature::integrate;
+use super::quadrature::{Integrals, integrate};
 use super::run::Stepper;
 use super::statistics::{Extremes, Samples};
 use super::{Event, EventKind};
@@ -132,7 +132,7 @@ pub(super) struct Reducing<'a> {
     at_times: Vec<Option<f64>>,
     /// Indices of the values to integrate, and whether to square them.
     integrands: Vec<(usize, bool)>,
-    integrals: Vec<f64>,
+    integrals: Integrals,
     /// Indices of the values whose extremes are needed.
     extremes: Vec<usize>,
     found: Extremes,
@@ -175,7 +175,7 @@ impl<'a> Reducing<'a> {
             at_start: vec![0.0; count],
             at_end: vec![0.0; count],
             at_times: vec![None; of.reductions.len()],
-            integrals: vec![0.0; integrands.len()],
+            integrals: Integrals::new(integrands.len()),
             integrands,
             found: Extremes::new(extremes.len()),
             extremes,
@@ -195,6 +195,11 @@ impl<'a> Reducing<'a> {
             word.push(&mode);
         }
         reducing
+    }
+
+    /// The largest relative uncertainty of an integral or a mean.
+    pub fn uncertainty(&self) -> Option<f64> {
+        self.integrals.uncertainty().map(|(_, uncertainty)| uncertainty)
     }
 
     fn evaluate(&mut self, stepper: &mut impl Stepper, t: f64) {
@@ -262,7 +267,7 @@ impl<'a> Reducing<'a> {
         let time = self.end - self.start;
         let integral = |at: usize, squared: bool| {
             let place = self.integrands.iter().position(|known| *known == (at, squared));
-            place.map_or(f64::NAN, |place| self.integrals[place])
+            place.map_or(f64::NAN, |place| self.integrals.values[place])
         };
         let extremes = |at: usize| {
             let place = self.extremes.iter().position(|known| *known == at);

@@ -2,10 +2,11 @@
 
 use super::dense::{Dense, Sampling};
 use super::observables::{EndedBy, Observables, Observed};
+use super::quadrature::NEGLIGIBLE;
 use super::reducers::{Reducers, Reducing};
 use super::sensitivities::Sensitivities;
 use super::statistics::{OverTime, Statistics};
-use super::{Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
+use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
 use numerics::Interval;
 use problem::{Control, Stop};
 use std::collections::BTreeMap;
@@ -199,6 +200,18 @@ impl<'a> Run<'a> {
         };
         let Recorder { trajectory, ended_by, observed, y, statistics, reducing, sampling, .. } = self.recorder;
         let dense: Option<Dense> = sampling.and_then(Sampling::finish);
+        let of_integrals = observed.as_ref().and_then(|observed| observed.uncertainty());
+        let of_means = statistics.as_ref().and_then(|(_, statistics)| statistics.uncertainty());
+        let of_reductions = reducing.as_ref().and_then(|reducing| reducing.uncertainty());
+        let unnamed = [of_means, of_reductions].into_iter().flatten().map(|uncertainty| ("means", uncertainty));
+        for (name, uncertainty) in of_integrals.into_iter().chain(unnamed) {
+            self.diagnostics.checks.record(CheckCode::LocalError, uncertainty, NEGLIGIBLE, || {
+                format!(
+                    "an integral over time (`{name}`) is uncertain by {uncertainty:.1e} of the integral of the absolute value: \
+                     its integrand varies faster than the parts of a step that are examined; set `max_step`"
+                )
+            });
+        }
         let derivatives = y[self.plan.names.len() + self.plan.observables.names.len()..].to_vec();
         let is_complete = status == Status::Completed;
         let collected = reducing.map(|reducing| reducing.finish(is_complete, &trajectory.events, &derivatives));

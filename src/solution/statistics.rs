@@ -1,7 +1,7 @@
 //! Mean, root mean square, minimum and maximum of outputs over a run, along the dense output: by quadrature, and by
 //! searches for extremes within steps, so that output times have no influence.
 
-use super::quadrature::integrate;
+use super::quadrature::{Integrals, integrate};
 use numerics::kronrod;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -32,7 +32,7 @@ pub struct OverTime {
 pub(super) struct Statistics {
     time: f64,
     /// The integrals of all outputs, then of their squares.
-    integrals: Vec<f64>,
+    integrals: Integrals,
     extremes: Extremes,
     samples: Samples,
 }
@@ -58,7 +58,7 @@ impl Statistics {
     /// Statistics of `count` outputs.
     pub fn new(count: usize) -> Self {
         let (extremes, samples) = (Extremes::new(count), Samples::default());
-        Self { time: 0.0, integrals: vec![0.0; 2 * count], extremes, samples }
+        Self { time: 0.0, integrals: Integrals::new(2 * count), extremes, samples }
     }
 
     /// Adds a step between two times; `at` writes the outputs at a time within it.
@@ -78,9 +78,14 @@ impl Statistics {
         samples.widen(extremes, &mut at);
     }
 
+    /// The largest relative uncertainty of a mean or mean square.
+    pub fn uncertainty(&self) -> Option<f64> {
+        self.integrals.uncertainty().map(|(_, uncertainty)| uncertainty)
+    }
+
     /// Returns the statistics of each output.
     pub fn finish(self) -> Vec<OverTime> {
-        let (means, squares) = self.integrals.split_at(self.extremes.least.len());
+        let (means, squares) = self.integrals.values.split_at(self.extremes.least.len());
         let all = means.iter().zip(squares).enumerate();
         all.map(|(k, (mean, square))| {
             let (min, max) = self.extremes.of(k);

@@ -217,3 +217,20 @@ fn what_is_wrong_is_told_with_its_place() {
     let circle = codes(with(json!({"definitions": {"a": "b", "b": "a"}}), json!({})));
     assert!(circle.iter().any(|(pointer, _)| pointer.starts_with(&at("definitions"))), "{circle:?}");
 }
+
+/// The integrand passes 160 times through its period while a step grows as the state decays.
+#[test]
+fn integrals_of_fast_functions_of_time_are_exact() {
+    let specification = json!({
+        "problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}},
+                            "integrals": {"power": "sin(50*t)^2", "product": "cos(100*t)*x"}}},
+        "time": {"end": 10}, "output": {"times": [0, 10]}, "method": {"rtol": 1e-10}
+    });
+    let solution = solve(&specification);
+    let power = 5.0 - 1000.0_f64.sin() / 200.0;
+    let wave = |t: f64| (-t).exp() * (100.0 * (100.0 * t).sin() - (100.0 * t).cos()) / 10_001.0;
+    assert!((last(&solution, "power") - power).abs() < 1e-9, "{} for {power}", last(&solution, "power"));
+    let product = wave(10.0) - wave(0.0);
+    assert!((last(&solution, "product") - product).abs() < 1e-8, "{} for {product}", last(&solution, "product"));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+}

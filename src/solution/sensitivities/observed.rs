@@ -4,7 +4,7 @@
 
 use super::By;
 use crate::observables::{Argument, ObservableSlopes, Observables};
-use crate::quadrature;
+use crate::quadrature::{self, Integrals};
 use expression::Tape;
 use nalgebra::DMatrix;
 
@@ -80,12 +80,12 @@ impl ObservedSlopes {
     /// The integrals of the derivatives of integrands between two times.
     fn integral(&mut self, from: f64, to: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
         let (first, integrals, count) = (self.definitions, self.integrals, self.count);
-        let mut sums = vec![0.0; integrals * count];
+        let mut sums = Integrals::new(integrals * count);
         quadrature::integrate(from, to, &mut sums, |t, out| {
             let (x, slopes) = along(t);
             out.copy_from_slice(self.at(t, &x, &slopes).rows(first, integrals).into_owned().as_slice());
         });
-        DMatrix::from_column_slice(integrals, count, &sums)
+        DMatrix::from_column_slice(integrals, count, &sums.values)
     }
 
     /// Follows the integrals over a step between two times; `along` gives states and their derivatives within it.
