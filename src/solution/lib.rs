@@ -14,6 +14,7 @@ mod fit;
 mod global_error;
 mod integrate;
 mod mechanical_checks;
+mod multipliers;
 mod observables;
 mod obstacle;
 mod orbit;

@@ -24,15 +24,15 @@ use utoipa::ToSchema;
 
 /// Differences of whole runs are as exact as the tolerances: by the root of them parameters are moved, which leaves half of
 /// their digits. Farther off a phase may have gone round, and both differences agree on what is no derivative.
-const POWER: f64 = 0.5;
+pub(super) const POWER: f64 = 0.5;
 /// The part of a parameter by which it is moved at most.
-const MOST_MOVED: f64 = 1e-2;
+pub(super) const MOST_MOVED: f64 = 1e-2;
 /// By how much derivatives may differ from the difference of runs, beside what two differences differ by.
-const SLACK: f64 = 20.0;
+pub(super) const SLACK: f64 = 20.0;
 /// The most output times before the end at which derivatives are compared: what is wrong for a hundredth of a run is met.
 const MOST_COMPARED: usize = 100;
 /// The fractional part of the golden ratio, whose multiples fall between each other and nowhere twice.
-const GOLDEN: f64 = 0.618_033_988_749_894_8;
+pub(super) const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 /// What is differentiated, and by what.
 #[derive(Clone, Debug)]
