@@ -14,6 +14,7 @@ mod fit;
 mod global_error;
 mod integrate;
 mod mechanical_checks;
+mod multipliers;
 mod observables;
 mod obstacle;
 mod orbit;
@@ -126,7 +127,7 @@ pub struct Solution {
     /// The evidence. It is written for people and not read back.
     #[serde(default, deserialize_with = "passed_over")]
     pub diagnostics: Diagnostics,
-    /// Comparison of the derivatives at the end with a difference of runs, on request.
+    /// Comparison of the derivatives with a difference of runs, on request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivities: Option<Checked>,
     /// The derivatives of the times of events, if derivatives of a motion with impacts were requested.

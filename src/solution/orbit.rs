@@ -12,6 +12,7 @@
 
 use super::contact::{ContactPlan, integrate_contact_once};
 use super::integrate::integrate_once;
+use super::multipliers;
 use super::run::{Ended, Plan, ending};
 use super::shooting::{Shot, Subject, modulus};
 use super::statistics::OverTime;
@@ -179,7 +180,7 @@ pub(super) fn run_along(
     diagnostics.checks.record(CheckCode::ReturnResidual, residual, allowed, || {
         format!("the end of the orbit differs from its beginning by {residual:.1e} times the tolerance")
     });
-    let multipliers = shot.multipliers();
+    let multipliers = multipliers::find(subject, plan, &shot, true, control, &mut diagnostics.checks);
     if let Err(why) = &shot.monodromy {
         let message =
             format!("the orbit has no derivative with respect to its initial values, and so no multipliers: {why}");

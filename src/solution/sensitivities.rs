@@ -1,6 +1,6 @@
 //! The derivatives of states, definitions and integrals by parameters and initial values: columns `dx/dm` beside the states,
 //! followed with the run ([`radau::Tangents`], [`contact::tangents::Tangents`]) and held to a finite difference in one
-//! direction.
+//! direction, at the end and on the way.
 
 mod motion;
 mod observed;
@@ -24,11 +24,15 @@ use utoipa::ToSchema;
 
 /// Differences of whole runs are as exact as the tolerances: by the root of them parameters are moved, which leaves half of
 /// their digits. Farther off a phase may have gone round, and both differences agree on what is no derivative.
-const POWER: f64 = 0.5;
+pub(super) const POWER: f64 = 0.5;
 /// The part of a parameter by which it is moved at most.
-const MOST_MOVED: f64 = 1e-2;
+pub(super) const MOST_MOVED: f64 = 1e-2;
 /// By how much derivatives may differ from the difference of runs, beside what two differences differ by.
-const SLACK: f64 = 20.0;
+pub(super) const SLACK: f64 = 20.0;
+/// The most output times before the end at which derivatives are compared: what is wrong for a hundredth of a run is met.
+const MOST_COMPARED: usize = 100;
+/// The fractional part of the golden ratio, whose multiples fall between each other and nowhere twice.
+pub(super) const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
 /// What is differentiated, and by what.
 #[derive(Clone, Debug)]
@@ -59,7 +63,7 @@ pub struct Checked {
     pub of: String,
     /// By how much the parameters and initial values are moved together, in the order of `to`, and back.
     pub direction: Vec<f64>,
-    /// The derivative in that direction at the end.
+    /// The derivative in that direction, at the output time at which it differs most.
     pub derivative: f64,
     /// The difference of two runs that are moved so, over twice that.
     pub finite_difference: f64,
@@ -223,7 +227,7 @@ fn moved(model: &DviModel, parameter: usize) -> Result<Shifted, String> {
     Ok(Shifted { by, problems: [at(by)?, at(-by)?] })
 }
 
-/// Holds the derivatives at the end of a run to differences of runs.
+/// Holds the derivatives of a run to differences of runs.
 pub(super) fn check(
     model: &DviModel,
     plan: &Plan,
@@ -242,7 +246,7 @@ pub(super) fn check(
     compare(plan, values, (settings.rtol, &settings.atol), run, ended);
 }
 
-/// Holds the derivatives at the end of a motion to differences of motions.
+/// Holds the derivatives of a motion to differences of motions.
 pub(super) fn check_motion(
     model: &MechanicalModel,
     plan: &Plan,
@@ -279,7 +283,41 @@ impl Moved<'_> {
     }
 }
 
-/// Compares the derivatives at the end of a run with differences of runs.
+/// Parts between a half and one, no two of which are equal, with signs that alternate: moved by them, several quantities cannot
+/// be taken for each other.
+pub(super) fn generic_parts() -> impl Iterator<Item = f64> {
+    (1_u32..).map(|k| {
+        let part = 0.5 + 0.5 * (f64::from(k) * GOLDEN).fract();
+        if k % 2 == 0 { -part } else { part }
+    })
+}
+
+/// The derivatives at one time, those of one state after the other.
+struct At {
+    t: f64,
+    rows: Vec<f64>,
+}
+
+/// The derivatives at the end, and before it at output times that are spread over the run.
+fn compared(asked: &Sensitivities, plan: &Plan, ended: &Ended) -> Vec<At> {
+    let trajectory = &ended.solution.trajectory;
+    let columns: Option<Vec<&[f64]>> = asked.names.iter().map(|name| trajectory.field(name)).collect();
+    let mut places: Vec<usize> = (0..trajectory.t.len()).collect();
+    // An event that is recorded has one time before and after it.
+    places.dedup_by_key(|place| trajectory.t[*place].to_bits());
+    places.retain(|place| trajectory.t[*place] > plan.start && trajectory.t[*place] < plan.end);
+    let apart = places.len().div_ceil(MOST_COMPARED).max(1);
+    let on_the_way = columns.into_iter().flat_map(|columns| {
+        let at = |&place: &usize| At {
+            t: trajectory.t[place],
+            rows: columns.iter().filter_map(|column| column.get(place).copied()).collect(),
+        };
+        places.iter().skip(apart / 2).step_by(apart).map(at).collect::<Vec<At>>()
+    });
+    on_the_way.chain([At { t: plan.end, rows: ended.derivatives.clone() }]).collect()
+}
+
+/// Compares the derivatives of a run with differences of runs.
 fn compare(
     plan: &Plan,
     values: &[f64],
@@ -288,6 +326,7 @@ fn compare(
     ended: &mut Ended,
 ) {
     let Some(asked) = &plan.sensitivities else { return };
+    let compared = compared(asked, plan, ended);
     let checks = &mut ended.solution.diagnostics.checks;
     if ended.solution.ended_by.is_some() {
         let message =
@@ -295,21 +334,19 @@ fn compare(
         checks.caveat("derivatives_not_checked", message.to_owned());
         return;
     }
-    let rows: Vec<Vec<f64>> = ended.derivatives.chunks(asked.by.len()).map(<[f64]>::to_vec).collect();
     let part = rtol.powf(POWER).min(MOST_MOVED);
     let size_of = |by: &By| match *by {
         By::Parameter(k) => values[k].abs(),
         By::Initial(state) => plan.initial[state].abs().max(ended.x[state].abs()),
     };
-    // Not one of them alone, nor all to one side.
-    let signs = asked.by.iter().enumerate().map(|(k, _)| if k % 3 == 1 { -0.7 } else { 1.0 });
     let direction: Vec<f64> = asked
         .by
         .iter()
-        .zip(signs)
-        .map(|(by, sign)| sign * part * if size_of(by) > 0.0 { size_of(by) } else { 1.0 })
+        .zip(generic_parts())
+        .map(|(by, moved)| moved * part * if size_of(by) > 0.0 { size_of(by) } else { 1.0 })
         .collect();
-    let at_end = |multiple: f64| -> Option<Vec<f64>> {
+    // The values of each state at the times that are compared.
+    let along = |multiple: f64| -> Option<Vec<Vec<f64>>> {
         let mut parameters = values.to_vec();
         let mut states = Vec::new();
         for (by, change) in asked.by.iter().zip(&direction) {
@@ -319,7 +356,7 @@ fn compare(
             }
         }
         let mut reference = Plan {
-            times: Some(vec![plan.end]),
+            times: Some(compared.iter().map(|at| at.t).collect()),
             fields: asked.of.clone(),
             sensitivities: None,
             reducers: None,
@@ -328,35 +365,53 @@ fn compare(
         };
         reference.observables.bind(&parameters);
         let Ended { solution, .. } = run(&Moved { parameters: &parameters, states: &states, plan: &reference })?;
-        let last = solution.trajectory.fields.iter().map(|field| field.values.last().copied());
-        if solution.status == Status::Completed { last.collect() } else { None }
+        let is_whole = solution.status == Status::Completed && solution.trajectory.t.len() == compared.len();
+        is_whole.then(|| solution.trajectory.fields.into_iter().map(|field| field.values).collect())
     };
     let [Some(here), Some(above), Some(below), Some(far_above), Some(far_below)] =
-        [0.0, 1.0, -1.0, 2.0, -2.0].map(at_end)
+        [0.0, 1.0, -1.0, 2.0, -2.0].map(along)
     else {
         let message = "runs with other parameters, which the derivatives are compared with, did not reach the end";
         checks.caveat("derivatives_not_checked", message.to_owned());
         return;
     };
-    let mut worst: Option<(f64, Checked)> = None;
-    for (k, (&of, row)) in asked.of.iter().zip(&rows).enumerate() {
-        let derivative: f64 = row.iter().zip(&direction).map(|(slope, change)| slope * change).sum();
-        let near = 0.5 * (above[k] - below[k]);
-        let far = 0.25 * (far_above[k] - far_below[k]);
-        let noise = rtol * here[k].abs() + atol.get(of).copied().unwrap_or(0.0);
-        let uncertainty = (near - far).abs() + noise;
-        let off = if derivative == near { 0.0 } else { (derivative - near).abs() / (SLACK * uncertainty) };
-        if worst.as_ref().is_none_or(|(worst, _)| off > *worst) {
-            let name = plan.names.get(of).or_else(|| plan.observables.names.get(of - plan.names.len()));
-            let of = name.cloned().unwrap_or_default();
-            let direction = direction.clone();
-            worst = Some((off, Checked { of, direction, derivative, finite_difference: near, uncertainty }));
+    let mut worst: Option<(f64, f64, Checked)> = None;
+    for (k, &of) in asked.of.iter().enumerate() {
+        let largest = here[k].iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        for (i, At { t, rows }) in compared.iter().enumerate() {
+            let Some(row) = rows.chunks(asked.by.len()).nth(k) else { continue };
+            let [here, above, below] = [&here, &above, &below].map(|values| values[k][i]);
+            let [far_above, far_below] = [&far_above, &far_below].map(|values| values[k][i]);
+            let derivative: f64 = row.iter().zip(&direction).map(|(slope, change)| slope * change).sum();
+            let near = 0.5 * (above - below);
+            let far = 0.25 * (far_above - far_below);
+            let is_end = i + 1 == compared.len();
+            // On the way errors are as large as the state was before.
+            let size = if is_end { here.abs() } else { largest };
+            let uncertainty = (near - far).abs() + rtol * size + atol.get(of).copied().unwrap_or(0.0);
+            let distance = if is_end {
+                (derivative - near).abs()
+            } else {
+                // Where an output time is that of a switch, derivatives jump there: the one before the switch and the one
+                // behind it are both right.
+                let sides = [above - here, here - below, 0.5 * (far_above - here), 0.5 * (here - far_below)];
+                let least = sides.into_iter().fold(f64::INFINITY, f64::min);
+                let most = sides.into_iter().fold(f64::NEG_INFINITY, f64::max);
+                if derivative.is_nan() { derivative } else { (least - derivative).max(derivative - most).max(0.0) }
+            };
+            let off = if distance == 0.0 { 0.0 } else { distance / (SLACK * uncertainty) };
+            if worst.as_ref().is_none_or(|(worst, ..)| off > *worst || off.is_nan()) {
+                let name = plan.names.get(of).or_else(|| plan.observables.names.get(of - plan.names.len()));
+                let of = name.cloned().unwrap_or_default();
+                let direction = direction.clone();
+                worst = Some((off, *t, Checked { of, direction, derivative, finite_difference: near, uncertainty }));
+            }
         }
     }
-    if let Some((off, checked)) = worst {
+    if let Some((off, t, checked)) = worst {
         checks.record(CheckCode::Derivatives, off, 1.0, || {
             format!(
-                "the derivative of `{}` at the end is {:e} in a direction in which the difference of two runs is {:e}, with an \
+                "the derivative of `{}` at t = {t:?} is {:e} in a direction in which the difference of two runs is {:e}, with an \
                  uncertainty of {:.0e}: the order of switches may change nearby, or a tolerance is too loose",
                 checked.of, checked.derivative, checked.finite_difference, checked.uncertainty
             )

@@ -19,6 +19,9 @@ const RANK: f64 = 1e-8;
 /// switch takes, and far more than rounding of time.
 const BEFORE_END: f64 = 1e-9;
 
+/// Why a run has no derivatives that was made without them.
+const NOT_ASKED: &str = "derivatives were not asked for";
+
 /// A run over one period.
 #[derive(Clone, Debug)]
 pub(super) struct Shot {
@@ -131,6 +134,16 @@ impl<'a> Subject<'a> {
         }
     }
 
+    /// A run over one period without derivatives, which has no monodromy matrix.
+    pub fn end(self, plan: &Plan, (from, period): (&[f64], f64), control: &Control) -> Result<Shot, Failure> {
+        match self {
+            Self::Dvi(model, settings) => shoot_dvi((model, settings), plan, (from, period), &[], control),
+            Self::Motion(model, contact, settings) => {
+                shoot_motion((model, contact, settings), plan, (from, period), &[], control)
+            }
+        }
+    }
+
     /// The nearest start that the set allows: that at which the states are once impulses have brought them there, at the
     /// start and, as what comes back is there too, at the end of a period.
     pub fn allowed(self, plan: &Plan, (from, period): (&[f64], f64), control: &Control) -> Vec<f64> {
@@ -170,9 +183,12 @@ fn shoot_dvi(
     let mut word = Vec::new();
     // Where the run begins is no switch.
     radau.take_switches();
-    let tangents = directions(model, by)
-        .and_then(|directions| Tangents::new(model.problem(), directions).map_err(|why| why.to_string()));
-    let mut tangents = tangents;
+    let mut tangents = if by.is_empty() {
+        Err(NOT_ASKED.to_owned())
+    } else {
+        directions(model, by)
+            .and_then(|directions| Tangents::new(model.problem(), directions).map_err(|why| why.to_string()))
+    };
     while !radau.is_done() {
         if control.poll().is_some() || radau.counts.accepted >= plan.most_steps {
             return Err(too_many(radau.counts.accepted, radau.t(), &radau.y()[..n]));
@@ -217,9 +233,13 @@ fn shoot_motion(
     let mut located = run.map_err(|error| failed(error, from))?;
     let system = || Box::new(Elapsed::new(model.problem(), plan.start));
     let mut evaluators = ModeEvaluators::new(|| system());
-    let mut tangents = directions_of_motion(model, by, plan.start).and_then(|directions| {
-        tangents::Tangents::new(system(), directions, &mut located).map_err(|why| why.to_string())
-    });
+    let mut tangents = if by.is_empty() {
+        Err(NOT_ASKED.to_owned())
+    } else {
+        directions_of_motion(model, by, plan.start).and_then(|directions| {
+            tangents::Tangents::new(system(), directions, &mut located).map_err(|why| why.to_string())
+        })
+    };
     located.new_events.clear();
     let mut largest: Vec<f64> = from.iter().map(|x| x.abs()).collect();
     let mut word = Vec::new();

@@ -113,8 +113,8 @@ impl CheckCode {
                  set."
             }
             Self::Derivatives => {
-                "Difference of the derivatives at the end from the difference quotient of two runs, in units of the \
-                 uncertainty of the latter; measured if `sensitivities` are requested."
+                "Difference of the derivatives from the difference quotient of two runs, in units of the uncertainty of \
+                 the latter; measured if `sensitivities` are requested, and for the multipliers of an orbit."
             }
             Self::ReturnResidual => {
                 "Distance between the end and the beginning of a run over one period of an orbit, or from a steady \

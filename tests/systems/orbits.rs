@@ -178,3 +178,99 @@ fn what_never_rests_says_why() {
         assert_eq!(error.code, code, "{}", error.message);
     }
 }
+
+/// The multipliers of an orbit, which are right or not trusted; and those that are to be trusted are right.
+#[track_caller]
+fn assert_multipliers(specification: &Value, exact: &[[f64; 2]], is_trusted: bool) {
+    let solution = solve(specification);
+    let found = solution.orbit.as_ref().map(|orbit| orbit.multipliers.clone()).unwrap_or_default();
+    let is_right = found.len() == exact.len()
+        && found
+            .iter()
+            .zip(exact)
+            .all(|(a, b)| (a[0] - b[0]).hypot(a[1].abs() - b[1].abs()) <= 1e-3 * b[0].hypot(b[1]));
+    let is_sure = solution.verdict.trusted;
+    assert!(is_right || !is_sure, "{found:?} for {exact:?}");
+    assert!(!is_trusted || is_right && is_sure, "{found:?} for {exact:?}: {:?}", solution.verdict);
+}
+
+#[test]
+fn an_orbit_that_begins_on_a_switching_surface_has_the_multipliers_of_an_orbit() {
+    // x' = cos(t + ph) + k x - F sign x passes zero twice a period, at cos = c and back, with rates c - F and c + F before
+    // and behind: the multiplier is exp(2 pi k) ((c - F)/(c + F))^2.
+    let dry = |growth: f64, phase: f64, x: f64| {
+        let rate = |sign: &str| format!("cos(t+ph)+({growth})*x{sign}0.3");
+        json!({"problem": {"filippov": {"parameters": {"ph": phase}, "surface": "x",
+                "states": {"x": {"initial": x, "plus": rate("-"), "minus": rate("+")}}}},
+            "periodic": {"period": "2*pi"}, "method": {"rtol": 1e-10}, "output": {"times": {"count": 3}}})
+    };
+    // The orbit is odd: half of a period later it is its negative, which gives the phase at which it is zero.
+    let phase_at_zero = |k: f64| {
+        // x = A cos(t + ph) + B sin(t + ph) + F/k + C exp(k t), with x(0) = x(pi) = 0.
+        let (a, b) = (-k / (1.0 + k * k), 1.0 / (1.0 + k * k));
+        let steady = 0.3 / k;
+        // a cos ph + b sin ph = f with f = -(F/k) (e^(k pi) - 1)/(e^(k pi) + 1).
+        let f = -steady * (0.5 * k * PI).tanh();
+        (b.atan2(a), (f / a.hypot(b)).acos())
+    };
+    for k in [0.15, -0.5] {
+        let (middle, off) = phase_at_zero(k);
+        for phase in [middle - off, middle + off] {
+            let c = phase.cos();
+            if c <= 0.3 {
+                continue;
+            }
+            let exact = (TAU * k).exp() * ((c - 0.3) / (c + 0.3)).powi(2);
+            assert_multipliers(&dry(k, phase, 0.0), &[[exact, 0.0]], true);
+            // A quarter of a period later.
+            let x = solve(&dry(k, phase, 0.0)).trajectory.field("x").expect("x")[1];
+            assert!(x.abs() < 1e-6, "half of a period later it is zero as well: {x}");
+            let above = 0.5;
+            if k < 0.0 {
+                assert_multipliers(&dry(k, phase + 0.5 * PI, above), &[[exact, 0.0]], true);
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_near_an_orbit_at_rest_is_not_followed_by_its_steps() {
+    // Hill's equation about zero: the product of both multipliers is exp(-d pi) by Liouville's theorem.
+    let hill = |x: f64| {
+        json!({"problem": {"dvi": {"states": {"x": {"initial": x, "rate": "v"},
+                "v": {"initial": 0, "rate": "-0.2*v-25*(1+0.3*cos(2*t))*x"}}}},
+            "periodic": {"period": "pi"}, "output": {"times": {"count": 3}}})
+    };
+    let solution = solve(&hill(0.0));
+    let multipliers = &solution.orbit.as_ref().expect("an orbit").multipliers;
+    let product: f64 = multipliers.iter().map(|value| value[0].hypot(value[1])).product();
+    let is_right = (product - (-0.2 * PI).exp()).abs() <= 1e-3;
+    assert!(is_right || !solution.verdict.trusted, "{multipliers:?} {:?}", solution.verdict);
+    // x' = x (2 + cos t) - x^3 about zero: exp(4 pi).
+    let grows = json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "x*(2+cos(t))-x^3"}}}},
+        "periodic": {"period": "2*pi"}, "output": {"times": {"count": 3}}});
+    assert_multipliers(&grows, &[[(4.0 * PI).exp(), 0.0]], false);
+    // The same with short steps.
+    let mut short = grows;
+    short["method"] = json!({"max_step": 0.05});
+    assert_multipliers(&short, &[[(4.0 * PI).exp(), 0.0]], true);
+}
+
+#[test]
+fn a_branch_whose_multipliers_are_wrong_is_not_trusted() {
+    // Rest beside a driven state, whose steps are too long for oscillations with w: a torus begins at m = 0.
+    let over = |w: f64| {
+        solve(&json!({"problem": {"dvi": {"parameters": {"m": -0.1, "w": w}, "states": {
+                "x": {"initial": 0, "rate": "m*x-w*y-x*(x^2+y^2)"}, "y": {"initial": 0, "rate": "w*x+m*y-y*(x^2+y^2)"},
+                "z": {"initial": 0.5, "rate": "-z+cos(t)"}}}},
+            "periodic": {"period": "2*pi", "continue": {"parameter": "m", "to": 0.2}},
+            "output": {"times": {"count": 3}}}))
+    };
+    for (w, is_easy) in [(2.0_f64.sqrt(), true), (9.3, false)] {
+        let solution = over(w);
+        let events = &solution.branch.as_ref().expect("a branch").events;
+        let is_right = events.iter().any(|event| event.at.abs() < 1e-3);
+        assert!(is_right || !solution.verdict.trusted, "{w}: {events:?}");
+        assert!(!is_easy || is_right && solution.verdict.trusted, "{w}: {events:?} {:?}", solution.verdict);
+    }
+}

@@ -202,3 +202,40 @@ fn what_cannot_be_differentiated_is_refused_with_its_place() {
     let errors = Specification::from_json(stepped.to_string().as_bytes()).expect_err("errors");
     assert_eq!((errors[0].pointer.as_str(), errors[0].code), ("/sensitivities", "conflict"));
 }
+
+/// Whether a column is that of a closed form, at all output times.
+fn is_near(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> bool {
+    let pairs = solution.trajectory.t.iter().zip(column(solution, name));
+    pairs.into_iter().all(|(&t, &found)| (found - exact(t)).abs() <= 1e-2 * exact(t).abs().max(1e-2))
+}
+
+#[test]
+fn derivatives_that_are_wrong_on_the_way_are_not_trusted() {
+    // At rest any step is exact, but what is near decays: dx/dx0 = exp(-40 t).
+    let rest = |x: f64| {
+        solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": x, "rate": "-40*(x-1)"}}}}, "time": {"end": 0.5},
+            "sensitivities": {"to": ["x.initial"]}, "output": {"times": [0, 0.1, 0.25, 0.5]}}))
+    };
+    let decays = |t: f64| (-40.0 * t).exp();
+    let solution = rest(1.0);
+    assert!(!solution.verdict.trusted || is_near(&solution, "dx/dx.initial", decays), "{:?}", solution.sensitivities);
+    let solution = rest(2.0);
+    assert!(solution.verdict.trusted && is_near(&solution, "dx/dx.initial", decays), "{:?}", solution.verdict);
+}
+
+#[test]
+fn parameters_whose_jumps_coincide_are_told_apart() {
+    // x' = 1 until a, y' = 2 until c, less d y: dy/dc = 2 exp(-d (t - c)) behind c = a, and dy/da = 0.
+    let jumps = |c: f64| {
+        solve(&json!({"problem": {"dvi": {"parameters": {"a": 1, "d": 0.3, "c": c}, "states": {
+                "x": {"initial": 0, "rate": "if(t<a,1,0)"}, "y": {"initial": 0, "rate": "if(t<c,2,0)-d*y"}}}},
+            "time": {"end": 2}, "sensitivities": {"to": ["a", "d", "c"]}, "output": {"times": [0, 2]}}))
+    };
+    for (c, is_apart) in [(1.0, false), (1.2, true)] {
+        let solution = jumps(c);
+        let exact = |t: f64| if t < c { 0.0 } else { 2.0 * (-0.3 * (t - c)).exp() };
+        let is_right = is_near(&solution, "dy/da", |_| 0.0) && is_near(&solution, "dy/dc", exact);
+        assert!(!solution.verdict.trusted || is_right, "{:?}", solution.sensitivities);
+        assert!(!is_apart || solution.verdict.trusted && is_right, "{:?}", solution.verdict);
+    }
+}

@@ -5,9 +5,11 @@ use super::test_functions::{OF_ORBITS, is_confirmed};
 use super::{Branch, BranchEvent, BranchEventKind, BranchPlan};
 use crate::contact::{ContactPlan, integrate_contact_once};
 use crate::integrate::integrate_once;
+use crate::multipliers;
 use crate::orbit::{Missed, Periodic, is_stable, run_along, search_from_start};
 use crate::run::{Ended, ending};
 use crate::shooting::{Passed, Shot, Subject};
+use crate::verdict::Checks;
 use crate::{Failure, Plan, Solution, Status};
 use analysis::Analysis;
 use expression::Tape;
@@ -267,6 +269,7 @@ fn follow(
     solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
     match curve {
         Ok(curve) if solution.status == Status::Completed => {
+            check(&mut orbits, &curve, &mut solution.diagnostics.checks);
             let branch = told(&mut orbits, asked, curve);
             branch.tell(&mut solution);
         }
@@ -330,6 +333,17 @@ fn along_last(
     };
     let asked = Periodic { period, ..orbits.periodic };
     run_along(model.subject(settings), &plan, asked, (found, orbits.shots), along, control)
+}
+
+/// Holds the multipliers of the first orbit, of the last, and of those where they say that something happens, to differences of
+/// runs. On a border an orbit has derivatives on one side only.
+fn check(orbits: &mut Orbits<'_>, curve: &Curve<Vec<Passed>>, checks: &mut Checks) {
+    let tested = curve.events.iter().filter(|found| matches!(found.what, What::Test(_)));
+    for point in curve.points.first().into_iter().chain(curve.points.last()).chain(tested.map(|found| &found.at)) {
+        let Ok(shot) = orbits.shoot(&point.w, point.p) else { continue };
+        let Ok(model) = orbits.model.bound(&orbits.values_at(point.p)) else { continue };
+        multipliers::find(model.subject(orbits.how.settings), orbits.plan, &shot, false, orbits.control, checks);
+    }
 }
 
 /// The branch by names.
