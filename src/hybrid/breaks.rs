@@ -46,6 +46,8 @@ pub struct Breaks {
     before: f64,
     /// First floating-point number after the breakpoint before which the present step ends.
     after: Option<f64>,
+    /// Time of the breakpoint that was found last: a zero of its function, or the first number after it.
+    at: f64,
 }
 
 impl Breaks {
@@ -59,12 +61,18 @@ impl Breaks {
             gap: f64::INFINITY,
             before: t,
             after: None,
+            at: t,
         }
     }
 
     /// The first floating-point number after the breakpoint before which the present step ends, if it ends at one.
     pub fn after(&self) -> Option<f64> {
         self.after
+    }
+
+    /// The time of the breakpoint that was found last, which is that of its zero if there is a floating-point number at it.
+    pub fn at(&self) -> f64 {
+        self.at
     }
 
     /// Cuts a step of size `h` from `t` at the first breakpoint and returns its size; zero if the run must first
@@ -86,11 +94,11 @@ impl Breaks {
         let end_of = |h: f64| t + h + AT_END * f64::EPSILON * t.abs().max(h);
         match self.first_enclosed(problem, begin, end_of(h), h) {
             Some(None) => h,
-            Some(Some(found)) => self.end_before(found, t, h),
+            Some(Some(found)) => self.end_before(problem, found, t, h),
             None => {
                 let h = h.min(2.0 * self.gap.max(t - self.last));
                 let found = self.first_sampled(problem, begin, end_of(h), h);
-                found.map_or(h, |found| self.end_before(found, t, h))
+                found.map_or(h, |found| self.end_before(problem, found, t, h))
             }
         }
     }
@@ -121,14 +129,14 @@ impl Breaks {
         Some((self.last - begin) / f64::from(count))
     }
 
-    fn end_before(&mut self, (before, after): (f64, f64), t: f64, h: f64) -> f64 {
-        (self.before, self.after) = (before, Some(after));
+    fn end_before(&mut self, problem: &mut dyn Dvi, (before, at): (f64, f64), t: f64, h: f64) -> f64 {
+        (self.before, self.at, self.after) = (before, at, Some(self.behind(problem, at)));
         let part = length(t, before).min(h);
         if part <= AT_END * f64::EPSILON * t.abs() { 0.0 } else { part }
     }
 
-    /// The numbers before and after the first sign change, `Some(None)` if no sign changes, and `None` if enclosures
-    /// leave it undecided.
+    /// The numbers before and at the first sign change, `Some(None)` if no sign changes, and `None` if enclosures leave it
+    /// undecided.
     fn first_enclosed(&mut self, problem: &mut dyn Dvi, begin: f64, end: f64, h: f64) -> Option<Option<(f64, f64)>> {
         self.left.clear();
         self.left.push((begin, end));
@@ -154,13 +162,13 @@ impl Breaks {
             if middle > a && middle < b && b - a > f64::EPSILON * h {
                 self.left.extend([(middle, b), (a, middle)]);
             } else if self.has_broken(problem, b) {
-                return Some(Some((a, self.behind(problem, b))));
+                return Some(Some((a, b)));
             }
         }
         Some(None)
     }
 
-    /// The numbers before and after the first sign change that samples detect.
+    /// The numbers before and at the first sign change that samples detect.
     fn first_sampled(&self, problem: &mut dyn Dvi, begin: f64, end: f64, h: f64) -> Option<(f64, f64)> {
         let mut before = begin;
         for sample in 1..=SAMPLES {
@@ -172,7 +180,7 @@ impl Breaks {
             loop {
                 let middle = before + 0.5 * (after - before);
                 if middle <= before || middle >= after || after - before <= f64::EPSILON * h {
-                    return Some((before, self.behind(problem, after)));
+                    return Some((before, after));
                 }
                 *if self.has_broken(problem, middle) { &mut after } else { &mut before } = middle;
             }

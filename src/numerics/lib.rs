@@ -2,6 +2,7 @@
 //! roots.
 
 pub mod bernstein;
+mod components;
 mod interval;
 mod quadrature;
 mod root;
@@ -11,7 +12,8 @@ mod shown;
 /// which the errors of truncation and of rounding balance.
 pub const CENTRAL_DIFFERENCE: f64 = 6e-6;
 
+pub use components::components;
 pub use interval::{Interval, between};
-pub use quadrature::kronrod;
+pub use quadrature::{KRONROD_GAP, kronrod, kronrod_ends};
 pub use root::Bracket;
 pub use shown::{is_seen, is_shown, variation};

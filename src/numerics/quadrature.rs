@@ -34,9 +34,53 @@ pub fn kronrod(from: f64, to: f64) -> impl Iterator<Item = (f64, f64, f64)> {
         .map(move |(at, point)| (middle + half * at, half * point.kronrod, half * (point.kronrod - point.gauss)))
 }
 
+/// The part of an interval between its last Kronrod point and its end.
+pub const KRONROD_GAP: f64 = 0.5 * (1.0 - HALF[7].at);
+
+/// The weights of the values at the points of [`kronrod`], in their order, in the polynomial through them at the beginning and
+/// at the end of the interval. A kink between the last point and the end shows in no rule, but in the value at the end.
+pub fn kronrod_ends() -> impl Iterator<Item = [f64; 2]> {
+    (0..TO_END.len()).map(|i| [TO_END[TO_END.len() - 1 - i], TO_END[i]])
+}
+
+/// Lagrange's polynomials of the points, in increasing order, at 1.
+const TO_END: [f64; 15] = {
+    let mut at = [0.0; 15];
+    let mut i = 0;
+    while i < 8 {
+        (at[7 - i], at[7 + i]) = (-HALF[i].at, HALF[i].at);
+        i += 1;
+    }
+    let mut weights = [1.0; 15];
+    let mut i = 0;
+    while i < 15 {
+        let mut j = 0;
+        while j < 15 {
+            if j != i {
+                weights[i] *= (1.0 - at[j]) / (at[i] - at[j]);
+            }
+            j += 1;
+        }
+        i += 1;
+    }
+    weights
+};
+
 #[cfg(test)]
 mod tests {
-    use super::kronrod;
+    use super::{kronrod, kronrod_ends};
+
+    #[test]
+    fn polynomials_up_to_degree_14_are_extended_to_both_ends() {
+        for degree in 0..=14 {
+            let values = kronrod(0.5, 2.0)
+                .zip(kronrod_ends())
+                .fold([0.0; 2], |sums, ((t, ..), weights)| [0, 1].map(|end| sums[end] + weights[end] * t.powi(degree)));
+            for (value, exact) in values.into_iter().zip([0.5_f64.powi(degree), 2.0_f64.powi(degree)]) {
+                assert!((value - exact).abs() < 1e-13 * 2.0_f64.powi(degree), "{degree}: {value} instead of {exact}");
+            }
+        }
+    }
 
     #[test]
     fn polynomials_up_to_degree_22_are_integrated_exactly_and_both_rules_agree_up_to_13() {

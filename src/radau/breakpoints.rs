@@ -30,7 +30,7 @@ impl Radau<'_> {
         self.restart();
         self.switching.remember(&self.system.face);
         self.start()?;
-        self.switching.record(self.clock.t, &self.system.set, &self.system.face, &[]);
+        self.switching.record(self.breaks.at(), &self.system.set, &self.system.face, &[]);
         Ok(())
     }
 }

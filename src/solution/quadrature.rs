@@ -1,14 +1,15 @@
 //! Integrals over time along the dense output of a step, by adaptive bisection: of all parts of the step, the one over which
 //! two rules differ most is halved next (Piessens et al. 1983, *QUADPACK*, QAG).
 
-use numerics::kronrod;
+use numerics::{KRONROD_GAP, kronrod, kronrod_ends};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
-/// Relative difference of the two quadrature rules at which they count as equal.
+/// Difference of the two quadrature rules over a part at which they count as equal, relative to the integral of the absolute
+/// value over the step and what came before it.
 const AGREE: f64 = 1e-13;
 /// Most parts of a step: about as many as there are periods of an integrand that are resolved within one step. A kink takes
-/// some twenty, since each bisection gains two digits.
+/// some twenty.
 const MOST_PARTS: usize = 2048;
 /// Most sums that the parts of one step keep, for integrals of many functions.
 const MOST_SUMS: usize = 200_000;
@@ -47,29 +48,43 @@ impl Integrals {
 struct Part {
     from: f64,
     to: f64,
-    /// Of each function the integral, the difference of both rules, and the integral of the absolute value.
+    /// Of each function the integral, the difference of both rules and of the ends, and the integral of the absolute value.
     sums: Vec<[f64; 3]>,
     /// The largest difference in units of the one at which rules count as equal.
     excess: f64,
 }
 
 impl Part {
-    fn new((from, to): (f64, f64), before: &[f64], values: &mut [f64], at: &mut impl FnMut(f64, &mut [f64])) -> Self {
-        let mut sums = vec![[0.0; 3]; before.len()];
-        for (t, weight, excess) in kronrod(from, to) {
+    fn new((from, to): (f64, f64), values: &mut [f64], at: &mut impl FnMut(f64, &mut [f64])) -> Self {
+        let mut sums = vec![[0.0; 3]; values.len()];
+        let mut ends = vec![[0.0; 2]; values.len()];
+        for ((t, weight, excess), to_ends) in kronrod(from, to).zip(kronrod_ends()) {
             at(t, values);
-            for ([sum, difference, size], value) in sums.iter_mut().zip(&*values) {
+            for (([sum, difference, size], ends), value) in sums.iter_mut().zip(&mut ends).zip(&*values) {
                 *sum += weight * value;
                 *difference += excess * value;
                 *size += (weight * value).abs();
+                *ends = [0, 1].map(|end| ends[end] + to_ends[end] * value);
             }
         }
-        let excess = sums.iter().zip(before).map(|([_, difference, size], before)| {
-            let equal = AGREE * size.max(f64::EPSILON / AGREE * before.abs());
-            if *difference == 0.0 { 0.0 } else { difference.abs() / equal }
-        });
-        let excess = excess.fold(0.0, |most, excess| if excess > most { excess } else { most });
-        Self { from, to, sums, excess }
+        for (end, t) in [from, to].into_iter().enumerate() {
+            at(t, values);
+            for (([_, difference, _], ends), value) in sums.iter_mut().zip(&ends).zip(&*values) {
+                *difference = difference.abs() + KRONROD_GAP * (to - from) * (ends[end] - value).abs();
+            }
+        }
+        Self { from, to, sums, excess: 0.0 }
+    }
+
+    /// Weighs the differences by the integrals of the absolute values over all of the step and before it.
+    fn weigh(mut self, totals: &[f64], agree: f64) -> Self {
+        let excess = self
+            .sums
+            .iter()
+            .zip(totals)
+            .map(|([_, difference, _], total)| if *difference == 0.0 { 0.0 } else { difference / (agree * total) });
+        self.excess = excess.fold(0.0, |most, excess| if excess > most { excess } else { most });
+        self
     }
 
     fn middle(&self) -> f64 {
@@ -106,13 +121,17 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut at: i
     let Integrals { values: before, uncertain, sizes } = integrals;
     let most = (MOST_SUMS / before.len().max(1)).clamp(LEAST_PARTS, MOST_PARTS);
     let mut values = vec![0.0; before.len()];
-    let mut open = BinaryHeap::from([Part::new((from, to), before, &mut values, &mut at)]);
+    // Times within a short step are rounded, and so are values that change over it.
+    let agree = AGREE.max(f64::EPSILON * from.abs().max(to.abs()) / (to - from));
+    let whole = Part::new((from, to), &mut values, &mut at);
+    let totals: Vec<f64> = sizes.iter().zip(&whole.sums).map(|(before, [_, _, size])| before + size).collect();
+    let mut open = BinaryHeap::from([whole.weigh(&totals, agree)]);
     let mut done = Vec::new();
     while let Some(part) = open.pop() {
         if part.excess > 1.0 && part.can_be_halved() && done.len() + open.len() + 2 <= most {
             let middle = part.middle();
             for ends in [(part.from, middle), (middle, part.to)] {
-                open.push(Part::new(ends, before, &mut values, &mut at));
+                open.push(Part::new(ends, &mut values, &mut at).weigh(&totals, agree));
             }
         } else {
             done.push(part);
@@ -123,7 +142,7 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut at: i
         for (k, [sum, difference, size]) in sums.iter().enumerate() {
             before[k] += sum;
             sizes[k] += size;
-            uncertain[k] += if *excess > 1.0 { difference.abs() } else { 0.0 };
+            uncertain[k] += if *excess > 1.0 { *difference } else { 0.0 };
         }
     }
 }

@@ -7,10 +7,15 @@
 //!
 //! at fixed `(t, x)`, solved by the Josephy-Newton method with a line search: at a start `z` is unknown, and if `G` is
 //! far from affine in `z`, as `exp(z)` is, full steps from zero fail.
+//!
+//! The inequality is solved in parts, each of variables that depend on each other, in an order in which a part depends on
+//! those before it alone: if `K` is a product, this is the same inequality. What is a product of variables of two parts, as
+//! the position of a switch and the voltage across it, is linear in each of them.
 
 use crate::layout::Storage;
 use crate::system::System;
 use nalgebra::DMatrix;
+use numerics::components;
 use problem::ConvexSet;
 use vi::{JosephyNewton, NonlinearVi, SolverKind};
 
@@ -26,13 +31,20 @@ struct AtStates<'a, 'p> {
 }
 
 /// Solves for the variables in `y` at `t`, starting from their values there, if `G` is nonlinear and the system is
-/// small. The result is the best approximation found; `y` is unchanged if its residual is not reduced.
+/// small. The result is the best approximation found; those in `y` of a part whose residual is not reduced are unchanged.
 pub fn solve(system: &mut System<'_>, t: f64, y: &mut [f64]) {
     if system.constant_jacobian() || matches!(system.layout.storage, Storage::Sparse { .. }) {
         return;
     }
     let members = determined(system);
-    if members.is_empty() || !system.evaluate(t, y) {
+    for part in parts(system, &members) {
+        solve_part(system, t, y, part);
+    }
+}
+
+/// Solves for some variables, at the values of the others in `y`.
+fn solve_part(system: &mut System<'_>, t: f64, y: &mut [f64], members: Vec<usize>) {
+    if !system.evaluate(t, y) {
         return;
     }
     let n = system.states;
@@ -59,6 +71,21 @@ fn determined(system: &System<'_>) -> Vec<usize> {
         None => is_direct(k),
     };
     (0..system.unknowns - n).filter(|&k| is_taken(k)).collect()
+}
+
+/// The strongly connected components of the dependences between variables, which blocks join as well, each after those that
+/// it depends on.
+fn parts(system: &System<'_>, members: &[usize]) -> Vec<Vec<usize>> {
+    let n = system.states;
+    let place_of = |k: usize| members.binary_search(&k).ok();
+    let depends = members.iter().map(|&k| {
+        let on = system.entries_of_variable(k).filter_map(|(j, _)| j.checked_sub(n));
+        let block = system.set.block_of(k).map(|block| &*system.set.blocks()[block].members);
+        on.chain(block.into_iter().flatten().copied()).filter_map(place_of).collect()
+    });
+    let depends: Vec<Vec<usize>> = depends.collect();
+    let components = components(&depends);
+    components.into_iter().map(|part| part.into_iter().map(|place| members[place]).collect()).collect()
 }
 
 impl AtStates<'_, '_> {
