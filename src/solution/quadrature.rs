@@ -55,7 +55,7 @@ struct Part {
 }
 
 impl Part {
-    fn new((from, to): (f64, f64), values: &mut [f64], at: &mut impl FnMut(f64, &mut [f64])) -> Self {
+    fn new(step: (f64, f64), (from, to): (f64, f64), values: &mut [f64], at: &mut impl FnMut(f64, &mut [f64])) -> Self {
         let mut sums = vec![[0.0; 3]; values.len()];
         let mut ends = vec![[0.0; 2]; values.len()];
         for ((t, weight, excess), to_ends) in kronrod(from, to).zip(kronrod_ends()) {
@@ -67,10 +67,15 @@ impl Part {
                 *ends = [0, 1].map(|end| ends[end] + to_ends[end] * value);
             }
         }
+        sums.iter_mut().for_each(|[_, difference, _]| *difference = difference.abs());
         for (end, t) in [from, to].into_iter().enumerate() {
+            // At the ends of a step outputs may jump.
+            if t == step.0 || t == step.1 {
+                continue;
+            }
             at(t, values);
             for (([_, difference, _], ends), value) in sums.iter_mut().zip(&ends).zip(&*values) {
-                *difference = difference.abs() + KRONROD_GAP * (to - from) * (ends[end] - value).abs();
+                *difference += KRONROD_GAP * (to - from) * (ends[end] - value).abs();
             }
         }
         Self { from, to, sums, excess: 0.0 }
@@ -123,7 +128,7 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut at: i
     let mut values = vec![0.0; before.len()];
     // Times within a short step are rounded, and so are values that change over it.
     let agree = AGREE.max(f64::EPSILON * from.abs().max(to.abs()) / (to - from));
-    let whole = Part::new((from, to), &mut values, &mut at);
+    let whole = Part::new((from, to), (from, to), &mut values, &mut at);
     let totals: Vec<f64> = sizes.iter().zip(&whole.sums).map(|(before, [_, _, size])| before + size).collect();
     let mut open = BinaryHeap::from([whole.weigh(&totals, agree)]);
     let mut done = Vec::new();
@@ -131,7 +136,7 @@ pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut at: i
         if part.excess > 1.0 && part.can_be_halved() && done.len() + open.len() + 2 <= most {
             let middle = part.middle();
             for ends in [(part.from, middle), (middle, part.to)] {
-                open.push(Part::new(ends, &mut values, &mut at).weigh(&totals, agree));
+                open.push(Part::new((from, to), ends, &mut values, &mut at).weigh(&totals, agree));
             }
         } else {
             done.push(part);
