@@ -69,7 +69,7 @@ mod tests {
             let n = 1 + round % 9;
             let mut draw = || {
                 random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                (random >> 33) % 5 == 0
+                (random >> 33).is_multiple_of(5)
             };
             let edges: Vec<Vec<usize>> = (0..n).map(|_| (0..n).filter(|_| draw()).collect()).collect();
             let mut reaches = vec![vec![false; n]; n];
