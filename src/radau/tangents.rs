@@ -19,6 +19,7 @@
 
 mod monitors;
 mod stages;
+mod steps;
 
 use super::dense_output::Step;
 use super::face::Activity;
@@ -96,6 +97,8 @@ pub struct Tangents {
     inverse_mass: LU<f64, Dyn, Dyn>,
     /// Derivatives of the states at the time reached, one direction per column.
     now: DMatrix<f64>,
+    /// The largest absolute value of each so far.
+    largest: DMatrix<f64>,
     /// Derivatives of the states at the beginning of the last step, and at its stages.
     before: DMatrix<f64>,
     stages: Vec<DMatrix<f64>>,
@@ -123,6 +126,7 @@ impl Tangents {
         let now = directions.initial.clone();
         Ok(Self {
             problem,
+            largest: now.abs(),
             before: now.clone(),
             stages: Vec::new(),
             slopes: [None, None],
@@ -148,6 +152,8 @@ impl Tangents {
         if let Some(last) = self.stages.last() {
             self.now.copy_from(last);
         }
+        self.remember_largest();
+        self.limit_step(radau);
         if radau.jumped().is_some() {
             return Err(NoDerivative::Jump);
         }
@@ -155,7 +161,10 @@ impl Tangents {
             return Ok(());
         }
         self.slopes[1] = None;
-        self.pass_switch(radau)
+        self.pass_switch(radau)?;
+        self.remember_largest();
+        self.limit_first_step(radau);
+        Ok(())
     }
 
     /// Writes the derivatives of a state at a time within the last step of the run, one per direction.
@@ -192,15 +201,12 @@ impl Tangents {
         };
         let begin = match self.mass.nrows() == step.y.len() {
             true => {
-                let (rows, (rates, _)) = (self.rows_at(step.t, &step.y), self.rates(step.t, &step.y));
-                let mut right = rows.by_y * &self.before + rows.by_directions;
-                for &((row, column), direction, value) in &self.directions.mass {
-                    right[(row, direction)] -= value * rates[column];
-                }
-                self.inverse_mass.solve(&right).map(|slope| slope * step.h)
+                let before = self.before.clone();
+                self.slopes_at(step.t, &step.y, &before)
             }
-            false => self.slopes[1].take().map(|slope| slope * step.h),
+            false => self.slopes[1].take(),
         };
+        let begin = begin.map(|slope| slope * step.h);
         let at_begin = |j: usize| {
             let others = (0..s).filter(|i| *i != j);
             others.map(|i| -tableau.c[i] / (tableau.c[j] - tableau.c[i])).product::<f64>() / tableau.c[j]
@@ -208,6 +214,16 @@ impl Tangents {
         let lacking = begin.map(|begin| begin - combine(&at_begin, &self.stages, &self.before));
         let at_end = |j: usize| tableau.a_inverse[(s - 1, j)] / step.h;
         self.slopes = [lacking, Some(combine(&at_end, &self.stages, &self.before))];
+    }
+
+    /// The slopes of derivatives `states` at `(t, y)`, if there are no variables.
+    fn slopes_at(&mut self, t: f64, y: &[f64], states: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+        let (rows, (rates, _)) = (self.rows_at(t, y), self.rates(t, y));
+        let mut right = rows.by_y * states + rows.by_directions;
+        for &((row, column), direction, value) in &self.directions.mass {
+            right[(row, direction)] -= value * rates[column];
+        }
+        self.inverse_mass.solve(&right)
     }
 
     fn count(&self) -> usize {

@@ -210,17 +210,31 @@ fn is_near(solution: &Solution, name: &str, exact: impl Fn(f64) -> f64) -> bool 
 }
 
 #[test]
-fn derivatives_that_are_wrong_on_the_way_are_not_trusted() {
+fn steps_resolve_derivatives_where_the_states_rest() {
     // At rest any step is exact, but what is near decays: dx/dx0 = exp(-40 t).
-    let rest = |x: f64| {
-        solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": x, "rate": "-40*(x-1)"}}}}, "time": {"end": 0.5},
-            "sensitivities": {"to": ["x.initial"]}, "output": {"times": [0, 0.1, 0.25, 0.5]}}))
-    };
-    let decays = |t: f64| (-40.0 * t).exp();
-    let solution = rest(1.0);
-    assert!(!solution.verdict.trusted || is_near(&solution, "dx/dx.initial", decays), "{:?}", solution.sensitivities);
-    let solution = rest(2.0);
-    assert!(solution.verdict.trusted && is_near(&solution, "dx/dx.initial", decays), "{:?}", solution.verdict);
+    for x in [1, 2] {
+        let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": x, "rate": "-40*(x-1)"}}}},
+            "time": {"end": 0.5}, "sensitivities": {"to": ["x.initial"]}, "output": {"times": [0, 0.1, 0.25, 0.5]}}));
+        let found = column(&solution, "dx/dx.initial");
+        let pairs = solution.trajectory.t.iter().zip(found);
+        let error = pairs.fold(0.0_f64, |most, (t, found)| most.max((found - (-40.0 * t).exp()).abs()));
+        assert!(solution.verdict.trusted && error < 1e-5, "{error:e} {:?}", solution.verdict);
+    }
+    // A charge at rest, whose source is moved: dv/dE = 1 - exp(-t/RC).
+    let solution = solve(&json!({"problem": {"circuit": {"parameters": {"E": 10}, "components": [
+            {"voltage_source": {"name": "V", "nodes": ["a", "0"], "volts": "E"}},
+            {"resistor": {"name": "R", "nodes": ["a", "b"], "ohms": 1000}},
+            {"capacitor": {"name": "C", "nodes": ["b", "0"], "farads": 1e-6, "volts": 10}}]}},
+        "time": {"end": 0.02}, "sensitivities": {"to": ["E"]}, "output": {"times": [0, 0.001, 0.002, 0.005, 0.02]}}));
+    let found = column(&solution, "dv(C)/dE");
+    let pairs = solution.trajectory.t.iter().zip(found);
+    let error = pairs.fold(0.0_f64, |most, (t, found)| most.max((found - 1.0 + (-1e3 * t).exp()).abs()));
+    assert!(solution.verdict.trusted && error < 1e-5, "{error:e} {:?}", solution.verdict);
+    // What grows from rest: exp(10).
+    let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "x"}}}},
+        "time": {"end": 10}, "sensitivities": {"to": ["x.initial"]}, "output": {"times": [0, 5, 10]}}));
+    let last = column(&solution, "dx/dx.initial")[2];
+    assert!((last / 10.0_f64.exp() - 1.0).abs() < 1e-4, "{last}");
 }
 
 #[test]

@@ -1,0 +1,62 @@
+//! Steps that resolve the derivatives as well as the states: a solution at rest is exact in steps of any length, and what is near
+//! it is not. The slopes of the derivatives jump from the polynomial of one step to that of the next; the jump, `gamma e` of the
+//! embedded estimate `e` for nonstiff equations, bounds the size of the next step as it does for the states.
+//!
+//! Errors are measured against the largest value so far of a derivative, and of all derivatives in its direction, each in units of
+//! the size of its state.
+
+use super::Tangents;
+use crate::stepper::Radau;
+use nalgebra::DMatrix;
+
+/// Safety factor of the step size, and the bounds of its change from one step to the next.
+const SAFETY: f64 = 0.9;
+const LEAST_CHANGE: f64 = 0.2;
+const LARGEST_CHANGE: f64 = 8.0;
+
+impl Tangents {
+    pub(super) fn remember_largest(&mut self) {
+        self.largest.zip_apply(&self.now, |largest, now| *largest = largest.max(now.abs()));
+    }
+
+    /// Bounds the next step by the error of the derivatives in the last.
+    pub(super) fn limit_step(&self, radau: &mut Radau<'_>) {
+        let method = radau.orders.last();
+        let (Some(gamma), Some(jump)) = (method.tableau.gamma, &self.slopes[0]) else { return };
+        let error = self.norm(jump, radau) / (gamma * method.tolerance.rtol);
+        let change = SAFETY * error.powf(-1.0 / (method.tableau.stages() as f64 + 1.0));
+        radau.h = radau.h.min(radau.last.h * change.clamp(LEAST_CHANGE, LARGEST_CHANGE));
+    }
+
+    /// Bounds the first step behind a switch: derivatives may have jumped into a direction in which the states do not move.
+    pub(super) fn limit_first_step(&mut self, radau: &mut Radau<'_>) {
+        if self.mass.nrows() != radau.y().len() {
+            return;
+        }
+        let (now, y) = (self.now.clone(), radau.y().to_vec());
+        let Some(slopes) = self.slopes_at(radau.t(), &y, &now) else { return };
+        let method = radau.orders.current();
+        let reach = method.tolerance.rtol.powf(1.0 / (method.tableau.stages() as f64 + 1.0));
+        let speed = self.norm(&slopes, radau);
+        if speed > 0.0 {
+            radau.h = radau.h.min(reach / speed);
+        }
+    }
+
+    /// The largest root mean square of the changes in a direction, relative to the sizes of the derivatives.
+    fn norm(&self, changes: &DMatrix<f64>, radau: &Radau<'_>) -> f64 {
+        let settings = &radau.settings;
+        let states = radau.largest().iter().zip(&settings.atol).map(|(largest, atol)| largest + atol / settings.rtol);
+        let states: Vec<f64> = states.collect();
+        let of_direction = |(changes, largest): (&[f64], &[f64])| {
+            let effect = largest.iter().zip(&states).map(|(largest, size)| largest / size).fold(0.0, f64::max);
+            let terms = changes.iter().zip(largest).zip(&states).map(|((change, largest), size)| {
+                if *change == 0.0 { 0.0 } else { (change / (largest + effect * size)).powi(2) }
+            });
+            (terms.sum::<f64>() / states.len() as f64).sqrt()
+        };
+        let n = changes.nrows().max(1);
+        let directions = changes.as_slice().chunks(n).zip(self.largest.as_slice().chunks(n));
+        directions.map(of_direction).fold(0.0, f64::max)
+    }
+}
