@@ -3,6 +3,7 @@
 import json
 import os
 import pathlib
+import signal
 import socket
 import subprocess
 import time
@@ -15,6 +16,8 @@ EXAMPLES = sorted((ROOT / "api/examples").glob("*.json"))
 
 
 def pytest_configure(config):
+    # A shell in the background ignores Ctrl-C, and what it starts does too; tests send it to themselves.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line("markers", "slow: takes more than some seconds")
 
 
