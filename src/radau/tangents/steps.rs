@@ -2,12 +2,13 @@
 //! it is not. The slopes of the derivatives jump from the polynomial of one step to that of the next; the jump, `gamma e` of the
 //! embedded estimate `e` for nonstiff equations, bounds the size of the next step as it does for the states.
 //!
-//! Errors are measured against the largest value so far of a derivative, and of all derivatives in its direction, each in units of
-//! the size of its state.
+//! Errors are measured against the largest value so far of a derivative, and against what moves a state by its own size for a
+//! parameter that is moved by its own (Hindmarsh et al. 2005, *SUNDIALS*: `atol_i` over the size of the parameter).
 
 use super::Tangents;
 use crate::stepper::Radau;
 use nalgebra::DMatrix;
+use numerics::CENTRAL_DIFFERENCE;
 
 /// Safety factor of the step size, and the bounds of its change from one step to the next.
 const SAFETY: f64 = 0.9;
@@ -48,15 +49,20 @@ impl Tangents {
         let settings = &radau.settings;
         let states = radau.largest().iter().zip(&settings.atol).map(|(largest, atol)| largest + atol / settings.rtol);
         let states: Vec<f64> = states.collect();
-        let of_direction = |(changes, largest): (&[f64], &[f64])| {
-            let effect = largest.iter().zip(&states).map(|(largest, size)| largest / size).fold(0.0, f64::max);
+        let of_direction = |(direction, (changes, largest)): (usize, (&[f64], &[f64]))| {
+            let shifted = self.directions.shifted.get(direction).and_then(Option::as_ref);
+            let initial = self.directions.initial.column(direction);
+            let moved = initial.iter().zip(&states).map(|(initial, size)| initial.abs() / size);
+            // The size of a parameter, of which its shift is a part, or of an initial value.
+            let per_size = moved.fold(shifted.map_or(0.0, |shifted| CENTRAL_DIFFERENCE / shifted.by), f64::max);
             let terms = changes.iter().zip(largest).zip(&states).map(|((change, largest), size)| {
-                if *change == 0.0 { 0.0 } else { (change / (largest + effect * size)).powi(2) }
+                let size = largest + per_size * size;
+                if size > 0.0 { (change / size).powi(2) } else { 0.0 }
             });
             (terms.sum::<f64>() / states.len() as f64).sqrt()
         };
         let n = changes.nrows().max(1);
         let directions = changes.as_slice().chunks(n).zip(self.largest.as_slice().chunks(n));
-        directions.map(of_direction).fold(0.0, f64::max)
+        directions.enumerate().map(of_direction).fold(0.0, f64::max)
     }
 }
