@@ -31,7 +31,7 @@ const AT_END: f64 = 8.0;
 const WINDOW: u32 = 10_000;
 
 /// State of the search for breakpoints.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Breaks {
     /// Breakpoints passed since the beginning of the window, and that time.
     window: (u32, f64),

@@ -3,7 +3,11 @@
 //! with a memory kernel.
 
 mod breaks;
+mod driver;
 mod monitors;
+mod one_step;
 
 pub use breaks::Breaks;
+pub use driver::{Automaton, Located, Proposal, Screened, Solved, advance};
 pub use monitors::{Crossing, Followed, Monitors};
+pub use one_step::OneStep;

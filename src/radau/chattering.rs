@@ -31,7 +31,7 @@ const SHARP: f64 = 1e-2;
 const NARROW: f64 = 1e-3;
 
 /// The recent sign changes of the kinks.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Chattering {
     streaks: Vec<Streak>,
     gradient: Vec<(usize, f64)>,

@@ -32,11 +32,6 @@ impl Shortened {
         distance < self.last.replace(distance).map_or(f64::INFINITY, |last| GAIN * last)
     }
 
-    /// Records an accepted step.
-    pub fn accepted(&mut self) {
-        *self = Self::default();
-    }
-
     /// Records an attempt for which Newton's method could not follow the face.
     pub fn unfollowed(&mut self) {
         self.unfollowed += 1;

@@ -41,7 +41,7 @@ const APART: f64 = 1e-7;
 impl Radau<'_> {
     /// Locates the first sign change of a violated monitor of the present step, of size `h`. At `hidden_crossing`, a
     /// fraction of the step, a monitor is violated that need not be violated at any stage.
-    pub(super) fn locate(&mut self, h: f64, mut hidden_crossing: Option<f64>) -> Result<EventTime, StepError> {
+    pub(super) fn locate_switch(&mut self, h: f64, mut hidden_crossing: Option<f64>) -> Result<EventTime, StepError> {
         if !self.switching.locates() {
             return Ok(EventTime::Nowhere);
         }
@@ -83,7 +83,7 @@ impl Radau<'_> {
             if !is_end && self.is_violated_within(size, Some(&crossing)) {
                 continue;
             }
-            let between = self.screen(size);
+            let between = self.screen_step(size);
             // The first step on a face may have to bring the states onto it, which is no reason to leave the face at
             // once.
             match between {
@@ -95,7 +95,6 @@ impl Radau<'_> {
                 }
                 between => {
                     self.switching.remember(&self.system.face);
-                    self.switching.pending = true;
                     return Ok(EventTime::At { h: size, between });
                 }
             }

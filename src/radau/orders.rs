@@ -12,6 +12,7 @@ pub(super) struct Method {
 }
 
 /// The methods available to a run, with the indices of the present one and of that of the last step.
+#[derive(Clone)]
 pub(super) struct Orders {
     methods: Vec<Method>,
     current: usize,

@@ -12,7 +12,7 @@ pub(super) const SHORT: f64 = 0.75;
 const MOST: u32 = 256;
 
 /// Number of successive steps without progress, and the cause of the last rejection.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Progress {
     count: u32,
     cause: Option<RejectionCause>,

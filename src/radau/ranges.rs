@@ -6,7 +6,7 @@ use numerics::{Interval, bernstein};
 
 impl Radau<'_> {
     /// Enclosures of the states over `[from, to]` within the last step: the ranges of its polynomials.
-    pub fn enclose_states(&self, from: f64, to: f64) -> Vec<Interval> {
+    pub(super) fn ranges_of_polynomials(&self, from: f64, to: f64) -> Vec<Interval> {
         let [from, to] = [from, to].map(|t| ((t - self.last.t) / self.last.h).clamp(0.0, 1.0));
         let range = |mut coefficients: Vec<f64>| {
             restrict(&mut coefficients, from, to);
@@ -16,7 +16,7 @@ impl Radau<'_> {
     }
 
     /// The slopes of the states at time `t` within the last step, from its polynomials.
-    pub fn slopes_at(&self, t: f64) -> Vec<f64> {
+    pub(super) fn slopes_of_polynomials(&self, t: f64) -> Vec<f64> {
         let theta = (t - self.last.t) / self.last.h;
         let slope = |coefficients: Vec<f64>| {
             let differences: Vec<f64> = coefficients.windows(2).map(|pair| pair[1] - pair[0]).collect();

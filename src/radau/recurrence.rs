@@ -32,7 +32,7 @@ const SAMPLE: u32 = 1 << 11;
 const ENDLESS: f64 = (1_u32 << 21) as f64;
 
 /// Record of the recent switches.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Recurrence {
     /// Whether each variable has been clearly off its last switch since that switch.
     is_clear: Vec<bool>,
@@ -108,7 +108,7 @@ impl Radau<'_> {
     /// Marks the variables that were clearly off their last switch in the middle of the last step, whose ends may be
     /// switches.
     pub(super) fn clear_switches(&mut self) {
-        if self.switching.recurrence.is_clear.iter().all(|is_clear| *is_clear) {
+        if self.switching.history.recurrence.is_clear.iter().all(|is_clear| *is_clear) {
             return;
         }
         let Self { system, switching, control, last, orders, .. } = self;
@@ -117,7 +117,7 @@ impl Radau<'_> {
         if !system.evaluate(t, y) {
             return;
         }
-        let is_clear = &mut switching.recurrence.is_clear;
+        let is_clear = &mut switching.history.recurrence.is_clear;
         for (k, is_clear) in is_clear.iter_mut().enumerate().filter(|(_, is_clear)| !**is_clear) {
             let (z, g) = (y[system.states + k], system.values[system.states + k]);
             *is_clear = match last.face.places[k] {
@@ -136,7 +136,7 @@ impl Radau<'_> {
     /// [`StepError::Unresolved`].
     pub(super) fn watch_switches(&mut self) -> Result<(), StepError> {
         let (t, accepted, remaining) = (self.clock.t, self.counts.accepted, self.clock.remaining());
-        let Recurrence { within, variable, since, .. } = &mut self.switching.recurrence;
+        let Recurrence { within, variable, since, .. } = &mut self.switching.history.recurrence;
         if *within == 0 {
             *since = (t, accepted);
         }

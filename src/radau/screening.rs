@@ -100,7 +100,7 @@ pub(super) struct Screening {
 
 impl Radau<'_> {
     /// Screens the step of size `h` whose stages are solved.
-    pub(super) fn screen(&mut self, h: f64) -> Between {
+    pub(super) fn screen_step(&mut self, h: f64) -> Between {
         let mut screening = std::mem::take(&mut self.switching.screening);
         let found = self.screen_parts(h, &mut screening);
         self.switching.screening = screening;

@@ -1,27 +1,26 @@
 //! The step loop: Jacobian, factors, stages, face, error, acceptance.
 
-mod attempt;
+mod automaton;
 mod estimate;
+mod one_step;
 mod preparation;
-mod remade;
 mod report;
 mod ripple;
 
-use attempt::Attempt;
+use automaton::Trial;
 use estimate::Estimates;
+pub use one_step::Saved;
 pub use report::{LastStep, Variables};
 
 use super::chattering::Chattering;
 use super::clock::Clock;
 use super::consistent_variables::ConsistentVariables;
-use super::coupled::Shortened;
 use super::dense_output::Step;
 use super::error_control::Controller;
 use super::factors::Factors;
 use super::newton_control::NewtonControl;
 use super::orders::Orders;
-use super::progress::{Progress, SHORT};
-use super::screening::{Between, LEAST};
+use super::progress::Progress;
 use super::settings::{RejectionCause, Settings, StepError};
 use super::stage_vi::StageVi;
 use super::stages::{Contraction, Stages, THETA};
@@ -70,9 +69,6 @@ pub struct Radau<'p> {
     pub(super) extent: Extent,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
-    shortened: Shortened,
-    /// Whether the present step was shortened to the part of it that screening proved.
-    screened_short: bool,
     pub(super) breaks: Breaks,
     pub(super) chattering: Chattering,
     pub(super) unseen: Unseen,
@@ -83,6 +79,7 @@ pub struct Radau<'p> {
 }
 
 /// Largest step size and largest magnitudes of the unknowns in a run so far.
+#[derive(Clone)]
 pub(super) struct Extent {
     /// The size of the longest step.
     pub longest: f64,
@@ -171,8 +168,6 @@ impl<'p> Radau<'p> {
             extent: Extent { longest: 0.0, largest: vec![0.0; unknowns] },
             continues: false,
             jumped: None,
-            shortened: Shortened::default(),
-            screened_short: false,
             breaks: Breaks::new(t),
             chattering: Chattering::default(),
             unseen: Unseen::default(),
@@ -190,112 +185,8 @@ impl<'p> Radau<'p> {
         self.orders.current().tableau
     }
 
-    /// Makes one accepted step.
-    ///
-    /// # Errors
-    /// If the step size falls below the limit of `t` or of the settings, with the cause.
-    pub fn step(&mut self) -> Result<(), StepError> {
-        loop {
-            // Between switches that accumulate, steps are too short to gain from more stages.
-            if self.switching.is_accumulating() && self.orders.take_fewest() {
-                self.forget_order();
-            }
-            let remaining = self.clock.remaining();
-            let Settings { step, min_step, max_step, .. } = self.settings;
-            let mut h = step.unwrap_or(self.h.max(min_step)).min(max_step);
-            if 1.000_1 * h >= remaining {
-                h = remaining;
-            } else if !self.clock.resolves(h) {
-                return Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause: RejectionCause::Error });
-            }
-            let wished = h;
-            h = self.up_to_break(h);
-            if let Some(after) = self.breaks.after()
-                && h <= 0.0
-            {
-                self.pass_break(after)?;
-                continue;
-            }
-            let outcome = self.attempt(h)?;
-            let (reached, iterations, coupled, between) = match outcome {
-                Attempt::Solved { h, iterations, coupled, between } => (h, iterations, coupled, between),
-                Attempt::Failed(factor, cause) => {
-                    self.controller.surprise();
-                    if self.jacobian == Freshness::Kept {
-                        self.forget_jacobian();
-                        // With a fixed step, derivatives at this step are the only remedy.
-                        if self.settings.step.is_some() && self.jacobian == Freshness::Stale {
-                            self.counts.rejected[cause as usize] += 1;
-                            continue;
-                        }
-                    }
-                    self.shrink(h, cause, |_| factor * h)?;
-                    continue;
-                }
-            };
-            if self.settings.step.is_some() {
-                self.accept(reached, coupled, between);
-                return self.end_step(reached < h);
-            }
-            let unlocated = if coupled { self.unlocated(reached) } else { None };
-            if self.shortened.is_too_long(unlocated) {
-                self.system.face.clone_from(&self.switching.before);
-                self.shrink(reached, RejectionCause::Error, |_| 0.25 * reached)?;
-                continue;
-            }
-            let mut error = self.error(reached, coupled);
-            if !coupled {
-                error = error.max(self.constraint_error(reached));
-            }
-            let missed = if error < 1.0 && !coupled { self.missed(reached) } else { 0.0 };
-            let is_missed = missed > 1.0;
-            if is_missed {
-                error = missed;
-            }
-            let (s, most) = (self.tableau().stages(), self.control.most);
-            if error < 1.0 {
-                let mut new = self.controller.accept(s, reached, error, iterations, most);
-                // If a step is nearly as large as the last, new factors do not pay off.
-                if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / reached)) {
-                    new = reached;
-                }
-                // A step cut at a switch or a breakpoint is no reason to reduce the size that was wished for.
-                let is_cut = self.switching.ends_at_switch() || self.breaks.after().is_some();
-                self.h = if is_cut { wished } else { new };
-                let is_short = !is_cut && reached < SHORT * h && !self.screened_short;
-                let contraction = self.contraction;
-                self.accept(reached, coupled, between);
-                self.watch_progress(reached, is_short)?;
-                self.watch_switches()?;
-                self.watch_kinks()?;
-                self.change_order(contraction);
-                return self.end_step(reached < h);
-            }
-            self.switching.abandon();
-            if coupled {
-                self.system.face.clone_from(&self.switching.before);
-            }
-            let first = self.counts.accepted == 0;
-            let seen = self.unseen.seen;
-            self.shrink(reached, RejectionCause::Error, |controller| match is_missed {
-                // Cut the step where the missed variation begins.
-                true if seen >= LEAST => controller.cut(seen * reached),
-                true => controller.miss(s, reached, error.min(1e10), iterations, most),
-                false => controller.reject(s, reached, error.min(1e10), iterations, most, first),
-            })?;
-        }
-    }
-
-    /// Ends a step: unless it is `shorter` than attempted, continues behind the breakpoint before which it ends.
-    fn end_step(&mut self, shorter: bool) -> Result<(), StepError> {
-        match self.breaks.after() {
-            Some(after) if !shorter && !self.is_done() => self.pass_break(after),
-            _ => Ok(()),
-        }
-    }
-
     /// Appends the present step to the trajectory.
-    fn accept(&mut self, h: f64, coupled: bool, between: Option<Between>) {
+    fn append(&mut self, &Trial { h, coupled, between, .. }: &Trial, ends_at_switch: bool) {
         let n = self.system.unknowns;
         let s = self.tableau().stages();
         let face = if coupled { &self.switching.before } else { &self.system.face };
@@ -303,7 +194,6 @@ impl<'p> Radau<'p> {
         self.last.is_smooth = !coupled;
         self.last.screened = between;
         self.last.unlocated = if coupled { self.unlocated(h) } else { None };
-        self.shortened.accepted();
         self.last.slope.clear();
         self.last.end_slope.clear();
         if let Some(gamma) = self.tableau().gamma
@@ -323,7 +213,7 @@ impl<'p> Radau<'p> {
             self.extent.watch(self.stages.stage(&self.y, i));
         }
         self.clock.advance(h);
-        let clock = if self.switching.ends_at_switch() { 8.0 * (self.clock.t.abs() + h) / h } else { 0.0 };
+        let clock = if ends_at_switch { 8.0 * (self.clock.t.abs() + h) / h } else { 0.0 };
         let ends = self.stages.z[(s - 1) * n..s * n].iter().zip(&mut self.control.rounding);
         for (y, (z, rounding)) in self.y.iter_mut().zip(ends) {
             *rounding = f64::EPSILON * (4.0 * y.abs().max(z.abs()) + clock * z.abs());
@@ -336,8 +226,6 @@ impl<'p> Radau<'p> {
         } else if self.jacobian == Freshness::Fresh {
             self.jacobian = Freshness::Kept;
         }
-        self.update_face(coupled);
-        self.extent.watch(&self.y);
     }
 
     /// Changes the number of stages from the next step on, if it may vary, after a step with this contraction.

@@ -38,14 +38,7 @@ pub(super) struct Switching {
     pub(super) probe: Probe,
     /// The face before the present step.
     pub(super) before: ActiveFace,
-    /// Whether the present step ends at a switch.
-    pub(super) pending: bool,
-    /// The time of the last switch, the time between it and the switch before, and the number of successive decreases
-    /// of that time.
-    last: f64,
-    gap: f64,
-    shrinking: u32,
-    pub(super) recurrence: Recurrence,
+    pub(super) history: History,
     pub(super) scratch: Vec<f64>,
     pub(super) inside: FreeVariables,
     pub(super) constraints: Constraints,
@@ -55,8 +48,49 @@ pub(super) struct Switching {
     pub(super) screening: Screening,
     /// Switches not yet taken by the caller.
     switches: Vec<Switch>,
+}
+
+/// The succession of switches, by which accumulations are recognised.
+#[derive(Clone)]
+pub(super) struct History {
+    /// The time of the last switch, the time between it and the switch before, and the number of successive decreases
+    /// of that time.
+    last: f64,
+    gap: f64,
+    shrinking: u32,
+    pub recurrence: Recurrence,
     /// Number of accumulations so far.
     accumulations: u32,
+}
+
+impl History {
+    fn new(variables: usize) -> Self {
+        Self {
+            last: f64::NEG_INFINITY,
+            gap: f64::INFINITY,
+            shrinking: 0,
+            recurrence: Recurrence::new(variables),
+            accumulations: 0,
+        }
+    }
+
+    /// Records a switch of these variables at time `t`.
+    fn switched(&mut self, t: f64, variables: impl Iterator<Item = usize>) {
+        if self.recurrence.switched(variables) {
+            self.accumulations += 1;
+        }
+        let gap = t - self.last;
+        self.shrinking = if gap < 0.95 * self.gap { self.shrinking + 1 } else { 0 };
+        if self.shrinking == ACCUMULATION {
+            self.accumulations += 1;
+        }
+        (self.last, self.gap) = (t, gap);
+    }
+
+    /// Whether switches follow each other too fast to be located.
+    fn is_accumulating(&self) -> bool {
+        self.shrinking >= ACCUMULATION || self.recurrence.is_pausing()
+    }
 }
 
 impl Switching {
@@ -65,11 +99,7 @@ impl Switching {
             locate: settings.switches == Switches::Locate,
             probe: Probe::new(system, settings)?,
             before: system.face.clone(),
-            pending: false,
-            last: f64::NEG_INFINITY,
-            gap: f64::INFINITY,
-            shrinking: 0,
-            recurrence: Recurrence::new(system.unknowns - system.states),
+            history: History::new(system.unknowns - system.states),
             scratch: vec![0.0; system.unknowns],
             inside: FreeVariables::new(system),
             constraints: Constraints::default(),
@@ -77,21 +107,11 @@ impl Switching {
             between: Vec::new(),
             screening: Screening::default(),
             switches: Vec::new(),
-            accumulations: 0,
         })
     }
 
     pub(super) fn remember(&mut self, face: &ActiveFace) {
         self.before.clone_from(face);
-    }
-
-    /// Whether the present step ends at a switch.
-    pub(super) fn ends_at_switch(&self) -> bool {
-        self.pending
-    }
-
-    pub(super) fn abandon(&mut self) {
-        self.pending = false;
     }
 
     /// Records the variables whose activity differs from the remembered face, and those in `turned`, which are on the
@@ -106,15 +126,7 @@ impl Switching {
         }
         if !changed.is_empty() && self.locate {
             let in_interval = changed.iter().copied().filter(|&variable| set.block_of(variable).is_none());
-            if self.recurrence.switched(in_interval) {
-                self.accumulations += 1;
-            }
-            let gap = t - self.last;
-            self.shrinking = if gap < 0.95 * self.gap { self.shrinking + 1 } else { 0 };
-            if self.shrinking == ACCUMULATION {
-                self.accumulations += 1;
-            }
-            (self.last, self.gap) = (t, gap);
+            self.history.switched(t, in_interval);
         }
         !changed.is_empty()
     }
@@ -126,7 +138,7 @@ impl Switching {
 
     /// Whether switches follow each other too fast to be located.
     pub(super) fn is_accumulating(&self) -> bool {
-        self.shrinking >= ACCUMULATION || self.recurrence.is_pausing()
+        self.history.is_accumulating()
     }
 
     /// Whether a step should end at a switch.
@@ -143,11 +155,11 @@ impl Radau<'_> {
 
     /// How often switches accumulated and location was suspended.
     pub fn accumulations(&self) -> u32 {
-        self.switching.accumulations
+        self.switching.history.accumulations
     }
 
     /// Determines the face at the end of a step that was accepted.
-    pub(super) fn update_face(&mut self, coupled: bool) {
+    pub(super) fn update_face(&mut self, coupled: bool, ends_at_switch: bool) {
         if self.system.bounded.is_empty() {
             return;
         }
@@ -156,15 +168,14 @@ impl Radau<'_> {
             self.system.put_on_bounds(&mut self.y);
             self.system.project(&mut self.y);
         }
-        if self.switching.pending {
-            self.switching.pending = false;
+        if ends_at_switch {
             let before = self.y[self.system.states..].to_vec();
             self.choose_face(self.h.max(self.last.h));
             self.keep_better(&before);
             let turned = turned(&self.system, &self.switching.before, &before, &self.y[self.system.states..]);
             let changed = self.switching.record(self.clock.t, &self.system.set, &self.system.face, &turned);
-            if !changed && self.switching.recurrence.within_noise() {
-                self.switching.accumulations += 1;
+            if !changed && self.switching.history.recurrence.within_noise() {
+                self.switching.history.accumulations += 1;
             }
             self.rest();
             self.restart();
@@ -173,8 +184,8 @@ impl Radau<'_> {
             self.rest();
             self.restart();
         } else if self.switching.is_accumulating() {
-            self.switching.shrinking = 0;
-            self.switching.recurrence.kept_face();
+            self.switching.history.shrinking = 0;
+            self.switching.history.recurrence.kept_face();
         }
     }
 
@@ -186,8 +197,8 @@ impl Radau<'_> {
         self.switching.remember(&self.system.face);
         if self.pass_accumulation(self.last.h) {
             self.switching.record(self.clock.t, &self.system.set, &self.system.face, &[]);
-            self.switching.shrinking = 0;
-            self.switching.recurrence.passed();
+            self.switching.history.shrinking = 0;
+            self.switching.history.recurrence.passed();
         }
     }
 

@@ -25,6 +25,7 @@ use super::dense_output::Step;
 use super::face::Activity;
 use super::stepper::Radau;
 use super::tableau::Tableau;
+use hybrid::OneStep;
 use nalgebra::{DMatrix, Dyn, LU};
 use problem::{Dvi, Mass, MovingBound};
 

@@ -2,6 +2,7 @@
 //! between the stages, the integral of rates with kinks, accumulations of switches, and states below their tolerance.
 
 use super::{CheckCode, Checks, Plan, Screening};
+use hybrid::OneStep;
 use radau::{ALLOWED, Excess, Radau, Screened};
 
 /// A state whose maximum is below this multiple of its absolute tolerance is hardly distinguishable from zero.

@@ -11,6 +11,7 @@
 use super::Checks;
 use super::mechanical_checks::{Accuracy, check_energy};
 use contact::energy::Energy;
+use hybrid::OneStep;
 use models::elastic::{EnergyForm, Power};
 use radau::Radau;
 
@@ -70,7 +71,7 @@ impl EnergyBalance {
         let half = 0.5 * (radau.t() - self.reached);
         let time = |point: f64| self.reached + half * (1.0 + point);
         for (sample, (point, _)) in self.samples.iter_mut().zip(POINTS) {
-            radau.interpolate(time(point), sample);
+            radau.at(time(point), sample);
         }
         for (i, (point, weight)) in POINTS.into_iter().enumerate() {
             self.rates.fill(0.0);

@@ -10,6 +10,7 @@ use super::{
     Warning, global_error, sensitivities,
 };
 use analysis::Analysis;
+use hybrid::OneStep;
 use models::{DviModel, KinkAdvice, Outputs};
 use numerics::Interval;
 use problem::{Control, Mass, Structure};
@@ -138,7 +139,7 @@ impl Stepper for RadauRun<'_> {
 
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let unknowns = out.len() - self.outputs.names.len();
-        self.radau.interpolate(t, &mut out[..unknowns]);
+        self.radau.at(t, &mut out[..unknowns]);
         self.outputs.append(t, out);
     }
 
@@ -149,7 +150,7 @@ impl Stepper for RadauRun<'_> {
     }
 
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
-        let ranges = self.radau.enclose_states(from, to);
+        let ranges = self.radau.ranges(from, to);
         out.iter_mut().zip(ranges).for_each(|(out, range)| *out = range);
         true
     }

@@ -3,7 +3,8 @@
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
 use analysis::Analysis;
-use models::obstacle::{Contact, Obstacle, ObstacleError, Settings, TrBdf2};
+use hybrid::OneStep;
+use models::obstacle::{Contact, ContactChange, Obstacle, ObstacleError, Settings, TrBdf2};
 use problem::Control;
 
 /// Integrates an obstacle problem.
@@ -120,14 +121,12 @@ impl Stepper for ObstacleRun<'_> {
 
     fn step(&mut self) -> Result<(), Failure> {
         self.stepper.step().map_err(|cause| failure(&cause, self.stepper.t, self.states.clone()))?;
-        let before = self.contact.nodes;
         self.tell();
-        let event = match (before, self.contact.nodes) {
-            (0, 1..) => Some((self.stepper.first_arrival(), EventKind::Activated)),
-            (1.., 0) => Some((self.stepper.t, EventKind::Deactivated)),
-            _ => None,
-        };
-        self.events.extend(event.map(|(t, kind)| Event { t, kind, of: "contact".to_owned() }));
+        let kind = self.stepper.change.map(|change| match change {
+            ContactChange::Begins => EventKind::Activated,
+            ContactChange::Ends => EventKind::Deactivated,
+        });
+        self.events.extend(kind.map(|kind| Event { t: self.stepper.t, kind, of: "contact".to_owned() }));
         Ok(())
     }
 
@@ -135,7 +134,7 @@ impl Stepper for ObstacleRun<'_> {
     /// are interpolated linearly.
     fn values(&mut self, t: f64, out: &mut [f64]) {
         let Self { stepper, told: [before, now], probes, .. } = self;
-        let (start, end) = (stepper.last.0, stepper.t);
+        let (start, end) = (stepper.begin(), stepper.t);
         let part = if end > start { (t - start) / (end - start) } else { 1.0 };
         if part == 1.0 {
             out.copy_from_slice(now);

@@ -12,6 +12,7 @@ use super::integrate::integrate_once;
 use super::run::Ended;
 use super::{CheckCode, Failure, Plan, Status};
 use analysis::Analysis;
+use hybrid::OneStep;
 use models::{DviModel, MechanicalModel};
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
@@ -153,7 +154,7 @@ impl Followed {
 /// The states and their derivatives at a time within the last step.
 fn along(tangents: &Tangents, radau: &mut Radau<'_>, (states, by): (usize, usize), t: f64) -> (Vec<f64>, DMatrix<f64>) {
     let mut x = vec![0.0; radau.y().len()];
-    radau.interpolate(t, &mut x);
+    radau.at(t, &mut x);
     x.truncate(states);
     let mut slopes = DMatrix::zeros(states, by);
     let mut row = vec![0.0; by];

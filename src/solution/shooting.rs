@@ -6,6 +6,7 @@ use super::integrate::failure;
 use super::sensitivities::{By, directions, directions_of_motion};
 use super::{Failure, Plan};
 use contact::{Elapsed, EventDriven, ModeEvaluators, SmoothPhase, State, tangents};
+use hybrid::OneStep;
 use models::{DviModel, MechanicalModel};
 use nalgebra::{DMatrix, DVector};
 use problem::{Control, EventKind};

@@ -12,6 +12,7 @@ use super::integrate::{failure, integrate_once};
 use super::run::{Ended, Plan, ending};
 use super::{CheckCode, Failure, Solution, Status};
 use analysis::Analysis;
+use hybrid::OneStep;
 use models::DviModel;
 use nalgebra::DMatrix;
 use problem::Control;

@@ -5,6 +5,7 @@
 use super::Diagnostics;
 use analysis::{Analysis, Uniqueness, analyse_face};
 use expression::{Irregularities, Irregularity};
+use hybrid::OneStep;
 use models::DviModel;
 use numerics::Interval;
 use problem::{Structure, Warning};

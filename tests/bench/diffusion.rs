@@ -5,6 +5,7 @@ use divan::{Bencher, black_box};
 use expression::Graph;
 use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::Triplet;
+use hybrid::OneStep;
 use mimalloc::MiMalloc;
 use models::{Linear, LinearRows};
 use nalgebra::Complex;

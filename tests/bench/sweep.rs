@@ -8,6 +8,7 @@ use dvi::problem::Control;
 use dvi::radau::Radau;
 use dvi::solution::Solution;
 use dvi::specification::Specification;
+use hybrid::OneStep;
 use serde_json::{Value, json};
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};

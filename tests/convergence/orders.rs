@@ -3,6 +3,7 @@
 use dvi::problem::{Control, ConvexSet, Dvi, Mass, Structure};
 use dvi::radau::{Radau, Settings, StageChoice, Switches};
 use dvi::vi::SolverKind;
+use hybrid::OneStep;
 
 /// A problem given by two closures.
 pub struct Problem<F, J> {
@@ -75,7 +76,7 @@ fn run(problem: &mut dyn Dvi, stages: usize, x: &[f64], end: f64, steps: usize) 
         radau.step().unwrap();
     }
     let mut y = radau.y().to_vec();
-    radau.interpolate(end, &mut y);
+    radau.at(end, &mut y);
     y
 }
 

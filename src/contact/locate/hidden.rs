@@ -32,7 +32,8 @@ pub(super) const NEXT: f64 = 0.25;
 const FAINT: f64 = 1e-3;
 
 /// The cut of a step with a violation between its points.
-pub(super) struct Hidden {
+#[derive(Clone, Copy)]
+pub struct Hidden {
     /// The time at which to cut the step.
     pub until: f64,
     /// The size of the next step.

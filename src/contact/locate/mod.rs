@@ -10,6 +10,7 @@
 //! - Where impacts accumulate (Zeno), they are replaced by their limit, one impact without restitution.
 //! - Where no mode is found, time stepping goes on until one is.
 
+mod automaton;
 mod bursts;
 mod closed;
 mod enclosed_forces;
@@ -40,6 +41,9 @@ use super::violations::Violations;
 use grazing::Opening;
 use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control, EventKind, Mechanical, MechanicalStructure};
+
+/// The one-step method of smooth motion.
+pub(crate) type Method<'l> = radau::Radau<'l>;
 
 /// Velocities below this fraction of their terms are rounding.
 const ROUNDING: f64 = 1e-11;

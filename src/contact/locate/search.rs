@@ -44,6 +44,7 @@ const JUMP: f64 = 1e-3;
 const MOST_POINTS: usize = 1000;
 
 /// Result of the search in a step.
+#[derive(Clone, Copy)]
 pub(super) enum Search {
     /// The mode goes on.
     Clear,
@@ -54,7 +55,8 @@ pub(super) enum Search {
 }
 
 /// The violation of a monitor within a step.
-pub(super) struct Violation {
+#[derive(Clone, Copy)]
+pub struct Violation {
     pub t: f64,
     /// A later time at which the violation was seen.
     pub seen: f64,

@@ -1,19 +1,20 @@
 //! A smooth phase: motion in one mode, from its beginning to its end.
 
-use super::EventDriven;
 use super::bursts::Parts;
 use super::hidden::Enclosed;
 use super::integrals::Integrals;
 use super::mode::Status;
 use super::mode_equations::ModeEquations;
 use super::monitors::{Monitor, monitors};
-use super::search::{Search, Violation};
+use super::search::Violation;
+use super::{EventDriven, Method};
 use crate::ContactError;
 use crate::energy::Energy;
+use hybrid::OneStep;
 use nalgebra::Vector3;
 use numerics::Interval;
 use problem::{Control, Mechanical};
-use radau::{Radau, Settings};
+use radau::Settings;
 
 /// The equations of the mode twice: for integration, and for evaluation of monitors within a step.
 pub struct ModeEvaluators {
@@ -28,9 +29,6 @@ impl ModeEvaluators {
     }
 }
 
-/// Largest number of cuts of a step for hidden violations that its enclosure finds.
-const ROUNDS: usize = 2;
-
 /// Largest number of repeated steps that refine the time of an event.
 const REFINEMENTS: usize = 6;
 
@@ -38,7 +36,7 @@ const REFINEMENTS: usize = 6;
 const NEAR: f64 = 0.5;
 
 /// A 3D slip may grow by at most `GROWTH` per step; the cut is bisected to `GROWN` of the step.
-const GROWTH: f64 = 4.0;
+pub(super) const GROWTH: f64 = 4.0;
 const GROWN: f64 = 1e-6;
 
 /// The relative tolerance on the stages of a step that is cut.
@@ -48,19 +46,19 @@ const CUT_RTOL: f64 = 1e-11;
 /// allowed in a step, as a fraction of the tolerances of its coordinates.
 const DRIFT: f64 = 0.1;
 
-/// A run of Radau IIA within one mode.
+/// A run of the one-step method within one mode.
 pub struct SmoothPhase<'l, 'p> {
     /// The event-driven run.
     pub located: &'l mut EventDriven<'p>,
     pub(super) mode: Vec<Status>,
-    pub(crate) radau: Option<Radau<'l>>,
+    pub(crate) method: Option<Method<'l>>,
     pub(crate) watch: &'l mut ModeEquations,
-    control: &'l Control,
-    over: bool,
+    pub(super) control: &'l Control,
+    pub(super) over: bool,
     /// The partition of the last step in which its dependence on time shows.
     pub(super) parts: Parts,
     /// A time in the last step, with the integrals up to it.
-    acted: (f64, Integrals),
+    pub(super) acted: (f64, Integrals),
 }
 
 impl<'l, 'p> SmoothPhase<'l, 'p> {
@@ -68,7 +66,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
     pub fn new(located: &'l mut EventDriven<'p>, evaluators: &'l mut ModeEvaluators, control: &'l Control) -> Self {
         let ModeEvaluators { main, watch } = evaluators;
         let mode = located.mode.clone();
-        let mut radau = None;
+        let mut method = None;
         if let Some(mode) = &mode {
             let least = located.tolerances_of_slips();
             for equations in [&mut *main, &mut *watch] {
@@ -78,12 +76,12 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             let remaining = located.end - located.state.t;
             let first_step = located.h.filter(|h| *h < remaining).or(located.radau.first_step);
             let settings = Settings { first_step, ..located.radau.clone() };
-            radau = Radau::new(main, settings, located.state.t, &x, located.end, control).ok();
+            method = Method::new(main, settings, located.state.t, &x, located.end, control).ok();
         }
         let mode = mode.unwrap_or_default();
         let acted = (located.state.t, Integrals::none(mode.len()));
         let parts = Parts::default();
-        Self { mode, radau, watch, control, over: false, parts, acted, located }
+        Self { mode, method, watch, control, over: false, parts, acted, located }
     }
 
     /// Whether the mode, or the run, is over.
@@ -96,124 +94,18 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
     /// # Errors
     /// See [`VelocityStep::advance`](crate::VelocityStep::advance).
     pub fn advance(&mut self) -> Result<(), ContactError> {
-        let begin = self.located.state.t;
-        let Some(radau) = &mut self.radau else {
-            self.over = true;
-            return self.located.step_over(self.control);
-        };
-        if radau.step().is_err() {
-            // Where smooth motion has no continuation, one with impulses may exist.
-            (self.over, self.radau) = (true, None);
-            return self.located.step_over(self.control);
-        }
-        let last = radau.t();
-        self.located.begin();
-        self.located.accepted += 1;
-        let mut end = self.grown(begin, last);
-        self.located.h = Some(end - begin);
-        let mut is_cut = false;
-        if end < last {
-            (is_cut, self.over) = (self.cut_at(end), true);
-        }
-        self.parts = self.parts_in_time(begin, end);
-        if let Some(burst) = self.burst(begin, end) {
-            (self.over, self.located.h) = (true, Some(burst.next));
-            if burst.until <= begin {
-                // The burst begins with the step: repeat the step, shorter.
-                self.located.mode = Some(self.mode.clone());
-                return Ok(());
-            }
-            end = burst.until;
-            is_cut |= self.cut_at(end);
-        }
-        let mut rounds = 0;
-        let found = loop {
-            let mut found = self.search(begin, end);
-            if let Search::Ends(violation) = &found
-                && !is_cut
-            {
-                // The stages of a step have the accuracy of its tolerance; whether a gap closes must be decided more
-                // accurately.
-                end = violation.seen;
-                is_cut = self.cut_at(end);
-                found = self.search(begin, end);
-                self.over = true;
-                if matches!(found, Search::Clear) {
-                    // The violation was an error of the step; a shorter step does not have it.
-                    self.located.h = Some(GROWTH * (end - begin));
-                }
-            }
-            let until = match &found {
-                Search::Clear => end,
-                Search::Ends(violation) => violation.t,
-                Search::Until(t) => *t,
-            };
-            let enclosed = self.hidden(begin, until);
-            if let Enclosed::Violated(hidden) = &enclosed
-                && rounds < ROUNDS
-            {
-                (end, rounds) = (hidden.until, rounds + 1);
-                (self.over, self.located.h) = (true, Some(hidden.next));
-                is_cut |= self.cut_at(end);
-                continue;
-            }
-            self.note_screened(&enclosed);
-            break found;
-        };
-        let (t, ending) = match found {
-            Search::Clear => (end, None),
-            Search::Ends(violation) => (self.refine(begin, end, &violation), Some(violation.ending)),
-            Search::Until(t) => {
-                self.cut_at(t);
-                (self.located.h, self.over) = (Some(t - begin), true);
-                (t, None)
-            }
-        };
-        if t > begin {
-            self.note_grazing(begin, t, ending);
-            self.travel(begin, t);
-        }
-        self.acted = (begin, Integrals::none(self.mode.len()));
-        if t - begin > 10.0 * self.located.pass {
-            self.located.pass = 0.0;
-        }
-        match ending {
-            Some(ending) => {
-                self.over = true;
-                self.located.switch_mode(ending, self.control)
-            }
-            None => {
-                self.located.evaluate_constraints();
-                self.follow_slips();
-                if !is_cut && self.is_behind_break(t) {
-                    self.over = true;
-                    return self.located.pass_break(&self.mode, self.control);
-                }
-                if let Some(growth) = self.drift() {
-                    if !self.over {
-                        let next = self.radau.as_ref().map(Radau::next_step);
-                        self.located.h = next.map(|next| next.min(growth * (t - begin)));
-                    }
-                    self.over = true;
-                    self.located.project_onto_constraints(&self.mode)?;
-                }
-                if self.over {
-                    self.located.mode = Some(self.mode.clone());
-                }
-                Ok(())
-            }
-        }
+        hybrid::advance(self)
     }
 
     /// Whether the step to `t` ended at a breakpoint of time while a contact is closed.
-    fn is_behind_break(&self, t: f64) -> bool {
-        let ends_there = |radau: &Radau<'_>| radau.t() == t && radau.begins_anew() && !radau.is_done();
-        self.mode.iter().any(|status| status.is_closed()) && self.radau.as_ref().is_some_and(ends_there)
+    pub(super) fn is_behind_break(&self, t: f64) -> bool {
+        let ends_there = |method: &Method<'_>| method.t() == t && method.begins_anew() && !method.is_done();
+        self.mode.iter().any(|status| status.is_closed()) && self.method.as_ref().is_some_and(ends_there)
     }
 
     /// Updates the slip directions of the mode to those of the current 3D slips, which the monitors for stops refer to:
     /// a slip may turn by any angle.
-    fn follow_slips(&mut self) {
+    pub(super) fn follow_slips(&mut self) {
         let EventDriven { structure, constraints, state, .. } = &*self.located;
         for (k, (status, contact)) in self.mode.iter_mut().zip(&structure.contacts).enumerate() {
             if let Status::Slip(direction) = status
@@ -229,15 +121,15 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
 
     /// Interpolates `x` at a time within the last step.
     pub(super) fn at(&mut self, t: f64, x: &mut [f64]) {
-        if let Some(radau) = &mut self.radau {
-            radau.interpolate(t, x);
+        if let Some(method) = &mut self.method {
+            method.at(t, x);
         }
     }
 
     /// Writes `x` at a time within the last step; at its end that in the new mode.
     pub fn states_at(&mut self, t: f64, x: &mut [f64]) {
         let EventDriven { state, last, .. } = &*self.located;
-        if t < state.t && t >= last.t && self.radau.is_some() {
+        if t < state.t && t >= last.t && self.method.is_some() {
             return self.at(t, x);
         }
         let (q, v) = x.split_at_mut(state.q.len());
@@ -247,20 +139,20 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
 
     /// Encloses `x` between two times within the last step; empty if the step was not smooth motion.
     pub fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
-        self.radau.as_ref().map_or_else(Vec::new, |radau| radau.enclose_states(from, to))
+        self.method.as_ref().map_or_else(Vec::new, |method| method.ranges(from, to))
     }
 
     /// The slopes of `x` at a time within the last step.
     pub(super) fn slopes_at(&self, t: f64) -> Vec<f64> {
-        self.radau.as_ref().map_or_else(Vec::new, |radau| radau.slopes_at(t))
+        self.method.as_ref().map_or_else(Vec::new, |method| method.slopes_at(t))
     }
 
     /// Counts a step by the result of its enclosure.
-    fn note_screened(&mut self, enclosed: &Enclosed) {
+    pub(super) fn note_screened(&mut self, enclosed: &Enclosed) {
         if self.mode.is_empty() {
             return;
         }
-        let is_proven = self.parts.are_decided && self.radau.as_ref().is_none_or(Radau::are_rates_shown);
+        let is_proven = self.parts.are_decided && self.method.as_ref().is_none_or(Method::are_rates_shown);
         let screening = &mut self.located.screening;
         match enclosed {
             Enclosed::Proven if is_proven => screening.proven += 1,
@@ -288,7 +180,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
 
     /// The time up to which the Newton matrix is valid in the last step: a 3D slip resists turning by `mu r_n/|u_t|`,
     /// so that a slip that begins, or grows many times, needs steps that grow with it.
-    fn grown(&mut self, begin: f64, end: f64) -> f64 {
+    pub(super) fn grown(&mut self, begin: f64, end: f64) -> f64 {
         let mut until = end;
         for k in 0..self.mode.len() {
             if self.located.structure.contacts[k].slips < 2 || !matches!(self.mode[k], Status::Slip(_)) {
@@ -311,7 +203,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
     }
 
     /// Solves the step anew up to the event until its time converges; keeps the last of these steps.
-    fn refine(&mut self, begin: f64, end: f64, violation: &Violation) -> f64 {
+    pub(super) fn refine(&mut self, begin: f64, end: f64, violation: &Violation) -> f64 {
         let Violation { mut t, index, origin, mut slope, .. } = *violation;
         let least = 4.0 * f64::EPSILON * begin.abs().max(f64::MIN_POSITIVE);
         if violation.jumps && t - begin > least {
@@ -345,13 +237,13 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
     }
 
     /// Solves the step anew up to `t`; returns whether that succeeded.
-    fn cut_at(&mut self, t: f64) -> bool {
+    pub(super) fn cut_at(&mut self, t: f64) -> bool {
         let tighter = (CUT_RTOL / self.located.radau.rtol).min(1.0);
-        self.radau.as_mut().is_some_and(|radau| radau.remake(t, tighter))
+        self.method.as_mut().is_some_and(|method| method.cut_at(t, tighter))
     }
 
     /// Advances the state from `begin` to `t`, with the work and the impulses in between.
-    fn travel(&mut self, begin: f64, t: f64) {
+    pub(super) fn travel(&mut self, begin: f64, t: f64) {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
         let Integrals { impulses, friction, forces, drives } = self.integrals(begin, t);
@@ -388,7 +280,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             return (self.located.impulses.clone(), self.located.energy);
         }
         let begin = last.t;
-        if self.radau.is_none() {
+        if self.method.is_none() {
             let part = (t - begin) / (state.t - begin);
             q.iter_mut().zip(last.q.iter().zip(&state.q)).for_each(|(out, (a, b))| *out = a + part * (b - a));
             v.copy_from_slice(&state.v);
@@ -418,7 +310,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
 
     /// The factor of the next step size if a held constraint has drifted off zero: drift, which grows with the square
     /// of the step, must stay well below the tolerances.
-    fn drift(&self) -> Option<f64> {
+    pub(super) fn drift(&self) -> Option<f64> {
         let EventDriven { structure, constraints, step, state, radau, .. } = &*self.located;
         let ticks = 4.0 * step.problem.rounding_of_time(state.t);
         let tolerances = radau.tolerances(0, &state.q);

@@ -30,6 +30,7 @@ use super::locate::{EventDriven, ModeEquations, SmoothPhase};
 use super::velocity_step::State;
 use arc::Arc;
 use event::Flights;
+use hybrid::OneStep;
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use problem::{Mechanical, MechanicalStructure};
@@ -151,7 +152,7 @@ impl Tangents {
     /// # Errors
     /// Why there is no derivative from the end of this step on.
     pub fn follow(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
-        let Some(radau) = &phase.radau else { return Err(NoDerivative::SteppedOver) };
+        let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
         let located = &*phase.located;
         let (begin, transition) = (located.last.t, &located.transition);
         let end = transition.as_ref().map_or(located.state.t, |transition| transition.before.t);

@@ -2,9 +2,10 @@
 //! switches.
 
 use super::screening::Screened;
-use super::trial::Trial;
+use super::trial::{Trial, Violation};
 use super::{Activity, Segments, Switch};
 use crate::stepper::StepError;
+use hybrid::{Automaton, Located, Proposal, Solved};
 
 /// Relative length of a tiny element, which contributes nothing to a mean over time: the square root of the rounding
 /// unit. Its share of the mean is its length, while rounding hides a change of sign along it by a fraction inversely
@@ -32,7 +33,155 @@ const MOST_IN_A_ROW: u32 = 52;
 const SHORTENED: u32 = 3;
 
 /// A variable with its new activity.
-type Change = Option<(usize, Activity)>;
+type Change = (usize, Activity);
+
+/// The attempts at one element.
+#[derive(Debug, Default)]
+pub struct Attempts {
+    /// The proposed length, and the next number after the break at its end, if it ends at one.
+    h: f64,
+    broken: Option<f64>,
+    /// Whether no active set holds on the element, which is accepted without checks.
+    is_unclear: bool,
+    /// The number of successive rejections, and of those for want of a proof.
+    rejected: u32,
+    shortened: u32,
+    /// The number of times that the present trial was screened.
+    screened: u32,
+}
+
+/// A solved element, with the result of its screening.
+pub struct Element {
+    trial: Trial,
+    screened: Screened,
+}
+
+impl Automaton for Segments<'_> {
+    type Attempts = Attempts;
+    type Step = Element;
+    type Violation = Violation;
+    type Event = Change;
+    type Error = StepError;
+
+    fn propose(&mut self, attempts: &mut Attempts) -> Result<Proposal, StepError> {
+        if self.control.poll().is_some() {
+            return Err(StepError::Interrupted { t: self.t });
+        }
+        attempts.screened = 0;
+        let left = self.end - self.t;
+        attempts.is_unclear = std::mem::take(&mut self.unclear.1);
+        if attempts.is_unclear {
+            return Ok(Proposal::Step(self.unclear.0.min(left)));
+        }
+        if self.kinks > MOST_IN_A_ROW || attempts.rejected > MOST_IN_A_ROW {
+            let outcome = "the error is too large for any length of an element";
+            return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
+        }
+        let wanted = self.h.min(self.longest());
+        // The last two elements share the remaining time.
+        let is_last = wanted >= left || left <= 2.0 * self.resolution(left);
+        let h = if is_last { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
+        (attempts.h, attempts.broken) = self.up_to_break(h);
+        Ok(Proposal::Step(attempts.h))
+    }
+
+    fn solve(&mut self, h: f64, _: &mut Attempts) -> Result<Solved<Element>, StepError> {
+        Ok(Solved::Step(Element { trial: self.trial(h)?, screened: Screened::Proven }))
+    }
+
+    /// Screens an element. Where its monitors are too short of proof time and again, it counts as open.
+    fn screen(
+        &mut self,
+        step: &mut Element,
+        attempts: &mut Attempts,
+    ) -> Result<hybrid::Screened<Violation>, StepError> {
+        if attempts.is_unclear {
+            return Ok(hybrid::Screened::Clear);
+        }
+        attempts.screened += 1;
+        let trial = &step.trial;
+        let is_brief = trial.h <= TINY * self.usual || trial.h <= self.resolution(trial.h);
+        step.screened = match trial.violation {
+            _ if attempts.screened > MOST_IN_A_ROW => Screened::Open,
+            Some(violation) => Screened::Violated(violation),
+            None if is_brief || trial.error > 1.0 => Screened::Proven,
+            None => self.screen_element(trial)?,
+        };
+        Ok(match step.screened {
+            Screened::Violated(violation) => hybrid::Screened::Violated(violation),
+            Screened::Proven | Screened::Unresolved | Screened::Open => hybrid::Screened::Clear,
+        })
+    }
+
+    /// Shortens the element to the first switch. Forces may have a kink there, so that only the element up to it is
+    /// accurate, which is screened again.
+    fn locate(
+        &mut self,
+        step: Element,
+        violation: Violation,
+        _: &mut Attempts,
+    ) -> Result<Located<Element, Change>, StepError> {
+        Ok(match self.locate_switch(step.trial, violation)? {
+            (Some(trial), change) => Located::Cut(Element { trial, ..step }, change),
+            (None, change) => {
+                self.rejected += 1;
+                if let Some((variable, to)) = change {
+                    self.change(variable, to)?;
+                }
+                Located::Rejected
+            }
+        })
+    }
+
+    fn is_accurate(
+        &mut self,
+        Element { trial, screened }: &Element,
+        _: Option<&Change>,
+        attempts: &mut Attempts,
+    ) -> Result<bool, StepError> {
+        let is_unproven = *screened == Screened::Open && attempts.shortened < SHORTENED;
+        let is_rough = is_unproven || *screened == Screened::Unresolved;
+        if attempts.is_unclear || self.is_tiny(attempts.h) || trial.error <= 1.0 && !is_rough {
+            return Ok(true);
+        }
+        self.rejected += 1;
+        attempts.rejected += 1;
+        attempts.shortened += u32::from(*screened == Screened::Open);
+        let error = trial.error.max(f64::MIN_POSITIVE);
+        self.h = trial.h * (SAFETY * error.powf(-1.0 / self.order as f64)).clamp(LEAST, 0.5);
+        Ok(false)
+    }
+
+    fn accept(
+        &mut self,
+        Element { trial, screened }: Element,
+        event: Option<Change>,
+        attempts: Attempts,
+    ) -> Result<(), StepError> {
+        if attempts.is_unclear {
+            self.append(&trial, true);
+            return Ok(());
+        }
+        let (wanted, is_tiny) = (self.h, self.is_tiny(attempts.h));
+        match screened {
+            Screened::Proven => self.proven += 1,
+            _ => self.open += u64::from(!is_tiny),
+        }
+        self.append(&trial, is_tiny && trial.error > 1.0);
+        if let Some((variable, to)) = event {
+            self.rejected += 1;
+            self.h = wanted;
+            self.change(variable, to)?;
+        }
+        if let Some(after) = attempts.broken.filter(|_| trial.h == attempts.h) {
+            self.pass_break(after);
+            if event.is_none() {
+                self.change_at_break(&trial)?;
+            }
+        }
+        Ok(())
+    }
+}
 
 impl Segments<'_> {
     /// Makes the next element, before the end of the run.
@@ -40,68 +189,11 @@ impl Segments<'_> {
     /// # Errors
     /// If values are not finite, a set is empty, no solution is found, or on interruption.
     pub fn step(&mut self) -> Result<(), StepError> {
-        let (mut in_a_row, mut shortened) = (0, 0);
-        loop {
-            if self.control.poll().is_some() {
-                return Err(StepError::Interrupted { t: self.t });
-            }
-            let left = self.end - self.t;
-            if std::mem::take(&mut self.unclear.1) {
-                let h = self.unclear.0.min(left);
-                let trial = self.trial(h)?;
-                self.accept(&trial, h, true);
-                return Ok(());
-            }
-            let wanted = self.h.min(self.longest());
-            // The last two elements share the remaining time.
-            let is_last = wanted >= left || left <= 2.0 * self.resolution(left);
-            let h = if is_last { left } else { wanted.min(0.5 * left).max(wanted.min(left - wanted)) };
-            let (h, broken) = self.up_to_break(h);
-            let trial = self.trial(h)?;
-            let is_tiny = h <= TINY * self.usual || h <= self.resolution(h);
-            if self.kinks > MOST_IN_A_ROW || in_a_row > MOST_IN_A_ROW {
-                let outcome = "the error is too large for any length of an element";
-                return Err(StepError::Unsolved { t: self.t, outcome, residual: f64::NAN });
-            }
-            let (trial, change, screened) = self.up_to_switch(trial)?;
-            if let Some(trial) = trial {
-                let wanted = self.h;
-                let (is_rough, is_unclear) = match screened {
-                    Screened::Unresolved => (true, false),
-                    Screened::Open => (shortened < SHORTENED, true),
-                    Screened::Proven | Screened::Violated(_) => (false, false),
-                };
-                if (trial.error > 1.0 || is_rough) && !is_tiny {
-                    self.rejected += 1;
-                    in_a_row += 1;
-                    shortened += u32::from(is_unclear);
-                    let error = trial.error.max(f64::MIN_POSITIVE);
-                    self.h = trial.h * (SAFETY * error.powf(-1.0 / self.order as f64)).clamp(LEAST, 0.5);
-                    continue;
-                }
-                match screened {
-                    Screened::Proven => self.proven += 1,
-                    _ => self.open += u64::from(!is_tiny),
-                }
-                self.accept(&trial, trial.h, is_tiny && trial.error > 1.0);
-                if let Some((variable, to)) = change {
-                    self.rejected += 1;
-                    self.h = wanted;
-                    self.change(variable, to)?;
-                }
-                if let Some(after) = broken.filter(|_| trial.h == h) {
-                    self.pass_break(after);
-                    if change.is_none() {
-                        self.change_at_break(&trial)?;
-                    }
-                }
-                return Ok(());
-            }
-            self.rejected += 1;
-            if let Some((variable, to)) = change {
-                self.change(variable, to)?;
-            }
-        }
+        hybrid::advance(self)
+    }
+
+    fn is_tiny(&self, h: f64) -> bool {
+        h <= TINY * self.usual || h <= self.resolution(h)
     }
 
     /// Changes the active set at a break if a monitor is zero there within the tolerances: behind the break it may
@@ -119,26 +211,6 @@ impl Segments<'_> {
             }
         }
         Ok(())
-    }
-
-    /// The element up to its first switch, `None` if that is at its beginning; the change of activity; and the result
-    /// of screening. Forces may have a kink at the switch, so that only the element up to it is accurate.
-    fn up_to_switch(&mut self, trial: Trial) -> Result<(Option<Trial>, Change, Screened), StepError> {
-        let (mut trial, mut change) = (trial, None);
-        for _ in 0..MOST_IN_A_ROW {
-            let is_brief = trial.h <= TINY * self.usual || trial.h <= self.resolution(trial.h);
-            let screened = match trial.violation {
-                Some(violation) => Screened::Violated(violation),
-                None if is_brief || trial.error > 1.0 => Screened::Proven,
-                None => self.screen(&trial)?,
-            };
-            let Screened::Violated(violation) = screened else { return Ok((Some(trial), change, screened)) };
-            match self.locate(trial, violation)? {
-                (Some(shorter), found) => (trial, change) = (shorter, found),
-                (None, found) => return Ok((None, found, Screened::Proven)),
-            }
-        }
-        Ok((Some(trial), change, Screened::Open))
     }
 
     /// Changes the activity of a variable, at the beginning of a new segment.
@@ -164,9 +236,9 @@ impl Segments<'_> {
         Ok(())
     }
 
-    /// Accepts an element and appends it to the past.
-    fn accept(&mut self, trial: &Trial, h: f64, is_kink: bool) {
-        let m = self.places.len();
+    /// Appends an element to the past.
+    fn append(&mut self, trial: &Trial, is_kink: bool) {
+        let (h, m) = (trial.h, self.places.len());
         let shape = &self.shapes[trial.shape];
         let n = shape.len();
         let end = if h >= self.end - self.t { self.end } else { self.t + h };

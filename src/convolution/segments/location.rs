@@ -28,7 +28,7 @@ type LocatedSwitch = (Option<Trial>, Option<(usize, Activity)>);
 
 impl Segments<'_> {
     /// Locates the first change of sign of a monitor in an element.
-    pub(super) fn locate(&mut self, trial: Trial, violation: Violation) -> Result<LocatedSwitch, StepError> {
+    pub(super) fn locate_switch(&mut self, trial: Trial, violation: Violation) -> Result<LocatedSwitch, StepError> {
         let mut lost = violation;
         // The shortest element whose monitor is negative at its end, and the value of the monitor.
         let mut behind = (violation.theta * trial.h, violation.value);

@@ -18,7 +18,7 @@ use numerics::{Interval, bernstein};
 const MOST_PARTS: usize = 200;
 
 /// The result of screening an element.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Screened {
     /// No switch is missed.
     Proven,
@@ -72,7 +72,7 @@ struct Outcome {
 
 impl Segments<'_> {
     /// Screens an element whose monitors are positive at the nodes.
-    pub(super) fn screen(&mut self, trial: &Trial) -> Result<Screened, StepError> {
+    pub(super) fn screen_element(&mut self, trial: &Trial) -> Result<Screened, StepError> {
         let functions = self.functions(trial);
         let watched = self.watch(trial);
         let Some(begins) = self.begins(&functions, &watched)? else { return Ok(Screened::Open) };

@@ -50,7 +50,7 @@ pub struct Trial {
 }
 
 /// A violation of the active set: a negative monitor.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Violation {
     /// The position within the element, from 0 to 1.
     pub theta: f64,

@@ -36,4 +36,4 @@ pub use field::Field;
 pub use operator::largest_peclet;
 pub use semidiscrete::Semidiscrete;
 pub use settings::{Counts, ObstacleError, Settings};
-pub use tr_bdf2::{GAMMA, TrBdf2};
+pub use tr_bdf2::{ContactChange, GAMMA, TrBdf2};

@@ -15,6 +15,11 @@
 //! a step is then `h^2` on the nodes passed by the free boundary, a fraction `h` of the domain: the order is preserved,
 //! and steps need not end at such times.
 
+mod automaton;
+mod one_step;
+
+pub use automaton::ContactChange;
+
 use super::hidden::{Hidden, Seen};
 use super::resting::Moment;
 use super::settings::{Counts, ObstacleError, Settings};
@@ -22,7 +27,6 @@ use super::stage::{Stage, Unsolved};
 use super::{Obstacle, ObstacleDataError, Semidiscrete};
 use problem::Control;
 use std::f64::consts::SQRT_2;
-use std::ops::Range;
 
 /// The abscissa of the first stage.
 pub const GAMMA: f64 = 2.0 - SQRT_2;
@@ -32,9 +36,6 @@ const D: f64 = 0.5 * GAMMA;
 const W: f64 = 0.25 * SQRT_2;
 /// The weights of the third-order companion less those of the method.
 const E: [f64; 3] = [(1.0 - W) / 3.0 - W, (3.0 * W + 1.0) / 3.0 - W, D / 3.0 - D];
-
-/// Range of step size factors for which the step size is kept, to save a new matrix factorisation.
-const UNCHANGED: Range<f64> = 0.95..1.2;
 
 /// The default initial step size, relative to the integration interval.
 const FIRST: f64 = 1e-4;
@@ -81,6 +82,8 @@ pub struct TrBdf2<'c> {
     moments: [Moment; 3],
     hidden: Hidden,
     was_rejected: bool,
+    /// The beginning or the end of contact at the end of the last step, if it ended there.
+    pub change: Option<ContactChange>,
 }
 
 /// The result of a step attempt.
@@ -127,31 +130,10 @@ impl<'c> TrBdf2<'c> {
             error: zeros(),
             trial: [zeros(), zeros()],
             was_rejected: false,
+            change: None,
         };
         stepper.find_initial_slope()?;
         Ok(stepper)
-    }
-
-    /// Whether the end time is reached.
-    pub fn is_done(&self) -> bool {
-        self.t >= self.end
-    }
-
-    /// Interpolates a node within the last step, at the fraction `part`, by the parabola through both ends and the
-    /// stage. With obstacles at rest, the value is projected onto `K`, and a node that came into contact within the
-    /// step follows the parabola (or line) of its initial slope and, if still free there, its stage value, until it
-    /// reaches the obstacle.
-    pub fn within(&self, node: usize, part: f64) -> f64 {
-        let (_, before, middle) = &self.last;
-        let on_its_way = || parabola(before[node], middle[node], self.u[node], part);
-        if self.system.set_varies() {
-            return on_its_way();
-        }
-        let value = match self.approach(node) {
-            Some([change, curvature]) => before[node] + part * (change + part * curvature),
-            None => on_its_way(),
-        };
-        self.system.set.project(node, value)
     }
 
     /// The coefficients of `part` and `part^2` in the displacement of a node that came into contact within the last
@@ -167,63 +149,6 @@ impl<'c> TrBdf2<'c> {
         let bends = at_middle.held[node] == 0;
         let curvature = (middle[node] - before[node] - GAMMA * change) / (GAMMA * GAMMA);
         Some([change, if bends { curvature } else { 0.0 }])
-    }
-
-    /// The time of the first contact of a node within the last step; the current time if there is none or if obstacles
-    /// move.
-    pub fn first_arrival(&self) -> f64 {
-        let (start, before, _) = &self.last;
-        let set = &self.system.set;
-        let arrival = |node: usize| {
-            let [change, curvature] = self.approach(node)?;
-            let bound = if self.moments[0].held[node] > 0 { set.lower[node] } else { set.upper[node] };
-            let way = bound - before[node];
-            // The smaller root of `curvature p^2 + change p = way`.
-            let root = 2.0 * way / (change + change.signum() * (change * change + 4.0 * curvature * way).sqrt());
-            Some(if way == 0.0 { 0.0 } else { root }).filter(|part| (0.0..=1.0).contains(part))
-        };
-        let parts = (0..self.u.len()).filter_map(arrival);
-        let part = if self.system.set_varies() { 1.0 } else { parts.fold(1.0, f64::min) };
-        start + part * (self.t - start)
-    }
-
-    /// Makes one accepted step, reducing the step size as needed.
-    ///
-    /// # Errors
-    /// The reason why no step is accepted.
-    pub fn step(&mut self) -> Result<(), ObstacleError> {
-        loop {
-            if self.control.poll().is_some() {
-                return Err(ObstacleError::Interrupted { t: self.t });
-            }
-            let remaining = self.end - self.t;
-            // Extend the step to the end time if only rounding would remain.
-            let is_last = self.h >= remaining * (1.0 - 1e-9);
-            let h = if is_last { remaining } else { self.h };
-            let next = if is_last { self.end } else { self.t + h };
-            let (factor, why) = match self.attempt(h, next)? {
-                Attempt::Made(error) if error <= 1.0 || self.settings.step.is_some() => {
-                    self.accept(h, next, error);
-                    return Ok(());
-                }
-                Attempt::Made(error) => {
-                    self.counts.inaccurate += 1;
-                    (if error.is_finite() { (0.9 / error.cbrt()).max(0.1) } else { 0.1 }, "the error was too large")
-                }
-                Attempt::Unsolved(why) if self.settings.step.is_some() => {
-                    return Err(ObstacleError::Unsolved { t: self.t, h, why });
-                }
-                Attempt::Unsolved(why) => {
-                    self.counts.unsolved += 1;
-                    (0.25, why)
-                }
-            };
-            self.was_rejected = true;
-            self.h = factor * h;
-            if self.h < self.settings.min_step.max(16.0 * f64::EPSILON * self.t.abs()) || self.h < f64::MIN_POSITIVE {
-                return Err(ObstacleError::StepTooSmall { t: self.t, h: self.h, why });
-            }
-        }
     }
 
     /// Sets the initial slope and contact forces by a short implicit Euler step.
@@ -360,7 +285,8 @@ impl<'c> TrBdf2<'c> {
         }
     }
 
-    fn accept(&mut self, h: f64, next: f64, error: f64) {
+    /// Appends the step of size `h` to `next`.
+    fn append(&mut self, h: f64, next: f64) {
         if self.settings.step.is_none() {
             self.extrapolate(h);
         }
@@ -374,23 +300,7 @@ impl<'c> TrBdf2<'c> {
         self.moments.swap(0, 2);
         self.force.copy_from_slice(&self.moments[0].force);
         self.t = next;
-        self.counts.accepted += 1;
-        if self.settings.step.is_none() && next < self.end {
-            let most = if self.was_rejected { 1.0 } else { 5.0 };
-            let factor = (0.9 / error.cbrt()).clamp(0.2, most);
-            let factor = if UNCHANGED.contains(&factor) { 1.0 } else { factor };
-            self.h = (factor * h).min(self.settings.max_step);
-        }
-        self.was_rejected = false;
     }
-}
-
-/// The value at the fraction `part` of a step of the parabola through `a` at the start, `b` at the first stage and `c`
-/// at the end.
-fn parabola(a: f64, b: f64, c: f64, part: f64) -> f64 {
-    let of_middle = part * (1.0 - part) / (GAMMA * (1.0 - GAMMA));
-    let of_end = part * (part - GAMMA) / (1.0 - GAMMA);
-    a + of_middle * (b - a) + of_end * (c - a)
 }
 
 impl From<ObstacleDataError> for ObstacleError {

@@ -52,26 +52,6 @@ impl Radau<'_> {
         !self.continues
     }
 
-    /// The time reached.
-    pub fn t(&self) -> f64 {
-        self.clock.t
-    }
-
-    /// `y = (x, z)` at the time reached.
-    pub fn y(&self) -> &[f64] {
-        &self.y
-    }
-
-    /// The size of the next step, as far as it is known.
-    pub fn next_step(&self) -> f64 {
-        self.h
-    }
-
-    /// Whether the end is reached.
-    pub fn is_done(&self) -> bool {
-        self.clock.is_done()
-    }
-
     /// Time of the first jump of the states, forced by constraints at the start or at a breakpoint of the rows.
     pub fn jumped(&self) -> Option<f64> {
         self.jumped
@@ -111,7 +91,7 @@ impl Radau<'_> {
     /// If variables are determined by equations, a time within the rounding of the clock of an end of the step is that
     /// end. There, rows that jump in time may be on the other side of their jump than the face, so that constraints and
     /// consistent variables are meaningless: they would move the states by whatever a jump of a source is worth.
-    pub fn interpolate(&mut self, t: f64, out: &mut [f64]) {
+    pub(super) fn interpolate(&mut self, t: f64, out: &mut [f64]) {
         let rounding = if self.consistent.is_some() { self.clock.rounding(self.last.h) } else { 0.0 };
         let at_end = (self.clock.t - t).abs() <= rounding;
         let at_begin = !at_end && rounding > 0.0 && (t - self.last.t).abs() <= rounding;

@@ -7,6 +7,7 @@
 
 use super::Tangents;
 use crate::stepper::Radau;
+use hybrid::OneStep;
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 

@@ -1,0 +1,188 @@
+//! One step of the automaton whose modes are contact modes. The one-step method proposes and judges the step; here it is
+//! cut where the mode ends.
+
+use super::hidden::{Enclosed, Hidden};
+use super::integrals::Integrals;
+use super::monitors::Ending;
+use super::search::{Search, Violation};
+use super::smooth_phase::{GROWTH, SmoothPhase};
+use crate::ContactError;
+use hybrid::{Automaton, Located, OneStep, Proposal, Screened, Solved};
+
+/// Largest number of cuts of a step for hidden violations that its enclosure finds.
+const ROUNDS: usize = 2;
+
+/// The attempts at one step.
+#[derive(Debug, Default)]
+pub struct Attempts {
+    /// The number of cuts for hidden violations.
+    rounds: usize,
+    /// Whether the step was cut where a violation was seen, and has not been searched since.
+    is_recut: bool,
+}
+
+/// A step of the method, or the part of it before a cut.
+#[derive(Clone, Copy, Debug)]
+pub struct Part {
+    begin: f64,
+    end: f64,
+    /// Whether the step was solved anew up to its end, with a tighter tolerance.
+    is_cut: bool,
+}
+
+/// The first violation within a step.
+pub enum Found {
+    /// A monitor is violated in a step whose stages have the accuracy of its tolerance: whether a gap closes must be
+    /// decided more accurately.
+    Seen(Violation),
+    /// A monitor is violated.
+    Monitor(Violation),
+    /// A gap or a joint is violated between the points at which the step was evaluated.
+    Hidden(Hidden),
+    /// The step was searched up to this time.
+    Unsearched(f64),
+}
+
+impl Automaton for SmoothPhase<'_, '_> {
+    type Attempts = Attempts;
+    type Step = Part;
+    type Violation = Found;
+    type Event = Ending;
+    type Error = ContactError;
+
+    fn propose(&mut self, _: &mut Attempts) -> Result<Proposal, ContactError> {
+        Ok(Proposal::Step(self.method.as_ref().map_or(0.0, OneStep::next_step)))
+    }
+
+    fn solve(&mut self, _: f64, _: &mut Attempts) -> Result<Solved<Part>, ContactError> {
+        let begin = self.located.state.t;
+        let Some(method) = &mut self.method else { return Ok(Solved::Lost) };
+        if method.step().is_err() {
+            return Ok(Solved::Lost);
+        }
+        let last = method.t();
+        self.located.begin();
+        self.located.accepted += 1;
+        let mut step = Part { begin, end: self.grown(begin, last), is_cut: false };
+        self.located.h = Some(step.end - begin);
+        if step.end < last {
+            (step.is_cut, self.over) = (self.cut_at(step.end), true);
+        }
+        self.parts = self.parts_in_time(begin, step.end);
+        if let Some(burst) = self.burst(begin, step.end) {
+            (self.over, self.located.h) = (true, Some(burst.next));
+            if burst.until <= begin {
+                // The burst begins with the step: repeat the step, shorter.
+                self.located.mode = Some(self.mode.clone());
+                return Ok(Solved::Passed);
+            }
+            step.end = burst.until;
+            step.is_cut |= self.cut_at(step.end);
+        }
+        Ok(Solved::Step(step))
+    }
+
+    fn screen(&mut self, step: &mut Part, attempts: &mut Attempts) -> Result<Screened<Found>, ContactError> {
+        let Part { begin, end, is_cut } = *step;
+        let found = self.search(begin, end);
+        let until = match found {
+            Search::Clear => end,
+            Search::Ends(violation) if !(is_cut || attempts.is_recut) => {
+                return Ok(Screened::Violated(Found::Seen(violation)));
+            }
+            Search::Ends(Violation { t, .. }) | Search::Until(t) => t,
+        };
+        if std::mem::take(&mut attempts.is_recut) && matches!(found, Search::Clear) {
+            // The violation was an error of the step; a shorter step does not have it.
+            self.located.h = Some(GROWTH * (end - begin));
+        }
+        let enclosed = self.hidden(begin, until);
+        if let Enclosed::Violated(hidden) = enclosed
+            && attempts.rounds < ROUNDS
+        {
+            return Ok(Screened::Violated(Found::Hidden(hidden)));
+        }
+        self.note_screened(&enclosed);
+        Ok(match found {
+            Search::Clear => Screened::Clear,
+            Search::Ends(violation) => Screened::Violated(Found::Monitor(violation)),
+            Search::Until(t) => Screened::Violated(Found::Unsearched(t)),
+        })
+    }
+
+    fn locate(
+        &mut self,
+        mut step: Part,
+        found: Found,
+        attempts: &mut Attempts,
+    ) -> Result<Located<Part, Ending>, ContactError> {
+        Ok(match found {
+            Found::Seen(violation) => {
+                step.end = violation.seen;
+                step.is_cut = self.cut_at(step.end);
+                (self.over, attempts.is_recut) = (true, true);
+                Located::Cut(step, None)
+            }
+            Found::Hidden(hidden) => {
+                (step.end, attempts.rounds) = (hidden.until, attempts.rounds + 1);
+                (self.over, self.located.h) = (true, Some(hidden.next));
+                step.is_cut |= self.cut_at(step.end);
+                Located::Cut(step, None)
+            }
+            Found::Monitor(violation) => {
+                step.end = self.refine(step.begin, step.end, &violation);
+                Located::Ends(step, Some(violation.ending))
+            }
+            Found::Unsearched(t) => {
+                self.cut_at(t);
+                (self.located.h, self.over, step.end) = (Some(t - step.begin), true, t);
+                Located::Ends(step, None)
+            }
+        })
+    }
+
+    /// Makes a step of time stepping: where smooth motion has no continuation, one with impulses may exist.
+    fn leave_mode(&mut self, _: f64, _: &mut Attempts) -> Result<Solved<Part>, ContactError> {
+        (self.over, self.method) = (true, None);
+        self.located.step_over(self.control)?;
+        Ok(Solved::Passed)
+    }
+
+    fn is_accurate(&mut self, _: &Part, _: Option<&Ending>, _: &mut Attempts) -> Result<bool, ContactError> {
+        Ok(true)
+    }
+
+    fn accept(&mut self, step: Part, event: Option<Ending>, _: Attempts) -> Result<(), ContactError> {
+        let Part { begin, end: t, is_cut } = step;
+        if t > begin {
+            self.note_grazing(begin, t, event);
+            self.travel(begin, t);
+        }
+        self.acted = (begin, Integrals::none(self.mode.len()));
+        if t - begin > 10.0 * self.located.pass {
+            self.located.pass = 0.0;
+        }
+        if let Some(ending) = event {
+            self.over = true;
+            return self.located.switch_mode(ending, self.control);
+        }
+        self.located.evaluate_constraints();
+        self.follow_slips();
+        if !is_cut && self.is_behind_break(t) {
+            self.over = true;
+            return self.located.pass_break(&self.mode, self.control);
+        }
+        if let Some(growth) = self.drift() {
+            if !self.over {
+                let next = self.method.as_ref().map(OneStep::next_step);
+                self.located.h = next.map(|next| next.min(growth * (t - begin)));
+            }
+            self.over = true;
+            self.located.project_onto_constraints(&self.mode)?;
+        }
+        if self.over {
+            self.located.mode = Some(self.mode.clone());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,210 @@
+//! One step of the automaton with two modes: some node touches an obstacle, or none does. A step ends where contact
+//! begins or ends; the active set of the nodes changes at any time, since the method keeps its order there.
+//!
+//! The monitor is the least gap of a node or, in contact, the largest displacement that contact forces prevent, with the
+//! sign of the mode. The size of the step is the unknown, so that the time has the accuracy of the method.
+
+use super::{Attempt, TrBdf2};
+use crate::obstacle::ObstacleError;
+use crate::obstacle::resting::Moment;
+use hybrid::{Automaton, Located, Proposal, Screened, Solved};
+use numerics::Bracket;
+use std::ops::Range;
+
+/// Range of step size factors for which the step size is kept, to save a new matrix factorisation.
+const UNCHANGED: Range<f64> = 0.95..1.2;
+
+/// Gap, in units of the tolerance of a step, below which the end of a step is where contact begins or ends. The gap is
+/// continuous there, and errs by a tolerance: a smaller fraction costs solves without gain, a larger one shifts the
+/// event.
+const CLOSE: f64 = 1e-3;
+
+/// Largest number of steps solved for one event: every other one at least halves the bracket, and a double has 53
+/// binary digits.
+const MOST_GUESSES: usize = 120;
+
+/// The beginning or the end of contact.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ContactChange {
+    /// The first node comes into contact.
+    Begins,
+    /// The last node leaves.
+    Ends,
+}
+
+/// A step whose stages are solved.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    h: f64,
+    next: f64,
+    /// The error, in units of the tolerance.
+    error: f64,
+    is_located: bool,
+}
+
+/// A change of contact within a step, and the value of its monitor at the end of the step.
+#[derive(Clone, Copy, Debug)]
+pub struct Changes {
+    to: ContactChange,
+    value: f64,
+}
+
+impl Automaton for TrBdf2<'_> {
+    type Attempts = ();
+    type Step = Trial;
+    type Violation = Changes;
+    type Event = ContactChange;
+    type Error = ObstacleError;
+
+    fn propose(&mut self, (): &mut ()) -> Result<Proposal, ObstacleError> {
+        if self.control.poll().is_some() {
+            return Err(ObstacleError::Interrupted { t: self.t });
+        }
+        let remaining = self.end - self.t;
+        // Extend the step to the end time if only rounding would remain.
+        Ok(Proposal::Step(if self.h >= remaining * (1.0 - 1e-9) { remaining } else { self.h }))
+    }
+
+    fn solve(&mut self, h: f64, (): &mut ()) -> Result<Solved<Trial>, ObstacleError> {
+        let next = if h >= self.end - self.t { self.end } else { self.t + h };
+        match self.attempt(h, next)? {
+            Attempt::Made(error) => Ok(Solved::Step(Trial { h, next, error, is_located: false })),
+            Attempt::Unsolved(why) if self.settings.step.is_some() => {
+                Err(ObstacleError::Unsolved { t: self.t, h, why })
+            }
+            Attempt::Unsolved(why) => {
+                self.counts.unsolved += 1;
+                self.shrink(0.25 * h, why)?;
+                Ok(Solved::Rejected)
+            }
+        }
+    }
+
+    /// With a fixed step size contact changes at the end of a step, and an inaccurate step is rejected in any case.
+    fn screen(&mut self, step: &mut Trial, (): &mut ()) -> Result<Screened<Changes>, ObstacleError> {
+        let is_searched = self.settings.step.is_none() && step.error <= 1.0 && !step.is_located;
+        let change = change(self.least_gap(&self.u), self.least_gap(&self.trial[1]));
+        Ok(match change.filter(|_| is_searched) {
+            Some(to) => Screened::Violated(Changes { to, value: self.monitor(to) }),
+            None => Screened::Clear,
+        })
+    }
+
+    fn locate(
+        &mut self,
+        mut step: Trial,
+        Changes { to, value }: Changes,
+        (): &mut (),
+    ) -> Result<Located<Trial, ContactChange>, ObstacleError> {
+        let begin = match to {
+            ContactChange::Begins => self.least_gap(&self.u),
+            ContactChange::Ends => largest_displacement(&self.moments[0]),
+        };
+        let mut bracket = Bracket::new((0.0, begin), (step.h, value));
+        let close = CLOSE * (self.settings.atol + self.settings.rtol * self.largest(step.h));
+        let least = 4.0 * f64::EPSILON * self.t.abs().max(step.h);
+        step.is_located = true;
+        for _ in 0..MOST_GUESSES {
+            let is_narrow = bracket.width() <= least;
+            if step.h == bracket.behind.0 && (is_narrow || bracket.behind.1.abs() <= close) {
+                break;
+            }
+            let guess = Some(bracket.guess()).filter(|guess| *guess > bracket.before.0 && *guess < bracket.behind.0);
+            let middle = 0.5 * (bracket.before.0 + bracket.behind.0);
+            step.h = if is_narrow { bracket.behind.0 } else { guess.unwrap_or(middle) };
+            step.next = self.t + step.h;
+            match self.attempt(step.h, step.next)? {
+                Attempt::Made(error) => step.error = error,
+                Attempt::Unsolved(why) => {
+                    self.counts.unsolved += 1;
+                    self.shrink(0.25 * step.h, why)?;
+                    return Ok(Located::Rejected);
+                }
+            }
+            if !is_narrow {
+                bracket.narrow(step.h, self.monitor(to));
+            }
+        }
+        Ok(Located::Ends(step, Some(to)))
+    }
+
+    fn is_accurate(
+        &mut self,
+        &Trial { h, error, .. }: &Trial,
+        _: Option<&ContactChange>,
+        (): &mut (),
+    ) -> Result<bool, ObstacleError> {
+        if error <= 1.0 || self.settings.step.is_some() {
+            return Ok(true);
+        }
+        self.counts.inaccurate += 1;
+        let factor = if error.is_finite() { (0.9 / error.cbrt()).max(0.1) } else { 0.1 };
+        self.shrink(factor * h, "the error was too large")?;
+        Ok(false)
+    }
+
+    /// Appends the step. The size of the next one follows from the error, unless the step ends at an event.
+    fn accept(
+        &mut self,
+        Trial { h, next, error, .. }: Trial,
+        event: Option<ContactChange>,
+        (): (),
+    ) -> Result<(), ObstacleError> {
+        let before = self.least_gap(&self.u);
+        self.append(h, next);
+        self.counts.accepted += 1;
+        // Extrapolation may bring nodes into contact, too.
+        self.change = change(before, self.least_gap(&self.u));
+        if event.is_none() && self.settings.step.is_none() && next < self.end {
+            let most = if self.was_rejected { 1.0 } else { 5.0 };
+            let factor = (0.9 / error.cbrt()).clamp(0.2, most);
+            let factor = if UNCHANGED.contains(&factor) { 1.0 } else { factor };
+            self.h = (factor * h).min(self.settings.max_step);
+        }
+        self.was_rejected = false;
+        Ok(())
+    }
+}
+
+impl TrBdf2<'_> {
+    /// Reduces the next attempt to `h`; fails if that is too small.
+    fn shrink(&mut self, h: f64, why: &'static str) -> Result<(), ObstacleError> {
+        self.was_rejected = true;
+        self.h = h;
+        if h < self.settings.min_step.max(16.0 * f64::EPSILON * self.t.abs()) || h < f64::MIN_POSITIVE {
+            return Err(ObstacleError::StepTooSmall { t: self.t, h, why });
+        }
+        Ok(())
+    }
+
+    /// The monitor of a change of contact at the end of the step whose stages are solved: positive before the change.
+    fn monitor(&self, to: ContactChange) -> f64 {
+        let gap = self.least_gap(&self.trial[1]);
+        let separation = if gap == 0.0 { -largest_displacement(&self.moments[2]) } else { gap };
+        match to {
+            ContactChange::Begins => separation,
+            ContactChange::Ends => -separation,
+        }
+    }
+
+    /// The least distance from the obstacles of a node whose value is not given, at nodal values `u`.
+    fn least_gap(&self, u: &[f64]) -> f64 {
+        let set = &self.system.set;
+        let free = (0..u.len()).filter(|&i| !self.system.is_given[i]);
+        free.map(|i| (u[i] - set.lower[i]).min(set.upper[i] - u[i])).fold(f64::INFINITY, f64::min)
+    }
+}
+
+/// The change of contact between two least gaps.
+fn change(before: f64, after: f64) -> Option<ContactChange> {
+    match (before == 0.0, after == 0.0) {
+        (false, true) => Some(ContactChange::Begins),
+        (true, false) => Some(ContactChange::Ends),
+        _ => None,
+    }
+}
+
+/// The largest displacement of a node that its contact force prevents.
+fn largest_displacement(moment: &Moment) -> f64 {
+    moment.kept.iter().fold(0.0, |largest, kept| largest.max(kept.abs()))
+}

@@ -1,0 +1,343 @@
+//! One step of the automaton whose modes are the faces of `K`: on the present face up to the end of that face, or with
+//! the variational inequality coupled over all stages if no face is found to continue on.
+
+use super::{Freshness, Radau};
+use crate::coupled::Shortened;
+use crate::location::EventTime;
+use crate::progress::SHORT;
+use crate::screening::{Between, LEAST};
+use crate::settings::{RejectionCause, Settings, StepError};
+use crate::stages::{Contraction, Newton, THETA};
+use hybrid::{Automaton, Located, OneStep, Proposal, Screened, Solved};
+
+/// Maximum number of halvings of a step along a curved face, before its stages are solved without the face.
+const HALVINGS: usize = 12;
+/// Maximum number of halvings of a step whose end of face cannot be located, before its stages are solved without the
+/// face.
+const SEARCHES: usize = 4;
+
+/// The attempts at one step.
+#[derive(Debug, Default)]
+pub struct Attempts {
+    /// The size of the step before it was cut at a breakpoint, and after.
+    wished: f64,
+    proposed: f64,
+    /// Number of solves of the stages that are left for the proposed size.
+    solves: usize,
+    /// Number of halvings that are left.
+    searches: usize,
+    /// Whether the form of a curved face has been changed for this size.
+    has_turned: bool,
+    /// Whether the step was shortened to the part of it that screening proved.
+    is_proven_part: bool,
+    /// The violation seen last, and the point up to which screening proves that there is none.
+    missed: Option<Between>,
+    proven: f64,
+    shortened: Shortened,
+}
+
+/// A step whose stages are solved.
+#[derive(Clone, Copy, Debug)]
+pub struct Trial {
+    pub(super) h: f64,
+    iterations: usize,
+    /// Whether the variational inequality was solved over all stages, without a face.
+    pub(super) coupled: bool,
+    /// Whether a monitor is violated at a stage.
+    violated: bool,
+    /// Whether the stages could be solved; otherwise the face ends at a point that is still to be located.
+    is_followed: bool,
+    pub(super) between: Option<Between>,
+}
+
+impl Trial {
+    fn on_face(h: f64, iterations: usize) -> Self {
+        Self { h, iterations, coupled: false, violated: false, is_followed: true, between: None }
+    }
+}
+
+/// A switch at the end of a step.
+#[derive(Clone, Copy, Debug)]
+pub struct AtSwitch;
+
+/// The point at which a hidden violation was seen, as a fraction of the step; `None` if it shows at the stages.
+type Hidden = Option<f64>;
+
+impl Automaton for Radau<'_> {
+    type Attempts = Attempts;
+    type Step = Trial;
+    type Violation = Hidden;
+    type Event = AtSwitch;
+    type Error = StepError;
+
+    fn propose(&mut self, attempts: &mut Attempts) -> Result<Proposal, StepError> {
+        // Between switches that accumulate, steps are too short to gain from more stages.
+        if self.switching.is_accumulating() && self.orders.take_fewest() {
+            self.forget_order();
+        }
+        let remaining = self.clock.remaining();
+        let Settings { step, min_step, max_step, .. } = self.settings;
+        let mut h = step.unwrap_or(self.h.max(min_step)).min(max_step);
+        if 1.000_1 * h >= remaining {
+            h = remaining;
+        } else if !self.clock.resolves(h) {
+            return Err(StepError::StepTooSmall { t: self.clock.t, h, least: 0.0, cause: RejectionCause::Error });
+        }
+        let wished = h;
+        h = self.up_to_break(h);
+        if let Some(after) = self.breaks.after()
+            && h <= 0.0
+        {
+            self.pass_break(after)?;
+            return Ok(Proposal::Again);
+        }
+        *attempts = Attempts {
+            wished,
+            proposed: h,
+            solves: self.system.bounded.len() + HALVINGS + 1,
+            searches: if step.is_some() { 0 } else { SEARCHES },
+            shortened: attempts.shortened,
+            ..Attempts::default()
+        };
+        Ok(Proposal::Step(h))
+    }
+
+    fn solve(&mut self, h: f64, attempts: &mut Attempts) -> Result<Solved<Trial>, StepError> {
+        // Stop at a step too small to advance the time.
+        if attempts.solves == 0 || h < attempts.proposed && !self.clock.resolves(h) {
+            return Ok(Solved::Lost);
+        }
+        attempts.solves -= 1;
+        self.prepare(h)?;
+        self.predict(h);
+        match self.newton(h) {
+            Newton::Converged { iterations, violated } => {
+                Ok(Solved::Step(Trial { violated, ..Trial::on_face(h, iterations) }))
+            }
+            Newton::Slow(factor) if self.stage_vi.is_none() => self.fail(factor, RejectionCause::Slow, attempts),
+            Newton::Failed(cause) if self.stage_vi.is_none() => self.fail(0.5, cause, attempts),
+            // A curved face may end where it can no longer be followed: go up to that point.
+            Newton::Slow(_) | Newton::Failed(_) if self.system.is_curved() && self.switching.locates() => {
+                if !std::mem::replace(&mut attempts.has_turned, true) && self.system.swap_primal_dual_form() {
+                    self.factored = None;
+                    return Ok(Solved::Again);
+                }
+                self.predict(h);
+                Ok(Solved::Step(Trial { is_followed: false, ..Trial::on_face(h, self.control.most) }))
+            }
+            Newton::Slow(_) | Newton::Failed(_) => {
+                attempts.shortened.unfollowed();
+                Ok(Solved::Lost)
+            }
+        }
+    }
+
+    fn screen(&mut self, step: &mut Trial, attempts: &mut Attempts) -> Result<Screened<Hidden>, StepError> {
+        if !step.is_followed {
+            return Ok(Screened::Violated(None));
+        }
+        let h = step.h;
+        let violated = step.violated && self.is_violated_within(h, None);
+        let between = if violated || self.stage_vi.is_none() { None } else { Some(self.screen_step(h)) };
+        let violation = between.and_then(Between::violation).filter(|_| self.switching.locates());
+        if let Some(Between::ProvenUpTo(theta)) = between
+            && self.settings.step.is_none()
+            && self.switching.locates()
+        {
+            attempts.is_proven_part = true;
+            return Ok(Screened::Shorter(theta * h));
+        }
+        if !violated && violation.is_none() {
+            step.between = between;
+            return Ok(Screened::Clear);
+        }
+        attempts.missed = between;
+        attempts.proven = violation.map_or(0.0, |(_, proven)| proven);
+        Ok(Screened::Violated(violation.map(|(theta, _)| theta)))
+    }
+
+    fn locate(
+        &mut self,
+        step: Trial,
+        hidden: Hidden,
+        attempts: &mut Attempts,
+    ) -> Result<Located<Trial, AtSwitch>, StepError> {
+        let size = step.h;
+        let mut located = self.locate_switch(size, hidden)?;
+        // If there are several switches within the step, its stages need not show the first.
+        if matches!(located, EventTime::Nowhere)
+            && step.is_followed
+            && hidden.is_none()
+            && self.switching.locates()
+            && let Some(first) = self.first_violation(size)?
+        {
+            attempts.proven = first.1;
+            located = self.locate_switch(size, Some(first.0))?;
+        }
+        let searches = self.settings.step.is_none() && self.switching.locates();
+        Ok(match located {
+            EventTime::At { h, between } => {
+                Located::Ends(Trial { between: Some(between), ..Trial::on_face(h, step.iterations) }, Some(AtSwitch))
+            }
+            EventTime::Now => Located::Retry(size),
+            EventTime::Behind(part) => {
+                attempts.is_proven_part = true;
+                Located::Retry(part * size)
+            }
+            EventTime::Nowhere if !step.is_followed => Located::Retry(0.5 * size),
+            // The step is proven up to shortly before the violation.
+            EventTime::Nowhere if attempts.proven >= LEAST && searches => {
+                attempts.is_proven_part = true;
+                Located::Retry(std::mem::take(&mut attempts.proven) * size)
+            }
+            EventTime::Nowhere if attempts.searches > 0 && self.switching.locates() => {
+                attempts.searches -= 1;
+                Located::Retry(0.5 * size)
+            }
+            EventTime::Nowhere => Located::Nowhere,
+        })
+    }
+
+    /// Solves the stages with the VI coupled over them.
+    fn leave_mode(&mut self, h: f64, attempts: &mut Attempts) -> Result<Solved<Trial>, StepError> {
+        self.predict(h);
+        let tableau = self.tableau();
+        let Some(stage_vi) = &mut self.stage_vi else { return self.fail(0.5, RejectionCause::Unsolved, attempts) };
+        self.contraction = Contraction::default();
+        self.switching.remember(&self.system.face);
+        match stage_vi.solve(&mut self.system, tableau, &mut self.stages, self.clock.t, h, &self.y, &self.control) {
+            Ok(()) if !self.are_stages_solved(h) => {
+                self.system.face.clone_from(&self.switching.before);
+                self.fail(0.5, RejectionCause::Diverged, attempts)
+            }
+            Ok(()) => {
+                // A step on a single face is like any other, but may have crossed switches that no stage shows: screen
+                // it, unless switches accumulate, where the whole accumulation is assessed instead.
+                let is_one_face = self.system.face.is_same(&self.switching.before);
+                let is_alone = self.switching.locates() && self.accumulations() == 0;
+                let is_screened = is_one_face && is_alone && self.settings.step.is_none();
+                let between = attempts.missed.or_else(|| is_screened.then(|| self.screen_step(h)));
+                Ok(Solved::Step(Trial { coupled: true, between, ..Trial::on_face(h, self.control.most) }))
+            }
+            Err(cause) => self.fail(0.5, cause, attempts),
+        }
+    }
+
+    fn is_accurate(
+        &mut self,
+        &Trial { h, iterations, coupled, .. }: &Trial,
+        event: Option<&AtSwitch>,
+        attempts: &mut Attempts,
+    ) -> Result<bool, StepError> {
+        if self.settings.step.is_some() {
+            return Ok(true);
+        }
+        let unlocated = if coupled { self.unlocated(h) } else { None };
+        if attempts.shortened.is_too_long(unlocated) {
+            self.system.face.clone_from(&self.switching.before);
+            self.shrink(h, RejectionCause::Error, |_| 0.25 * h)?;
+            return Ok(false);
+        }
+        let mut error = self.error(h, coupled);
+        if !coupled {
+            error = error.max(self.constraint_error(h));
+        }
+        let missed = if error < 1.0 && !coupled { self.missed(h) } else { 0.0 };
+        let is_missed = missed > 1.0;
+        if is_missed {
+            error = missed;
+        }
+        let (s, most) = (self.tableau().stages(), self.control.most);
+        if error < 1.0 {
+            let mut new = self.controller.accept(s, h, error, iterations, most);
+            // If a step is nearly as large as the last, new factors do not pay off.
+            if !coupled && self.contraction.theta <= THETA && (1.0..=1.2).contains(&(new / h)) {
+                new = h;
+            }
+            // A step cut at a switch or a breakpoint is no reason to reduce the size that was wished for.
+            let is_cut = event.is_some() || self.breaks.after().is_some();
+            self.h = if is_cut { attempts.wished } else { new };
+            return Ok(true);
+        }
+        if coupled {
+            self.system.face.clone_from(&self.switching.before);
+        }
+        let first = self.counts.accepted == 0;
+        let seen = self.unseen.seen;
+        self.shrink(h, RejectionCause::Error, |controller| match is_missed {
+            // Cut the step where the missed variation begins.
+            true if seen >= LEAST => controller.cut(seen * h),
+            true => controller.miss(s, h, error.min(1e10), iterations, most),
+            false => controller.reject(s, h, error.min(1e10), iterations, most, first),
+        })?;
+        Ok(false)
+    }
+
+    /// Appends the step to the trajectory and continues on the next face, behind the breakpoint before which the step
+    /// ends unless it is shorter than proposed.
+    fn accept(&mut self, step: Trial, event: Option<AtSwitch>, attempts: Attempts) -> Result<(), StepError> {
+        let (h, contraction) = (step.h, self.contraction);
+        self.append(&step, event.is_some());
+        self.update_face(step.coupled, event.is_some());
+        self.extent.watch(&self.y);
+        if self.settings.step.is_none() {
+            let is_cut = event.is_some() || self.breaks.after().is_some();
+            let is_short = !is_cut && h < SHORT * attempts.proposed && !attempts.is_proven_part;
+            self.watch_progress(h, is_short)?;
+            self.watch_switches()?;
+            self.watch_kinks()?;
+            self.change_order(contraction);
+        }
+        match self.breaks.after() {
+            Some(after) if h >= attempts.proposed && !self.is_done() => self.pass_break(after),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Radau<'_> {
+    /// Newton's method on the present face.
+    pub(crate) fn newton(&mut self, h: f64) -> Newton {
+        let tableau = self.tableau();
+        let newton = self.stages.newton(
+            &mut self.system,
+            tableau,
+            &mut self.factors,
+            self.clock.t,
+            h,
+            &self.y,
+            &self.control,
+            &mut self.contraction,
+        );
+        match newton {
+            Newton::Converged { .. } if !self.are_stages_solved(h) => Newton::Failed(RejectionCause::Diverged),
+            newton => newton,
+        }
+    }
+
+    /// Rejects an attempt whose stages are not solved; the next size is this fraction of the proposed one.
+    fn fail(&mut self, fraction: f64, cause: RejectionCause, attempts: &Attempts) -> Result<Solved<Trial>, StepError> {
+        self.controller.surprise();
+        if self.jacobian == Freshness::Kept {
+            self.forget_jacobian();
+            // With a fixed step, derivatives at this step are the only remedy.
+            if self.settings.step.is_some() && self.jacobian == Freshness::Stale {
+                self.counts.rejected[cause as usize] += 1;
+                return Ok(Solved::Rejected);
+            }
+        }
+        self.shrink(attempts.proposed, cause, |_| fraction * attempts.proposed)?;
+        Ok(Solved::Rejected)
+    }
+
+    /// The point at which screening first detects a violation in a step of size `h`, and the point up to which it
+    /// proves that there is none. The stages are solved again.
+    fn first_violation(&mut self, h: f64) -> Result<Option<(f64, f64)>, StepError> {
+        self.prepare(h)?;
+        self.predict(h);
+        if !matches!(self.newton(h), Newton::Converged { .. }) {
+            return Ok(None);
+        }
+        Ok(self.screen_step(h).violation())
+    }
+}
