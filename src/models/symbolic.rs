@@ -201,7 +201,7 @@ impl Symbolic {
         let pace = Pace::new(graph, &outputs);
         let irregularities = Irregularities::new(graph, &outputs);
         Self {
-            features: graph.beyond_degree(&outputs[..structure.unknowns()], PLAIN_DEGREE),
+            features: graph.beyond_degree(&outputs, PLAIN_DEGREE),
             jumps: Jumps::new(graph, &outputs),
             structure,
             values,

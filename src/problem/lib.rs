@@ -217,7 +217,7 @@ pub trait Dvi: Send {
         0.0
     }
 
-    /// The rows of `F` and `G`, in order, that are not polynomials of low degree in `y`: within a step they may have
+    /// The rows of `F`, `G` and moving bounds, in order, that are not polynomials of low degree in `y`: within a step they may have
     /// features that its stages do not resolve.
     fn features(&self) -> &[usize] {
         &[]

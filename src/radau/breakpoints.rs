@@ -15,6 +15,16 @@ impl Radau<'_> {
         self.breaks.up_to_break(self.system.problem(), self.clock.t, h)
     }
 
+    /// The part of a step of size `h` before the next breakpoint: a probe of the equations at this time must not evaluate
+    /// them behind it.
+    pub(super) fn before_break(&mut self, h: f64) -> f64 {
+        if self.settings.switches == Switches::StepOver {
+            return h;
+        }
+        let part = self.breaks.clone().up_to_break(self.system.problem(), self.clock.t, h);
+        if part > 0.0 { part } else { h }
+    }
+
     /// Restarts behind a breakpoint, from time `after`.
     ///
     /// # Errors

@@ -74,7 +74,8 @@ impl Radau<'_> {
         {
             consistent.solve(&mut self.system, &self.control, self.clock.t, &mut self.y);
         }
-        let Some(instant) = INSTANTS.into_iter().find(|instant| self.probe(instant * self.h, false)) else {
+        let h = self.before_break(self.h);
+        let Some(instant) = INSTANTS.into_iter().find(|instant| self.probe(instant * h, false)) else {
             return Err(self.no_start());
         };
         // States without mass have no initial value of their own: beside bounded variables, their equations determine
@@ -94,18 +95,18 @@ impl Radau<'_> {
                 return Err(StepError::InconsistentStart { state, jump });
             }
             let jump = self.switching.probe.stages.z[..n].to_vec();
-            if !self.is_steep(state, jump[state], instant) {
+            if !self.is_steep(state, jump[state], instant * h) {
                 self.y.iter_mut().zip(&jump).for_each(|(y, jump)| *y += jump);
                 self.jumped.get_or_insert(self.clock.t);
             }
         }
-        if self.choose_face(self.h) { Ok(()) } else { Err(self.no_start()) }
+        if self.choose_face(h) { Ok(()) } else { Err(self.no_start()) }
     }
 
     /// Whether a change of a state over the step `instant` grows with that step: the change is then steep, but not a
     /// jump.
     fn is_steep(&mut self, state: usize, change: f64, instant: f64) -> bool {
-        self.probe(MULTIPLE * instant * self.h, false)
+        self.probe(MULTIPLE * instant, false)
             && self.switching.probe.stages.z[state].abs() > MULTIPLE.sqrt() * change.abs()
     }
 

@@ -170,7 +170,8 @@ impl Radau<'_> {
         }
         if ends_at_switch {
             let before = self.y[self.system.states..].to_vec();
-            self.choose_face(self.h.max(self.last.h));
+            let h = self.before_break(self.h.max(self.last.h));
+            self.choose_face(h);
             self.keep_better(&before);
             let turned = turned(&self.system, &self.switching.before, &before, &self.y[self.system.states..]);
             let changed = self.switching.record(self.clock.t, &self.system.set, &self.system.face, &turned);

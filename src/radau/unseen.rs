@@ -1,7 +1,8 @@
 //! Variations of the rates within a step that its stages miss: a pulse between all of them, a hill that a particle
 //! passes, a ripple that all stages meet at the same phase. No error estimate detects them.
 //!
-//! Along the polynomial `p` of the step, rates and the equations of free variables are functions of time alone,
+//! Along the polynomial `p` of the step, rates, the equations of free variables and the bounds at which others are held
+//! are functions of time alone,
 //!
 //! ```text
 //! phi(theta) = F(t + theta h, p(theta)),    dphi = dF/dy dp + dF/dt h dtheta,
@@ -46,6 +47,9 @@ const SHARE: f64 = 0.005;
 #[derive(Clone, Copy, Debug)]
 struct Row {
     at: usize,
+    /// The equation of the face in which the row stands, and its factor there.
+    equation: usize,
+    factor: f64,
     /// Admissible error of its mean over the step.
     allowed: f64,
     /// Whether the row is more than a polynomial of low degree in `y`.
@@ -219,13 +223,21 @@ impl Radau<'_> {
     fn rows_compared(&self, h: f64) -> Vec<Row> {
         let n = self.system.states;
         let has_feature = |at: usize| self.system.features.binary_search(&at).is_ok();
-        let row = |at: usize, allowed: f64| Row { at, allowed, has_feature: has_feature(at) };
+        let row = |at: usize, allowed: f64| Row { at, equation: at, factor: 1.0, allowed, has_feature: has_feature(at) };
         let rates = (0..n).map(|at| {
             let mass = if self.system.mass_diagonal[at] != 0.0 { self.system.mass_diagonal[at].abs() } else { 1.0 };
             row(at, mass * self.uncertainty(at) / h)
         });
         let inside = (0..self.system.unknowns - n).filter(|&k| self.system.face.places[k] == Activity::Inactive);
-        let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties(k, h)[1])));
+        let of_bound = |p: usize| {
+            let at = self.system.unknowns + p;
+            self.system.equations_of_bound(p).into_iter().map(move |(equation, factor)| {
+                let allowed = self.uncertainties(equation - n, h)[0] / factor.abs();
+                Row { at, equation, factor, allowed, has_feature: has_feature(at) }
+            })
+        };
+        let bounds = (0..self.system.bounds()).flat_map(of_bound);
+        let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties(k, h)[1]))).chain(bounds);
         rows.filter(|row| self.is_fast(h) || row.has_feature).collect()
     }
 
@@ -320,7 +332,7 @@ impl Radau<'_> {
                 if off.abs().max(open) > row.allowed {
                     room.seen = room.seen.min(part.begin);
                 }
-                missed[row.at] += length * (off + open);
+                missed[row.equation] += row.factor * length * (off + open);
             }
         }
         room.looked = if samples.still.is_none() { enclosed as f64 } else { 0.0 };

@@ -4,7 +4,7 @@
 use super::System;
 use crate::face::{ActiveFace, Activity};
 use crate::layout::Layout;
-use problem::Side;
+use problem::{MovingBound, Side};
 
 impl System<'_> {
     /// Evaluates the derivatives at `(t, y)`; returns false if a number is not finite. If a slope is infinite at `y`,
@@ -48,6 +48,26 @@ impl System<'_> {
     pub fn places_of_row(&self, row: usize) -> impl Iterator<Item = (usize, usize)> {
         let (first, last) = (self.row_starts[row], self.row_starts[row + 1]);
         (first..last).zip(&self.structure.pattern[first..last]).map(|(at, &(_, j))| (at, j))
+    }
+
+    /// Number of moving bounds.
+    pub fn bounds(&self) -> usize {
+        self.structure.moving.len()
+    }
+
+    /// The equations of the face in which moving bound `p` stands, as pairs of an equation and the factor of the bound.
+    pub fn equations_of_bound(&self, p: usize) -> Vec<(usize, f64)> {
+        let MovingBound { variable, side, .. } = self.structure.moving[p];
+        let place = self.face.places[variable];
+        match (self.set.block_of(variable), side) {
+            (Some(b), _) if !self.face.holds(&self.set.blocks()[b].members) => {
+                let rows = self.set.blocks()[b].members.iter().zip(&self.linearised[b].by_radius);
+                rows.filter(|(_, factor)| **factor != 0.0).map(|(k, factor)| (self.states + k, *factor)).collect()
+            }
+            (None, Side::Lower) if place == Activity::AtLower => vec![(self.states + variable, 1.0)],
+            (None, Side::Upper) if place == Activity::AtUpper => vec![(self.states + variable, 1.0)],
+            _ => Vec::new(),
+        }
     }
 
     /// The nonzeros of `dG_k/dy` as of the last differentiation, as `(column, value)`.

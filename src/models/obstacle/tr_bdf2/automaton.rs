@@ -16,7 +16,8 @@ const UNCHANGED: Range<f64> = 0.95..1.2;
 
 /// Gap, in units of the tolerance of a step, below which the end of a step is where contact begins or ends. The gap is
 /// continuous there, and errs by a tolerance: a smaller fraction costs solves without gain, a larger one shifts the
-/// event.
+/// event. Where neither end of a step is farther from the change, the change is not located, so that contact that
+/// flickers within the tolerance does not shorten steps.
 const CLOSE: f64 = 1e-3;
 
 /// Largest number of steps solved for one event: every other one at least halves the bracket, and a double has 53
@@ -42,11 +43,12 @@ pub struct Trial {
     is_located: bool,
 }
 
-/// A change of contact within a step, and the value of its monitor at the end of the step.
+/// A change of contact within a step, and the values of its monitor at both ends of the step.
 #[derive(Clone, Copy, Debug)]
 pub struct Changes {
     to: ContactChange,
-    value: f64,
+    begin: f64,
+    end: f64,
 }
 
 impl Automaton for TrBdf2<'_> {
@@ -83,25 +85,25 @@ impl Automaton for TrBdf2<'_> {
     /// With a fixed step size contact changes at the end of a step, and an inaccurate step is rejected in any case.
     fn screen(&mut self, step: &mut Trial, (): &mut ()) -> Result<Screened<Changes>, ObstacleError> {
         let is_searched = self.settings.step.is_none() && step.error <= 1.0 && !step.is_located;
-        let change = change(self.least_gap(&self.u), self.least_gap(&self.trial[1]));
-        Ok(match change.filter(|_| is_searched) {
-            Some(to) => Screened::Violated(Changes { to, value: self.monitor(to) }),
-            None => Screened::Clear,
-        })
+        let change = change(self.least_gap(&self.u), self.least_gap(&self.trial[1])).filter(|_| is_searched);
+        let Some(to) = change else { return Ok(Screened::Clear) };
+        let begin = match to {
+            ContactChange::Begins => self.least_gap(&self.u),
+            ContactChange::Ends => largest_displacement(&self.moments[0]),
+        };
+        let (end, close) = (self.monitor(to), self.close(step.h));
+        let is_far = begin > close && end < -close;
+        Ok(if is_far { Screened::Violated(Changes { to, begin, end }) } else { Screened::Clear })
     }
 
     fn locate(
         &mut self,
         mut step: Trial,
-        Changes { to, value }: Changes,
+        Changes { to, begin, end }: Changes,
         (): &mut (),
     ) -> Result<Located<Trial, ContactChange>, ObstacleError> {
-        let begin = match to {
-            ContactChange::Begins => self.least_gap(&self.u),
-            ContactChange::Ends => largest_displacement(&self.moments[0]),
-        };
-        let mut bracket = Bracket::new((0.0, begin), (step.h, value));
-        let close = CLOSE * (self.settings.atol + self.settings.rtol * self.largest(step.h));
+        let mut bracket = Bracket::new((0.0, begin), (step.h, end));
+        let close = self.close(step.h);
         let least = 4.0 * f64::EPSILON * self.t.abs().max(step.h);
         step.is_located = true;
         for _ in 0..MOST_GUESSES {
@@ -175,6 +177,11 @@ impl TrBdf2<'_> {
             return Err(ObstacleError::StepTooSmall { t: self.t, h, why });
         }
         Ok(())
+    }
+
+    /// The gap below which contact changes at the end of a step of size `h`.
+    fn close(&self, h: f64) -> f64 {
+        CLOSE * (self.settings.atol + self.settings.rtol * self.largest(h))
     }
 
     /// The monitor of a change of contact at the end of the step whose stages are solved: positive before the change.
