@@ -64,7 +64,7 @@ impl Lanes {
         count: usize,
     ) {
         for (lane, results) in results.iter_mut().enumerate() {
-            let (a, b) = (registers[self.a.register(lane)], registers[self.b.register(lane)]);
+            let (a, b) = (&registers[self.a.register(lane)], &registers[self.b.register(lane)]);
             self.operator.apply_lanes(a, b, results, count);
         }
     }
@@ -121,8 +121,8 @@ impl Operator {
 
     /// `results[i] = apply(a[i], b[i])` for the first `count` lanes; the other results are arbitrary.
     #[inline(always)]
-    pub(super) fn apply_lanes<const L: usize>(self, a: [f64; L], b: [f64; L], results: &mut [f64; L], count: usize) {
-        if !self.apply_arithmetic(&a, &b, results) {
+    pub(super) fn apply_lanes<const L: usize>(self, a: &[f64; L], b: &[f64; L], results: &mut [f64; L], count: usize) {
+        if !self.apply_arithmetic(a, b, results) {
             each(&a[..count], &b[..count], &mut results[..count], |a, b| self.apply(a, b));
         }
     }

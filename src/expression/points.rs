@@ -67,12 +67,15 @@ impl Tape {
         let mut wide = std::mem::take(&mut self.wide);
         let registers = wide.registers::<L>(&self.registers);
         let count = first.len();
-        // Spare lanes repeat the first point.
-        let point_of: [usize; L] = std::array::from_fn(|lane| if lane < count { lane } else { 0 });
         if let Some((input, inputs)) = registers[..self.program.inputs].split_first_mut() {
-            let points = point_of.map(|point| &rest[rest.len() / count * point..][..inputs.len()]);
-            *input = point_of.map(|point| first[point]);
-            inputs.iter_mut().enumerate().for_each(|(i, input)| *input = points.map(|point| point[i]));
+            let stride = rest.len() / count;
+            for lane in 0..L {
+                // Spare lanes repeat the first point.
+                let point = if lane < count { lane } else { 0 };
+                input[lane] = first[point];
+                let rest = &rest[stride * point..][..inputs.len()];
+                inputs.iter_mut().zip(rest).for_each(|(input, rest)| input[lane] = *rest);
+            }
         }
         let mut next = self.program.first;
         for block in &self.program.blocks {
@@ -80,7 +83,7 @@ impl Tape {
                 Block::Scalars(instructions) => {
                     for instruction in instructions {
                         let (known, unknown) = registers.split_at_mut(next);
-                        let (a, b) = (known[instruction.a as usize], known[instruction.b as usize]);
+                        let (a, b) = (&known[instruction.a as usize], &known[instruction.b as usize]);
                         instruction.operator.apply_lanes(a, b, &mut unknown[0], count);
                         next += 1;
                     }

@@ -1,5 +1,5 @@
-//! `P A = L U` for a dense `A`, with partial pivoting: small matrices are eliminated by nalgebra, larger ones in blocks
-//! by faer (Golub and Van Loan 2013, section 3.4).
+//! `P A = L U` for a dense `A`, with partial pivoting: small matrices are eliminated in place, larger ones in blocks by
+//! faer (Golub and Van Loan 2013, section 3.4).
 //!
 //! Solves are optimised for many right-hand sides in turn: division by complex pivots would take as long as all other
 //! operations, and blocked kernels do not pay for a single right-hand side. The pivots are therefore inverted once, and
@@ -9,21 +9,33 @@ use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::lu::partial_pivoting::factor;
 use faer::traits::math_utils::is_finite;
 use faer::{MatMut, Par};
-use nalgebra::{Complex, DMatrix, DVectorViewMut, LU};
+use nalgebra::Complex;
+
+use super::elimination::eliminate;
+use super::of_size;
 
 /// A real or complex number.
 pub trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64> + Copy {
-    /// Largest number of rows for which nalgebra's unblocked elimination is faster than faer's, measured; complex
-    /// arithmetic fills the registers earlier.
+    /// Largest number of rows for which the unblocked elimination is faster than faer's, measured; small complex
+    /// matrices are those of [`ComplexLu`](super::ComplexLu).
     const SMALL: usize;
+
+    /// Eliminates a matrix of at most as many rows.
+    fn eliminate(entries: &mut [Self], permutation: &mut [usize], reciprocals: &mut [Self]);
 }
 
 impl Number for f64 {
     const SMALL: usize = 30;
+
+    fn eliminate(entries: &mut [Self], permutation: &mut [usize], reciprocals: &mut [Self]) {
+        eliminate(entries, permutation, reciprocals);
+    }
 }
 
 impl Number for Complex<f64> {
-    const SMALL: usize = 10;
+    const SMALL: usize = 0;
+
+    fn eliminate(_: &mut [Self], _: &mut [usize], _: &mut [Self]) {}
 }
 
 /// LU factors of an `n x n` matrix.
@@ -75,12 +87,7 @@ impl<T: Number> DenseLu<T> {
                 let matrix = MatMut::from_column_major_slice_mut(&mut self.entries, n, n);
                 factor::lu_in_place(matrix, &mut self.permutation, inverse, Par::Seq, stack, Default::default());
             }
-            None => {
-                let lu = LU::new(DMatrix::from_column_slice(n, n, &self.entries));
-                self.entries.copy_from_slice(lu.lu_internal().as_slice());
-                self.permutation.iter_mut().enumerate().for_each(|(row, from)| *from = row);
-                lu.p().permute_rows(&mut DVectorViewMut::from_slice(&mut self.permutation, n));
-            }
+            None => return T::eliminate(&mut self.entries, &mut self.permutation, &mut self.reciprocals),
         }
         for (k, reciprocal) in self.reciprocals.iter_mut().enumerate() {
             *reciprocal = T::from(1.0) / self.entries[k * n + k];
@@ -89,22 +96,28 @@ impl<T: Number> DenseLu<T> {
 
     /// Solves in place; false if the solution is not finite: the matrix is singular.
     pub fn solve(&mut self, right: &mut [T]) -> bool {
-        let n = right.len();
+        of_size!(right.len(), |n| self.solve_of(n, right))
+    }
+
+    #[inline(always)]
+    fn solve_of(&mut self, n: usize, right: &mut [T]) -> bool {
+        let right = &mut right[..n];
         let x = &mut self.permuted[..n];
-        for (x, &row) in x.iter_mut().zip(&self.permutation) {
+        for (x, &row) in x.iter_mut().zip(&self.permutation[..n]) {
             *x = right[row];
         }
         for k in 0..n {
             let (known, below) = x.split_at_mut(k + 1);
-            subtract(below, known[k], &self.entries[k * n + k + 1..]);
+            subtract(below, known[k], &self.entries[k * n + k + 1..(k + 1) * n]);
         }
         for k in (0..n).rev() {
             let (above, rest) = x.split_at_mut(k);
             rest[0] *= self.reciprocals[k];
-            subtract(above, rest[0], &self.entries[k * n..]);
+            subtract(above, rest[0], &self.entries[k * n..k * n + k]);
         }
         right.copy_from_slice(x);
-        right.iter().all(is_finite)
+        // Read all of them, so that the loop is vectorised.
+        x.iter().fold(true, |finite, x| finite & is_finite(x))
     }
 }
 

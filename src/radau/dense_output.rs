@@ -8,7 +8,8 @@
 
 use super::face::ActiveFace;
 use super::screening::Between;
-use super::tableau::Tableau;
+use super::stages::combine;
+use super::tableau::{MOST_STAGES, Tableau};
 
 /// The last accepted step.
 #[derive(Clone, Debug, Default)]
@@ -81,6 +82,18 @@ impl Step {
                 *out += factor * z;
             }
         }
+    }
+
+    /// The increments from the beginning of the step at the stages of the next one, of size `h`, into `out`, stage by
+    /// stage.
+    pub fn increments_beyond(&self, tableau: &Tableau, h: f64, out: &mut [f64]) {
+        let s = tableau.stages();
+        let (mut basis, mut matrix) = ([0.0; MOST_STAGES], [0.0; MOST_STAGES * MOST_STAGES]);
+        for (i, c) in tableau.c.iter().enumerate() {
+            tableau.increments_at(1.0 + c * h / self.h, &mut basis[..s]);
+            basis[..s].iter().enumerate().for_each(|(j, factor)| matrix[i + j * s] = *factor);
+        }
+        combine(&matrix[..s * s], &self.z, out, self.y.len());
     }
 
     /// Evaluates `y` at time `t` into `out`.

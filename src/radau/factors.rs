@@ -12,7 +12,7 @@ use super::face::ActiveFace;
 use super::layout::{Layout, Storage};
 use super::system::System;
 use super::tableau::Tableau;
-use factorisation::{DenseLu, Number, SparseLu, SparseMatrix};
+use factorisation::{ComplexLu, DenseLu, Number, SparseLu, SparseMatrix};
 use nalgebra::Complex;
 use problem::Control;
 use std::sync::Arc;
@@ -24,7 +24,7 @@ pub struct Factors {
     /// Factor of each row.
     scale: Vec<f64>,
     real: Option<Lu<f64>>,
-    complex: Vec<Lu<Complex<f64>>>,
+    complex: Vec<PairLu>,
 }
 
 impl Factors {
@@ -59,7 +59,7 @@ impl Factors {
         }
         for (k, &pair) in tableau.pairs.iter().enumerate() {
             if k == complex.len() {
-                complex.push(Lu::new(layout));
+                complex.push(PairLu::new(layout));
             }
             complex[k].factorise(layout, negative_jacobian, pair * steps, system.outside);
         }
@@ -73,18 +73,68 @@ impl Factors {
         self.real.as_mut().is_some_and(|lu| lu.solve(right))
     }
 
-    /// Solves with the complex matrix of pair `k` in place; false if it is singular.
-    pub fn solve_pair(&mut self, k: usize, right: &mut [Complex<f64>]) -> bool {
-        for (right, scale) in right.iter_mut().zip(&self.scale) {
-            *right *= scale;
+    /// Solves with the complex matrix of pair `k` in place, real and imaginary parts apart; false if it is singular.
+    pub fn solve_pair(&mut self, k: usize, re: &mut [f64], im: &mut [f64]) -> bool {
+        for ((re, im), scale) in re.iter_mut().zip(&mut *im).zip(&self.scale) {
+            *re *= scale;
+            *im *= scale;
         }
-        self.complex[k].solve(right)
+        self.complex[k].solve(re, im)
     }
 }
 
 /// The largest power of two up to a positive `x`; multiplication by it is exact.
 fn power_of_two(x: f64) -> f64 {
     f64::from_bits(x.to_bits() & f64::INFINITY.to_bits()).max(f64::MIN_POSITIVE)
+}
+
+/// Factors of one complex matrix, by size: those of a small one take real and imaginary parts as they come.
+enum PairLu {
+    Small(ComplexLu),
+    /// With its right-hand side.
+    Other(Lu<Complex<f64>>, Vec<Complex<f64>>),
+}
+
+impl PairLu {
+    fn new(layout: &Layout) -> Self {
+        match layout.storage {
+            Storage::Dense if layout.unknowns <= ComplexLu::MOST => Self::Small(ComplexLu::new(layout.unknowns)),
+            _ => Self::Other(Lu::new(layout), vec![Complex::new(0.0, 0.0); layout.unknowns]),
+        }
+    }
+
+    /// Factorises `shift diag(M, 0) - Phi_y`, its rows scaled.
+    fn factorise(&mut self, layout: &Layout, negative_jacobian: &[f64], shift: Complex<f64>, outside: &Control) {
+        match self {
+            Self::Small(factors) => {
+                let (re, im) = factors.entries();
+                re.copy_from_slice(negative_jacobian);
+                im.fill(0.0);
+                for &(place, value) in &layout.mass {
+                    re[place] += shift.re * value;
+                    im[place] += shift.im * value;
+                }
+                factors.factorise();
+            }
+            Self::Other(factors, _) => factors.factorise(layout, negative_jacobian, shift, outside),
+        }
+    }
+
+    fn solve(&mut self, re: &mut [f64], im: &mut [f64]) -> bool {
+        match self {
+            Self::Small(factors) => factors.solve(re, im),
+            Self::Other(factors, right) => {
+                for (right, (re, im)) in right.iter_mut().zip(re.iter().zip(&*im)) {
+                    *right = Complex::new(*re, *im);
+                }
+                let is_solved = factors.solve(right);
+                for (right, (re, im)) in right.iter().zip(re.iter_mut().zip(im)) {
+                    (*re, *im) = (right.re, right.im);
+                }
+                is_solved
+            }
+        }
+    }
 }
 
 /// Factors of one matrix, by density.

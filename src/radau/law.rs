@@ -23,6 +23,14 @@ pub struct Excess {
 }
 
 impl Radau<'_> {
+    /// [`Self::law_excess`] at the end of the last step.
+    pub fn law_excess_at_end(&mut self) -> Option<Excess> {
+        let y = std::mem::take(&mut self.y);
+        let found = self.law_excess(self.clock.t, &y);
+        self.y = y;
+        found
+    }
+
     /// The largest excess over the variables at `(t, y)`; `None` without variables. The excess is infinite if a value
     /// is not finite.
     pub fn law_excess(&mut self, t: f64, y: &[f64]) -> Option<Excess> {

@@ -2,6 +2,7 @@
 //! effect of its evaluation, and counts as one evaluation.
 
 use super::system::System;
+use factorisation::of_size;
 
 /// Points `(t_i, y_i)` with the rows evaluated there.
 #[derive(Clone, Debug, Default)]
@@ -17,20 +18,49 @@ pub struct Points {
 impl Points {
     /// Evaluates the rows at `(t + c_i h, y0 + Z_i)`.
     pub fn evaluate(&mut self, system: &mut System<'_>, nodes: &[f64], (t, h): (f64, f64), y0: &[f64], z: &[f64]) {
+        self.place(nodes, (t, h), y0, z);
         let Self { times, y, values, are_known } = self;
         let (n, rows) = (y0.len(), system.values.len());
-        times.clear();
-        times.extend(nodes.iter().map(|c| t + c * h));
-        y.resize(nodes.len() * n, 0.0);
-        for (y, z) in y.chunks_exact_mut(n).zip(z.chunks_exact(n)) {
-            y.iter_mut().zip(y0).zip(z).for_each(|((y, y0), z)| *y = y0 + z);
-        }
         values.resize(nodes.len() * rows, 0.0);
         let mut points = times.iter().zip(y.chunks_exact(n)).zip(values.chunks_exact_mut(rows));
         *are_known = points.all(|((&t, y), values)| system.recall(t, y, values));
         if !*are_known {
             system.problem().evaluate_points(times, y, values);
         }
+    }
+
+    /// Evaluates the rates of a system without variables at `(t + c_i h, y0 + Z_i)` into `rates`, point by point: there
+    /// are no other rows, no bounds and no earlier points. Has the effect of evaluations one after the other; returns
+    /// false if a number is not finite.
+    pub fn evaluate_rates(
+        &mut self,
+        system: &mut System<'_>,
+        nodes: &[f64],
+        (t, h): (f64, f64),
+        y0: &[f64],
+        z: &[f64],
+        rates: &mut [f64],
+    ) -> bool {
+        self.place(nodes, (t, h), y0, z);
+        let (n, last) = (y0.len(), nodes.len() - 1);
+        let rates = &mut rates[..nodes.len() * n];
+        system.problem().evaluate_points(&self.times, &self.y, rates);
+        system.work.rates += nodes.len() as u64;
+        system.values.copy_from_slice(&rates[n * last..]);
+        system.set_last(self.times[last], self.y(last, n));
+        // Read all of them, so that the loop is vectorised.
+        rates.iter().fold(true, |finite, rate| finite & rate.is_finite())
+    }
+
+    /// Sets the points to `(t + c_i h, y0 + Z_i)`.
+    fn place(&mut self, nodes: &[f64], (t, h): (f64, f64), y0: &[f64], z: &[f64]) {
+        let (Self { times, y, .. }, n) = (self, y0.len());
+        times.clear();
+        times.extend(nodes.iter().map(|c| t + c * h));
+        y.resize(nodes.len() * n, 0.0);
+        of_size!(n, |n| for (y, z) in y.chunks_exact_mut(n).zip(z.chunks_exact(n)) {
+            y.iter_mut().zip(&y0[..n]).zip(z).for_each(|((y, y0), z)| *y = y0 + z);
+        });
     }
 
     /// `y` at point `i` of a system of `n` unknowns.

@@ -52,7 +52,7 @@ pub struct StageVi {
     pub relinearise: bool,
     factors: Factors,
     real: Vec<f64>,
-    complex: Vec<Complex<f64>>,
+    complex: [Vec<f64>; 2],
     /// The variable whose inequality alone shows that the last unsolved problem has no solution.
     pub contradiction: Option<usize>,
     /// Affine problems solved.
@@ -93,7 +93,7 @@ impl StageVi {
             relinearise: false,
             factors: Factors::new(system),
             real: vec![0.0; unknowns],
-            complex: vec![Complex::new(0.0, 0.0); unknowns],
+            complex: [vec![0.0; unknowns], vec![0.0; unknowns]],
             contradiction: None,
             solves: 0,
             pivots: 0,
@@ -405,14 +405,15 @@ impl StageVi {
                 block = 1;
             }
             for pair in 0..tableau.pairs.len() {
-                self.complex.fill(Complex::new(0.0, 0.0));
-                self.complex[n + k] = Complex::new(1.0, 0.0);
-                if !self.factors.solve_pair(pair, &mut self.complex) {
+                let [re, im] = &mut self.complex;
+                re.fill(0.0);
+                im.fill(0.0);
+                re[n + k] = 1.0;
+                if !self.factors.solve_pair(pair, re, im) {
                     return false;
                 }
                 for (a, &l) in system.bounded.iter().enumerate() {
-                    let re = system.slope(l, |j| self.complex[j].re);
-                    let im = system.slope(l, |j| self.complex[j].im);
+                    let [re, im] = [0, 1].map(|part| system.slope(l, |j| self.complex[part][j]));
                     for j in 0..s {
                         let right = Complex::new(tableau.t_inverse[(block, j)], -tableau.t_inverse[(block + 1, j)]);
                         let u = right * Complex::new(re, im);

@@ -8,7 +8,7 @@ use super::points::Points;
 use super::settings::RejectionCause;
 use super::system::System;
 use super::tableau::Tableau;
-use nalgebra::{Complex, DMatrix};
+use factorisation::of_size;
 use problem::Face;
 
 /// Stage increments `Z`, their transforms `W = T^-1 Z` and the values `Phi`, each `s` blocks of `n + m`.
@@ -25,7 +25,6 @@ pub struct Stages {
     right: Vec<f64>,
     /// `diag(M, 0) W`
     mw: Vec<f64>,
-    pair: Vec<Complex<f64>>,
     y: Vec<f64>,
     /// The rows at the stages, as last evaluated.
     pub points: Points,
@@ -79,7 +78,6 @@ impl Stages {
             phi: zeros.clone(),
             right: zeros.clone(),
             mw: zeros,
-            pair: vec![Complex::new(0.0, 0.0); unknowns],
             y: vec![0.0; unknowns],
             points: Points::default(),
             monitors: Vec::new(),
@@ -99,6 +97,9 @@ impl Stages {
     /// Evaluates `Phi` at every stage; false if a number is not finite.
     pub fn evaluate(&mut self, system: &mut System<'_>, tableau: &Tableau, t: f64, h: f64, y0: &[f64]) -> bool {
         let n = self.unknowns;
+        if system.unknowns == system.states && tableau.stages() > 1 {
+            return self.points.evaluate_rates(system, &tableau.c, (t, h), y0, &self.z, &mut self.phi);
+        }
         self.points.evaluate(system, &tableau.c, (t, h), y0, &self.z);
         let stages = self.phi.chunks_exact_mut(n).take(tableau.stages()).enumerate();
         stages.fold(true, |finite, (i, phi)| finite & system.take_phi(&self.points, i, phi))
@@ -106,7 +107,7 @@ impl Stages {
 
     /// Sets `W = T^-1 Z`.
     pub fn transform(&mut self, tableau: &Tableau) {
-        combine(&tableau.t_inverse, &self.z, &mut self.w, self.unknowns);
+        combine(tableau.t_inverse.as_slice(), &self.z, &mut self.w, self.unknowns);
     }
 
     /// Replaces `Z` by the collocation polynomial at `ratio` times the nodes: starting values for another step size.
@@ -137,16 +138,35 @@ impl Stages {
         h: f64,
         weight: &[f64],
     ) -> Option<f64> {
-        let n = self.unknowns;
+        of_size!(self.unknowns, |n| self.increment_of(n, system, tableau, factors, h, weight))
+    }
+
+    #[inline(always)]
+    fn increment_of(
+        &mut self,
+        n: usize,
+        system: &System<'_>,
+        tableau: &Tableau,
+        factors: &mut Factors,
+        h: f64,
+        weight: &[f64],
+    ) -> Option<f64> {
+        let weight = &weight[..n];
         let s = tableau.stages();
-        combine(&tableau.t_inverse, &self.phi, &mut self.right, n);
-        for i in 0..s {
-            system.multiply_by_mass(&self.w[i * n..(i + 1) * n], &mut self.mw[i * n..(i + 1) * n]);
-        }
+        combine(tableau.t_inverse.as_slice(), &self.phi, &mut self.right, n);
+        let mw = if system.is_explicit_ode() {
+            &self.w
+        } else {
+            for i in 0..s {
+                system.multiply_by_mass(&self.w[i * n..(i + 1) * n], &mut self.mw[i * n..(i + 1) * n]);
+            }
+            &self.mw
+        };
         let mut block = 0;
         if let Some(gamma) = tableau.gamma {
-            for (right, mw) in self.right[..n].iter_mut().zip(&self.mw) {
-                *right -= gamma / h * mw;
+            let gamma = gamma / h;
+            for (right, mw) in self.right[..n].iter_mut().zip(&mw[..n]) {
+                *right -= gamma * mw;
             }
             if !factors.solve_real(&mut self.right[..n]) {
                 return None;
@@ -156,29 +176,27 @@ impl Stages {
         for (k, pair) in tableau.pairs.iter().enumerate() {
             let (p, q) = (block * n, (block + 1) * n);
             let (alpha, beta) = (pair.re / h, pair.im / h);
-            let right = self.right[p..q].iter().zip(&self.right[q..q + n]);
-            let mw = self.mw[p..q].iter().zip(&self.mw[q..q + n]);
-            for ((pair, (right_p, right_q)), (mw_p, mw_q)) in self.pair.iter_mut().zip(right).zip(mw) {
-                *pair = Complex::new(right_p - alpha * mw_p - beta * mw_q, alpha * mw_q - beta * mw_p - right_q);
+            // Of the complex unknown of the pair, the second block is minus the imaginary part.
+            let (re, im) = self.right[p..q + n].split_at_mut(n);
+            for ((re, im), (mw_p, mw_q)) in re.iter_mut().zip(&mut *im).zip(mw[p..q].iter().zip(&mw[q..q + n])) {
+                *re = *re - alpha * mw_p - beta * mw_q;
+                *im = alpha * mw_q - beta * mw_p - *im;
             }
-            if !factors.solve_pair(k, &mut self.pair) {
+            if !factors.solve_pair(k, re, im) {
                 return None;
             }
-            for j in 0..n {
-                self.right[p + j] = self.pair[j].re;
-                self.right[q + j] = -self.pair[j].im;
-            }
+            im.iter_mut().for_each(|im| *im = -*im);
             block += 2;
         }
         let mut sum = 0.0;
         for i in 0..s {
-            let rows = self.right[i * n..(i + 1) * n].iter().zip(&mut self.w[i * n..]);
+            let rows = self.right[i * n..(i + 1) * n].iter().zip(&mut self.w[i * n..(i + 1) * n]);
             for ((dw, w), weight) in rows.zip(weight) {
                 *w += dw;
                 sum += (dw * weight) * (dw * weight);
             }
         }
-        combine(&tableau.t, &self.w, &mut self.z, n);
+        combine(tableau.t.as_slice(), &self.w, &mut self.z, n);
         let terms = || self.right[..s * n].chunks_exact(n).flat_map(|row| row.iter().zip(weight).map(|(dw, w)| dw * w));
         Some(mean_square_root(sum, s * n, terms))
     }
@@ -351,25 +369,25 @@ fn has_degenerate_block(system: &mut System<'_>, control: &NewtonControl, y: &[f
     })
 }
 
-/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for every available number of stages.
-fn combine(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
-    match matrix.nrows() {
+/// `out_i = sum_j matrix_ij x_j` on blocks of length `n`, for every available number of stages; the `s x s` matrix is
+/// stored column by column.
+pub(super) fn combine(matrix: &[f64], x: &[f64], out: &mut [f64], n: usize) {
+    match matrix.len() {
         1 => combine_stages::<1>(matrix, x, out, n),
-        2 => combine_stages::<2>(matrix, x, out, n),
-        3 => combine_stages::<3>(matrix, x, out, n),
-        4 => combine_stages::<4>(matrix, x, out, n),
-        5 => combine_stages::<5>(matrix, x, out, n),
-        6 => combine_stages::<6>(matrix, x, out, n),
-        7 => combine_stages::<7>(matrix, x, out, n),
-        8 => combine_stages::<8>(matrix, x, out, n),
+        4 => combine_stages::<2>(matrix, x, out, n),
+        9 => combine_stages::<3>(matrix, x, out, n),
+        16 => combine_stages::<4>(matrix, x, out, n),
+        25 => combine_stages::<5>(matrix, x, out, n),
+        36 => combine_stages::<6>(matrix, x, out, n),
+        49 => combine_stages::<7>(matrix, x, out, n),
+        64 => combine_stages::<8>(matrix, x, out, n),
         _ => combine_stages::<9>(matrix, x, out, n),
     }
 }
 
 /// [`combine`] with the number of stages known to the compiler: small systems spend a quarter of their time here.
-fn combine_stages<const S: usize>(matrix: &DMatrix<f64>, x: &[f64], out: &mut [f64], n: usize) {
-    // Column by column, as the matrix is stored.
-    let columns = matrix.as_slice().as_chunks::<S>().0.first_chunk::<S>().expect("a square matrix");
+fn combine_stages<const S: usize>(matrix: &[f64], x: &[f64], out: &mut [f64], n: usize) {
+    let columns = matrix.as_chunks::<S>().0.first_chunk::<S>().expect("a square matrix");
     let (x, out) = (&x[..S * n], &mut out[..S * n]);
     for l in 0..n {
         let mut sums = [0.0; S];

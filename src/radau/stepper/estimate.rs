@@ -153,7 +153,7 @@ impl Radau<'_> {
         if !leaves_no_rest {
             return error;
         }
-        let error = error.max(self.ripple_error(h, is_bound));
+        let error = error.max(self.ripple_error(h, error, is_bound));
         error.max(self.stiff_error(h, error, is_bound))
     }
 
@@ -200,7 +200,9 @@ impl Radau<'_> {
         let states = self.system.states;
         self.estimates.shifted.copy_from_slice(&self.estimates.error);
         let exponent = tolerance.exponent;
-        let enough = enough.powf(1.0 / exponent);
+        // The power is between the first and the second.
+        let surely_enough = enough.min(enough * enough);
+        let is_enough = |left: f64| left <= surely_enough || left <= enough.powf(1.0 / exponent);
         let mut left = f64::INFINITY;
         for power in 0..tableau.stages() {
             if power > 0 {
@@ -216,7 +218,7 @@ impl Radau<'_> {
                 return 0.0;
             }
             left = left.min(tolerance.factor / STIFF * rms(&self.estimates.shifted[..states], &self.control.weight));
-            if left <= enough {
+            if is_enough(left) {
                 return 0.0;
             }
         }

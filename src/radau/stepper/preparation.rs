@@ -50,13 +50,12 @@ impl Radau<'_> {
     pub(crate) fn set_tolerances(&mut self, h: f64) {
         let tolerance = &self.orders.current().tolerance;
         let n = self.system.states;
-        for j in 0..n {
-            let scale = tolerance.factor * self.settings.atol[j] + tolerance.rtol * self.y[j].abs();
-            self.control.weight[j] = 1.0 / scale.max(f64::MIN_POSITIVE);
+        self.system.tolerances.resize(n, 0.0);
+        let scales = self.control.weight[..n].iter_mut().zip(&mut self.system.tolerances);
+        for ((weight, scale), (y, atol)) in scales.zip(self.y.iter().zip(&self.settings.atol)) {
+            *scale = (tolerance.factor * atol + tolerance.rtol * y.abs()).max(f64::MIN_POSITIVE);
+            *weight = 1.0 / *scale;
         }
-        let weights = self.control.weight[..n].iter();
-        self.system.tolerances.clear();
-        self.system.tolerances.extend(weights.map(|weight| weight.recip()));
         for (size, y) in self.control.size.iter_mut().zip(&self.y) {
             *size = y.abs();
         }
@@ -91,12 +90,9 @@ impl Radau<'_> {
         }
         let end = (tableau.stages() - 1) * n;
         self.estimates.shifted.copy_from_slice(&self.last.z[end..end + n]);
-        for (i, c) in tableau.c.iter().enumerate() {
-            let out = &mut self.stages.z[i * n..(i + 1) * n];
-            self.last.increment_at(tableau, 1.0 + c * h / self.last.h, out);
-            for (out, end) in out.iter_mut().zip(&self.estimates.shifted) {
-                *out -= end;
-            }
+        self.last.increments_beyond(tableau, h, &mut self.stages.z);
+        for z in self.stages.z.chunks_exact_mut(n) {
+            z.iter_mut().zip(&self.estimates.shifted).for_each(|(z, end)| *z -= end);
         }
         self.stages.transform(tableau);
     }

@@ -13,7 +13,7 @@
 use super::Radau;
 use super::estimate::{Estimates, rms};
 use crate::orders::Method;
-use std::ops::Range;
+use crate::stages::combine;
 
 /// Fraction of the tolerance below which an error does not limit the growth of the step: the next estimate detects an
 /// increase.
@@ -27,19 +27,23 @@ pub(super) struct Ripple {
     /// The decrease of the coefficients over the last half of the degrees.
     fall: Vec<f64>,
     expected: Vec<f64>,
+    /// The coefficients of all unknowns, degree by degree.
+    coefficients: Vec<f64>,
 }
 
 impl Ripple {
     pub fn new(unknowns: usize) -> Self {
         let zeros = || vec![0.0; unknowns];
-        Self { last: zeros(), fall: zeros(), expected: zeros() }
+        Self { last: zeros(), fall: zeros(), expected: zeros(), coefficients: Vec::new() }
     }
 }
 
 impl Radau<'_> {
     /// The norm of `r^(s-1) e`, in units of the tolerance that is not rescaled, raised to the power by which the
     /// tolerance is rescaled. If constraints bind states, only the directions that these leave free count.
-    pub(super) fn ripple_error(&mut self, h: f64, is_bound: bool) -> f64 {
+    ///
+    /// Zero if it is certainly not above `enough`.
+    pub(super) fn ripple_error(&mut self, h: f64, enough: f64, is_bound: bool) -> f64 {
         let Method { tableau, tolerance } = *self.orders.current();
         let Some(gamma) = tableau.gamma.filter(|_| tableau.stages() >= 3) else { return 0.0 };
         let states = self.system.states;
@@ -55,13 +59,17 @@ impl Radau<'_> {
         }
         let degrees = tableau.stages() - 1;
         let power = degrees as f64 / half(degrees) as f64;
+        // The power is two for all methods with an odd number of stages up to seven.
+        let raise = |fall: f64| if power == 2.0 { fall * fall } else { fall.powf(power) };
         let Estimates { shifted, ripple, .. } = &mut self.estimates;
         for ((e, last), fall) in shifted[..states].iter_mut().zip(&ripple.last).zip(&ripple.fall) {
-            *e *= fall.max((gamma * *e / last).abs().min(1.0)).powf(power);
+            *e *= raise(fall.max((gamma * *e / last).abs().min(1.0)));
         }
         let error = tolerance.factor * rms(&shifted[..states], &self.control.weight);
         // The rounding errors of the increments have coefficients of all degrees.
-        if error < NEGLIGIBLE { 0.0 } else { error.powf(tolerance.exponent) }
+        // The exponent is between a half and one.
+        let is_enough = error.max(error.sqrt()) <= enough;
+        if error < NEGLIGIBLE || is_enough { 0.0 } else { error.powf(tolerance.exponent) }
     }
 
     /// Finds the last Legendre coefficients of the slopes, and their decrease.
@@ -71,17 +79,25 @@ impl Radau<'_> {
         // Use several degrees, since a single coefficient may vanish by chance.
         let count = half(s - 1);
         let (first, before) = (s - count, s - count - count.max(2));
-        let coefficient = |degree: usize, j: usize| -> f64 {
-            let stages = self.stages.z.chunks_exact(n).take(s);
-            stages.enumerate().map(|(i, z)| tableau.spectrum[(degree, i)] * z[j]).sum()
+        let Ripple { last, fall, coefficients, .. } = &mut self.estimates.ripple;
+        coefficients.resize(s * n, 0.0);
+        combine(tableau.spectrum.as_slice(), &self.stages.z, coefficients, n);
+        let states = self.system.states;
+        let find_largest = |degrees: &[f64], largest: &mut [f64]| {
+            largest.fill(0.0);
+            for of_degree in degrees.chunks_exact(n) {
+                largest
+                    .iter_mut()
+                    .zip(of_degree)
+                    .for_each(|(largest, of_state)| *largest = largest.max(of_state.abs()));
+            }
         };
-        let largest =
-            |degrees: Range<usize>, j: usize| degrees.map(|degree| coefficient(degree, j).abs()).fold(0.0, f64::max);
-        let Ripple { last, fall, .. } = &mut self.estimates.ripple;
-        for j in 0..self.system.states {
-            let (largest, before) = (largest(first..s, j), largest(before..first, j));
-            fall[j] = if largest < before { largest / before } else { 1.0 };
-            last[j] = largest.copysign(coefficient(s - 1, j));
+        find_largest(&coefficients[first * n..], &mut last[..states]);
+        find_largest(&coefficients[before * n..first * n], &mut fall[..states]);
+        let ends = &coefficients[(s - 1) * n..][..states];
+        for ((last, fall), end) in last.iter_mut().zip(fall).zip(ends) {
+            *fall = if *last < *fall { *last / *fall } else { 1.0 };
+            *last = last.copysign(*end);
         }
     }
 
@@ -89,7 +105,7 @@ impl Radau<'_> {
     fn take_expected(&mut self, h: f64, gamma: f64) {
         let Self { system, factors, estimates: Estimates { shifted, embedded, ripple, .. }, .. } = self;
         let states = system.states;
-        let Ripple { last, fall, expected } = ripple;
+        let Ripple { last, fall, expected, .. } = ripple;
         for ((expected, last), fall) in expected[..states].iter_mut().zip(last).zip(fall) {
             *expected = *fall * *last / h;
         }

@@ -112,6 +112,10 @@ impl System<'_> {
     /// Writes `-dPhi/dy` on the face in the storage layout, from the current derivatives.
     pub fn negative_jacobian(&self, face: &ActiveFace, places: &mut [f64]) {
         places.fill(0.0);
+        if self.unknowns == self.states {
+            let entries = self.layout.jacobian.iter().zip(&self.derivatives);
+            return entries.for_each(|(&place, value)| places[place] -= value);
+        }
         self.visit_derivatives(face, |_, _, place, value| places[place] -= value);
     }
 
