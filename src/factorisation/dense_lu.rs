@@ -12,7 +12,6 @@ use faer::{MatMut, Par};
 use nalgebra::Complex;
 
 use super::elimination::eliminate;
-use super::of_size;
 
 /// A real or complex number.
 pub trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64> + Copy {

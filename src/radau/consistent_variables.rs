@@ -23,6 +23,7 @@ use super::system::System;
 use dense::Dense;
 pub use dense::Response;
 use nalgebra::DMatrix;
+use numerics::Interval;
 use problem::Face;
 use sparse::Sparse;
 
@@ -90,6 +91,24 @@ impl ConsistentVariables {
             self.inside.iter().for_each(|&k| out[k] = self.step[k]);
         } else {
             self.inside.iter().for_each(|&k| out[k] = f64::INFINITY);
+        }
+    }
+
+    /// The same where the derivatives vary: they are enclosed in `jacobian`, in the order of the pattern.
+    pub fn find_errors_over(
+        &mut self,
+        system: &System<'_>,
+        jacobian: &[Interval],
+        (sizes, hidden): (&[f64], &[f64]),
+        out: &mut [f64],
+    ) {
+        self.inside.clear();
+        self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Activity::Inactive));
+        let Equations::Dense(equations) = &mut self.equations else { return };
+        let errors = are_plain(system).then(|| equations.errors_over(system, &self.inside, jacobian, (sizes, hidden)));
+        let errors = errors.flatten();
+        for (place, &k) in self.inside.iter().enumerate() {
+            out[k] = errors.as_ref().map_or(f64::INFINITY, |errors| errors[place]);
         }
     }
 

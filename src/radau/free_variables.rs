@@ -5,8 +5,11 @@
 //! dz_I    with    (dG_I / dz_I) dz_I = -G_I.
 //! ```
 
+use super::screening::contraction::Enclosed;
 use super::system::System;
 use factorisation::DenseLu;
+use nalgebra::DVector;
+use numerics::Interval;
 
 /// Maximum number of coupled variables that are solved for; with more, the values of the polynomial are used. The solve
 /// is repeated several times per step, and up to this size costs no more than evaluations of as many equations.
@@ -107,6 +110,34 @@ impl FreeVariables {
                 }
             }
         }
+    }
+
+    /// The same bound where the derivatives vary: they are enclosed in `jacobian`, in the order of the pattern.
+    pub(super) fn errors_over(
+        &mut self,
+        system: &System<'_>,
+        jacobian: &[Interval],
+        residuals: &[f64],
+        out: &mut Vec<f64>,
+    ) {
+        self.follow(system);
+        out.clear();
+        out.resize(self.changes.len(), 0.0);
+        if matches!(self.equations, Equations::None) {
+            return;
+        }
+        let (n, count) = (system.states, self.variables.len());
+        let mut matrix = Enclosed::zeros(count, count);
+        for (row, &k) in self.variables.iter().enumerate() {
+            for (at, j) in system.places_of_row(n + k).filter(|(_, j)| *j >= n) {
+                if let Ok(column) = self.variables.binary_search(&(j - n)) {
+                    matrix.add((row, column), jacobian[at]);
+                }
+            }
+        }
+        let residuals = DVector::from_iterator(count, self.variables.iter().map(|&k| residuals[k]));
+        let errors = matrix.errors(&residuals);
+        self.variables.iter().zip(&errors).for_each(|(&k, error)| out[k] = *error);
     }
 
     /// The combination of the equations whose gradient with respect to the variables is `gradient`, as pairs of an

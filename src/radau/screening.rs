@@ -7,6 +7,7 @@
 //! consistent variables, at a point in between: there the step is cut.
 
 mod block_monitors;
+pub(super) mod contraction;
 mod monitors;
 mod on_face;
 pub(super) mod part;

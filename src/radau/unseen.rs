@@ -20,7 +20,7 @@ use super::face::Activity;
 use super::screening::part::Part;
 use super::stepper::Radau;
 use super::tableau::{MOST_STAGES, interpolation_error};
-use numerics::Interval;
+use numerics::{Interval, is_seen};
 
 /// Largest deviation of a row from the polynomial through its values at the stages, relative to its range there: within
 /// it, the stages show the shape of the row, and the error estimate bounds its error.
@@ -160,6 +160,40 @@ impl Radau<'_> {
         !self.unseen.is_open
     }
 
+    /// Whether rates, inequalities or bounds, at the unknowns at the beginning of a step of size `h`, vary with time by
+    /// more than both ends and the midpoint of the step show. A step that is coupled over its stages keeps no face along
+    /// which they could be followed.
+    pub(super) fn varies_unseen(&mut self, h: f64) -> bool {
+        if !self.is_fast(h) {
+            return false;
+        }
+        let (n, unknowns, evaluations) = (self.system.states, self.system.unknowns, self.system.work.rates);
+        let (t, y, end) = (self.clock.t, self.y.clone(), self.clock.rounding(h));
+        let mut ranges = vec![Interval::LINE; self.system.values.len()];
+        let at_rest: Vec<Interval> = y.iter().map(|y| Interval::point(*y)).collect();
+        let times = Interval::new(t + end, (t + h - end).max((t + end).next_up()));
+        let is_enclosed = self.system.problem().enclose(times, &at_rest, &mut ranges);
+        let seen = [times.lo, t + 0.5 * h, times.hi].map(|t| {
+            self.system.evaluate(t, &y);
+            self.system.values.clone()
+        });
+        self.system.work.rates = evaluations;
+        let allowed = |row: usize| match row {
+            row if row < n => {
+                let mass = self.system.mass_diagonal[row].abs();
+                self.uncertainty(row) / h * if mass == 0.0 { 1.0 } else { mass }
+            }
+            row if row < unknowns => self.uncertainties(row - n, h)[1],
+            row => self.uncertainties(self.system.variable_of_bound(row - unknowns), h)[0],
+        };
+        let [first, middle, last] = &seen;
+        is_enclosed
+            && (0..ranges.len()).any(|row| {
+                let values = [first[row], middle[row], last[row]];
+                ranges[row].defined && !is_seen(ranges[row], values, allowed(row))
+            })
+    }
+
     /// Whether more phase passes within a step of size `h` than its stages can show of functions of time alone.
     fn is_fast(&self, h: f64) -> bool {
         self.system.pace * h > SHOWN_PHASE
@@ -223,7 +257,8 @@ impl Radau<'_> {
     fn rows_compared(&self, h: f64) -> Vec<Row> {
         let n = self.system.states;
         let has_feature = |at: usize| self.system.features.binary_search(&at).is_ok();
-        let row = |at: usize, allowed: f64| Row { at, equation: at, factor: 1.0, allowed, has_feature: has_feature(at) };
+        let row =
+            |at: usize, allowed: f64| Row { at, equation: at, factor: 1.0, allowed, has_feature: has_feature(at) };
         let rates = (0..n).map(|at| {
             let mass = if self.system.mass_diagonal[at] != 0.0 { self.system.mass_diagonal[at].abs() } else { 1.0 };
             row(at, mass * self.uncertainty(at) / h)

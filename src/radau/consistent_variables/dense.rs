@@ -1,8 +1,10 @@
 //! The equations for the consistent variables of a small system, with the states eliminated.
 
+use super::super::screening::contraction::Enclosed;
 use super::super::system::System;
 use factorisation::Singular;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
+use numerics::Interval;
 use problem::{Face, Mass};
 
 pub(super) struct Dense {
@@ -55,6 +57,37 @@ impl Dense {
             }
         }
         true
+    }
+
+    /// The same with the derivatives enclosed over a box, in `jacobian`; `None` if the equations are singular.
+    pub fn errors_over(
+        &mut self,
+        system: &System<'_>,
+        inside: &[usize],
+        jacobian: &[Interval],
+        (sizes, hidden): (&[f64], &[f64]),
+    ) -> Option<DVector<f64>> {
+        let (n, count) = (system.states, inside.len());
+        let place = |k: usize| inside.binary_search(&k).ok();
+        let (mut d, mut c, mut b) =
+            (Enclosed::zeros(count, count), Enclosed::zeros(count, n), Enclosed::zeros(n, count));
+        for ((i, j, _), &value) in system.entries().zip(jacobian) {
+            let column = j.checked_sub(n).and_then(place);
+            match (i.checked_sub(n).filter(|_| i < system.unknowns).map(place), column) {
+                (Some(Some(row)), Some(column)) => d.add((row, column), value),
+                (Some(Some(row)), None) if j < n => c.add((row, j), value),
+                (None, Some(column)) if i < n => b.add((i, column), value),
+                _ => {}
+            }
+        }
+        if let Some(inverse) = &self.inverse_mass {
+            b = b.combined(inverse);
+        }
+        let response = self.response(system, inside)?;
+        let (of_g, of_hidden) = (d.combined(&response.to_g), c.times(&b).combined(&response.to_hidden));
+        let matrix = Enclosed { middle: of_g.middle + of_hidden.middle, radius: of_g.radius + of_hidden.radius };
+        let of = |values: &[f64]| DVector::from_iterator(count, inside.iter().map(|&k| values[k]));
+        Some(matrix.errors(&(response.to_g.abs() * of(sizes) + response.to_hidden.abs() * of(hidden))))
     }
 
     /// Linear response of the free variables to `G` and to the hidden constraints, with the current derivatives of

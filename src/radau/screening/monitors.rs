@@ -111,8 +111,12 @@ impl Enclosure {
         self.residuals.extend(self.values[..system.unknowns].iter().copied().map(Interval::size));
         self.middle.y.resize(system.unknowns, 0.0);
         part.values(0.5, &mut self.middle.y);
+        // Where derivatives vary, errors are those over the box.
+        let is_linear = on.system.constant_jacobian();
+        let mut are_rows_known = false;
         if told == Told::ByEquations {
-            self.find_errors(on, false);
+            are_rows_known = !is_linear && self.enclose_rows(on.system, times);
+            self.find_errors(on, false, are_rows_known);
         }
         let system = &*on.system;
         // The errors of variables that hidden constraints determine in part are not known: use their polynomials.
@@ -134,7 +138,8 @@ impl Enclosure {
         self.is_hopeless = false;
         let mut may_fail = false;
         if !left.is_empty() || by_slopes {
-            may_fail = !self.know_slopes(on, told, part, (t, h)) || {
+            are_rows_known = are_rows_known || self.enclose_rows(on.system, times);
+            may_fail = !(are_rows_known && self.know_middle(on, told, part, (t, h))) || {
                 let may_fail = self.may_fail(on, told, part, (t, h), watched, &mut left);
                 if by_slopes {
                     let Self { of_blocks, rows, middle, values, errors, .. } = self;
@@ -153,12 +158,8 @@ impl Enclosure {
         found
     }
 
-    /// Encloses the derivatives over the box and evaluates the midpoint of the part; returns whether both succeed.
-    fn know_slopes(&mut self, on: &mut OnFace<'_, '_>, told: Told, part: &Part, (t, h): (f64, f64)) -> bool {
-        let times = Interval::new(t.next_down(), (t + h).next_up());
-        if !self.enclose_rows(on.system, times) {
-            return false;
-        }
+    /// Evaluates the midpoint of the part; returns whether the values there are finite.
+    fn know_middle(&mut self, on: &mut OnFace<'_, '_>, told: Told, part: &Part, (t, h): (f64, f64)) -> bool {
         self.middle.set(on.system, told, part, (t, h), 0.5);
         self.middle.is_finite
     }
@@ -236,7 +237,8 @@ impl Enclosure {
             self.find_hidden(on);
         }
         if has_errors {
-            self.find_errors(on, with_hidden);
+            let is_linear = on.system.constant_jacobian();
+            self.find_errors(on, with_hidden, !is_linear);
         }
         let system = &mut *on.system;
         let (mut index, mut may_fail, mut is_known) = (0, false, [false; 2]);
@@ -292,13 +294,22 @@ impl Enclosure {
     }
 
     /// Bounds the distances of the unknowns from their polynomials by the residuals of the equations of the face, and
-    /// of the hidden constraints.
-    fn find_errors(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool) {
+    /// of the hidden constraints: with the derivatives `over_box`, or with those of the last differentiation.
+    fn find_errors(&mut self, on: &mut OnFace<'_, '_>, with_hidden: bool, over_box: bool) {
         let OnFace { system, control, inside, constraints, consistent } = on;
         let n = system.states;
-        inside.errors(system, &self.residuals[n..], &mut self.errors);
+        let (residuals, jacobian) = (&self.residuals[n..], &self.rows.jacobian);
+        if over_box {
+            inside.errors_over(system, jacobian, residuals, &mut self.errors);
+        } else {
+            inside.errors(system, residuals, &mut self.errors);
+        }
         if with_hidden && let Some(consistent) = consistent {
-            consistent.find_errors(system, &self.residuals[n..], &self.hidden, &mut self.errors);
+            if over_box {
+                consistent.find_errors_over(system, jacobian, (residuals, &self.hidden), &mut self.errors);
+            } else {
+                consistent.find_errors(system, residuals, &self.hidden, &mut self.errors);
+            }
         }
         self.errors.splice(0..0, std::iter::repeat_n(0.0, n));
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Activity::Inactive) {
@@ -315,7 +326,7 @@ impl Enclosure {
         if with_hidden {
             self.find_hidden_in_middle(on);
         }
-        self.find_errors(on, with_hidden);
+        self.find_errors(on, with_hidden, false);
         self.residuals = over_part;
     }
 

@@ -233,7 +233,8 @@ impl Automaton for Radau<'_> {
             return Ok(true);
         }
         let unlocated = if coupled { self.unlocated(h) } else { None };
-        if attempts.shortened.is_too_long(unlocated) {
+        let is_blind = coupled && self.switching.locates() && self.varies_unseen(h);
+        if is_blind || attempts.shortened.is_too_long(unlocated) {
             self.system.face.clone_from(&self.switching.before);
             self.shrink(h, RejectionCause::Error, |_| 0.25 * h)?;
             return Ok(false);

@@ -55,6 +55,11 @@ impl System<'_> {
         self.structure.moving.len()
     }
 
+    /// The variable of moving bound `p`.
+    pub fn variable_of_bound(&self, p: usize) -> usize {
+        self.structure.moving[p].variable
+    }
+
     /// The equations of the face in which moving bound `p` stands, as pairs of an equation and the factor of the bound.
     pub fn equations_of_bound(&self, p: usize) -> Vec<(usize, f64)> {
         let MovingBound { variable, side, .. } = self.structure.moving[p];
