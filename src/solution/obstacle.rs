@@ -122,11 +122,13 @@ impl Stepper for ObstacleRun<'_> {
     fn step(&mut self) -> Result<(), Failure> {
         self.stepper.step().map_err(|cause| failure(&cause, self.stepper.t, self.states.clone()))?;
         self.tell();
-        let kind = self.stepper.change.map(|change| match change {
-            ContactChange::Begins => EventKind::Activated,
-            ContactChange::Ends => EventKind::Deactivated,
-        });
-        self.events.extend(kind.map(|kind| Event { t: self.stepper.t, kind, of: "contact".to_owned() }));
+        for (t, change) in self.stepper.changes.drain(..) {
+            let kind = match change {
+                ContactChange::Begins => EventKind::Activated,
+                ContactChange::Ends => EventKind::Deactivated,
+            };
+            self.events.push(Event { t, kind, of: "contact".to_owned() });
+        }
         Ok(())
     }
 
