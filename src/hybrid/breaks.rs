@@ -156,7 +156,13 @@ impl Breaks {
 
     /// The numbers before and at the first sign change, `Some(None)` if no sign changes, and `None` if enclosures leave it
     /// undecided.
-    fn first_enclosed(&mut self, problem: &mut (impl Breaking + ?Sized), begin: f64, end: f64, h: f64) -> Option<Option<(f64, f64)>> {
+    fn first_enclosed(
+        &mut self,
+        problem: &mut (impl Breaking + ?Sized),
+        begin: f64,
+        end: f64,
+        h: f64,
+    ) -> Option<Option<(f64, f64)>> {
         self.left.clear();
         self.left.push((begin, end));
         let mut parts = 0;
@@ -188,7 +194,13 @@ impl Breaks {
     }
 
     /// The numbers before and at the first sign change that samples detect.
-    fn first_sampled(&self, problem: &mut (impl Breaking + ?Sized), begin: f64, end: f64, h: f64) -> Option<(f64, f64)> {
+    fn first_sampled(
+        &self,
+        problem: &mut (impl Breaking + ?Sized),
+        begin: f64,
+        end: f64,
+        h: f64,
+    ) -> Option<(f64, f64)> {
         let mut before = begin;
         for sample in 1..=SAMPLES {
             let mut after = begin + (end - begin) * f64::from(sample) / f64::from(SAMPLES);

@@ -168,10 +168,12 @@ impl Stepper for ObstacleRun<'_> {
                     counts.residual
                 )
             });
+        }
+        if diagnostics.vi.is_some() || counts.unproven > 0 {
             diagnostics.checks.record(CheckCode::EventsUnproven, counts.unproven as f64, 0.0, || {
                 format!(
-                    "in {} steps nodes are in contact at all stages, but the data may lift them in between: choose a \
-                     smaller `step`, or none",
+                    "in {} steps the data may vary, or lift nodes in contact, between the stages: choose a smaller \
+                     `step`, or none",
                     counts.unproven
                 )
             });

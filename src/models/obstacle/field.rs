@@ -22,18 +22,12 @@ impl Field {
         let tape = Tape::compile(graph, &[node]);
         let is_smooth = inputs.contains(&0) && graph.is_smooth(node);
         let gradient = is_smooth.then(|| graph.gradient(node).ok()).flatten();
-        let rate = gradient.and_then(|gradient| gradient.into_iter().find(|(input, _)| *input == 0)).map(|(_, rate)| {
-            let tape = Tape::compile(graph, &[rate]);
-            (tape.clone(), IntervalWorkspace::new(&tape))
-        });
-        Self {
-            enclosures: IntervalWorkspace::new(&tape),
-            tape,
-            constant: graph.value(node),
-            rate,
-            inputs,
-            node,
-        }
+        let rate =
+            gradient.and_then(|gradient| gradient.into_iter().find(|(input, _)| *input == 0)).map(|(_, rate)| {
+                let tape = Tape::compile(graph, &[rate]);
+                (tape.clone(), IntervalWorkspace::new(&tape))
+            });
+        Self { enclosures: IntervalWorkspace::new(&tape), tape, constant: graph.value(node), rate, inputs, node }
     }
 
     /// The value, if the function is constant in time and space.

@@ -110,8 +110,8 @@ impl Unseen {
             }
             match datum {
                 Datum::Given(side) => self.given(system, side, &open, seen, negligible, moved),
-                Datum::Lower | Datum::Upper => self.bounds(system, datum, &open, seen, negligible, moved, control)?,
-                _ => self.forces(system, datum, &open, seen, negligible, moved, control)?,
+                Datum::Lower | Datum::Upper => self.bounds(system, (datum, &open), seen, negligible, moved, control)?,
+                _ => self.forces(system, (datum, &open), seen, negligible, moved, control)?,
             }
         }
         Ok(())
@@ -150,12 +150,10 @@ impl Unseen {
     }
 
     /// Depths to which the parabolas of nodes lie beyond a bound.
-    #[allow(clippy::too_many_arguments)]
     fn bounds(
         &mut self,
         system: &mut Semidiscrete,
-        datum: Datum,
-        open: &[usize],
+        (datum, open): (Datum, &[usize]),
         seen: &Seen<'_>,
         negligible: f64,
         moved: &mut [f64],
@@ -177,24 +175,44 @@ impl Unseen {
             let Some(field) = field(&mut system.problem, datum) else { return Ok(()) };
             let concerned = if field.varies_in_space() { place..place + 1 } else { 0..moved.len() };
             let top = high(field.over_time(whole, at));
-            let near = |&i: &usize| !system.is_given[i] && !(least(i, begin, end) >= top - negligible);
+            let near = |&i: &usize| !system.is_given[i] && least(i, begin, end) < top - negligible;
             let near: Vec<usize> = concerned.filter(near).collect();
             if near.is_empty() {
                 continue;
             }
-            let course = Course::of(field, at, seen.times, negligible, |_| 1.0);
             for node in near {
                 let values = seen.values.map(|values| sign * values[node]);
-                let shown = course.shown.iter().flat_map(|(times, bounds)| times.iter().zip(bounds));
-                let shown = shown.map(|(&t, bound)| (t, sign * bound - seen.parabola(t, values)));
-                let open = course.open.iter().filter(|part| part.size.is_finite());
-                let open = open.map(|part| (part.from, high(part.range) - least(node, part.from, part.to)));
-                let mut deepest = 0.0_f64;
-                for (t, depth) in shown.chain(open) {
+                let mut possible = |from: f64, to: f64| {
+                    let top = high(field.over_time(Interval::new(from, to), at));
+                    (from, to, top - least(node, from, to))
+                };
+                let mut parts = vec![possible(begin, end)];
+                let (mut deepest, mut first) = (0.0_f64, end);
+                for _ in 0..PARTS {
+                    let Some(worst) = (0..parts.len()).max_by(|&i, &j| parts[i].2.total_cmp(&parts[j].2)) else {
+                        break;
+                    };
+                    let (from, to, depth) = parts[worst];
+                    let middle = 0.5 * (from + to);
+                    // Samples that reach a quarter of the depth tell it well enough for the size of the step.
+                    if depth <= negligible.max(4.0 * deepest) || middle <= from || middle >= to {
+                        break;
+                    }
+                    parts.swap_remove(worst);
+                    parts.extend([possible(from, middle), possible(middle, to)]);
+                    let bound = high(field.over(Interval::point(middle), &at.map(Interval::point)));
+                    let depth = bound - seen.parabola(middle, values);
                     deepest = deepest.max(depth);
                     if depth > negligible {
-                        self.begins(seen.times, t);
+                        first = first.min(from);
                     }
+                }
+                let open = parts.iter().filter(|part| part.2.is_finite() && part.2 > negligible.max(4.0 * deepest));
+                for &(from, _, depth) in open.collect::<Vec<_>>() {
+                    (deepest, first) = (deepest.max(depth), first.min(from));
+                }
+                if deepest > negligible {
+                    self.begins(seen.times, first);
                 }
                 moved[node] = moved[node].max(deepest);
             }
@@ -203,12 +221,10 @@ impl Unseen {
     }
 
     /// Displacements by changes of the load or of the operator.
-    #[allow(clippy::too_many_arguments)]
     fn forces(
         &mut self,
         system: &mut Semidiscrete,
-        datum: Datum,
-        open: &[usize],
+        (datum, open): (Datum, &[usize]),
         seen: &Seen<'_>,
         negligible: f64,
         moved: &mut [f64],
@@ -323,7 +339,9 @@ impl Course {
         for _ in 0..PARTS {
             let all: f64 = course.open.iter().map(|part| part.size).sum();
             let sizes = course.open.iter().map(|part| part.size).enumerate();
-            let Some((widest, _)) = sizes.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|_| !(all <= allowed)) else { break };
+            let Some((widest, _)) = sizes.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|_| all > allowed) else {
+                break;
+            };
             let Part { from, to, .. } = course.open[widest];
             let middle = 0.5 * (from + to);
             if middle <= from || middle >= to {
