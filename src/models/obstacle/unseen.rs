@@ -182,11 +182,11 @@ impl Unseen {
             }
             for node in near {
                 let values = seen.values.map(|values| sign * values[node]);
-                let mut possible = |from: f64, to: f64| {
+                let possible = |field: &mut Field, from: f64, to: f64| {
                     let top = high(field.over_time(Interval::new(from, to), at));
                     (from, to, top - least(node, from, to))
                 };
-                let mut parts = vec![possible(begin, end)];
+                let mut parts = vec![possible(field, begin, end)];
                 let (mut deepest, mut first) = (0.0_f64, end);
                 for _ in 0..PARTS {
                     let Some(worst) = (0..parts.len()).max_by(|&i, &j| parts[i].2.total_cmp(&parts[j].2)) else {
@@ -199,7 +199,7 @@ impl Unseen {
                         break;
                     }
                     parts.swap_remove(worst);
-                    parts.extend([possible(from, middle), possible(middle, to)]);
+                    parts.extend([possible(field, from, middle), possible(field, middle, to)]);
                     let bound = high(field.over(Interval::point(middle), &at.map(Interval::point)));
                     let depth = bound - seen.parabola(middle, values);
                     deepest = deepest.max(depth);
@@ -208,9 +208,8 @@ impl Unseen {
                     }
                 }
                 let open = parts.iter().filter(|part| part.2.is_finite() && part.2 > negligible.max(4.0 * deepest));
-                for &(from, _, depth) in open.collect::<Vec<_>>() {
-                    (deepest, first) = (deepest.max(depth), first.min(from));
-                }
+                (deepest, first) =
+                    open.fold((deepest, first), |(deepest, first), part| (deepest.max(part.2), first.min(part.0)));
                 if deepest > negligible {
                     self.begins(seen.times, first);
                 }
