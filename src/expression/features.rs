@@ -51,6 +51,12 @@ impl Jumps {
 }
 
 impl Graph {
+    /// Whether no term of `node` has a kink or a jump, so that its derivatives hold everywhere.
+    pub fn is_smooth(&mut self, node: Node) -> bool {
+        let is_atan2 = |graph: &Self, term| matches!(graph.operation(term), Some((Operator::Atan2, ..)));
+        self.terms_below(&[node]).into_iter().all(|term| !is_atan2(self, term) && self.switch(term).is_none())
+    }
+
     /// The indices of those `nodes` that are not polynomials of at most the given degree in the inputs after the first.
     pub fn beyond_degree(&self, nodes: &[Node], degree: u32) -> Vec<usize> {
         let mut terms = self.terms_below(nodes);

@@ -30,6 +30,25 @@ const AT_END: f64 = 8.0;
 /// Number of breakpoints over which their mean distance is taken: a burst of fewer says nothing of what follows.
 const WINDOW: u32 = 10_000;
 
+/// What changes its form at breakpoints.
+pub trait Breaking {
+    /// Functions of time, evaluated at `t`, at whose sign changes the breakpoints are. Their number is constant.
+    fn breaks(&mut self, t: f64) -> &[f64];
+
+    /// Encloses these functions over an interval of time; empty if they cannot be enclosed.
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval];
+}
+
+impl Breaking for dyn Dvi + '_ {
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        Dvi::breaks(self, t)
+    }
+
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+        Dvi::enclose_breaks(self, t)
+    }
+}
+
 /// State of the search for breakpoints.
 #[derive(Clone, Debug)]
 pub struct Breaks {
@@ -77,7 +96,7 @@ impl Breaks {
 
     /// Cuts a step of size `h` from `t` at the first breakpoint and returns its size; zero if the run must first
     /// [pass](Self::pass) the breakpoint.
-    pub fn up_to_break(&mut self, problem: &mut dyn Dvi, t: f64, h: f64) -> f64 {
+    pub fn up_to_break(&mut self, problem: &mut (impl Breaking + ?Sized), t: f64, h: f64) -> f64 {
         self.after = None;
         let noise = f64::EPSILON * (ONE * t.abs() + h);
         let is_behind_break = t - self.last <= noise;
@@ -129,7 +148,7 @@ impl Breaks {
         Some((self.last - begin) / f64::from(count))
     }
 
-    fn end_before(&mut self, problem: &mut dyn Dvi, (before, at): (f64, f64), t: f64, h: f64) -> f64 {
+    fn end_before(&mut self, problem: &mut (impl Breaking + ?Sized), (before, at): (f64, f64), t: f64, h: f64) -> f64 {
         (self.before, self.at, self.after) = (before, at, Some(self.behind(problem, at)));
         let part = length(t, before).min(h);
         if part <= AT_END * f64::EPSILON * t.abs() { 0.0 } else { part }
@@ -137,7 +156,13 @@ impl Breaks {
 
     /// The numbers before and at the first sign change, `Some(None)` if no sign changes, and `None` if enclosures leave it
     /// undecided.
-    fn first_enclosed(&mut self, problem: &mut dyn Dvi, begin: f64, end: f64, h: f64) -> Option<Option<(f64, f64)>> {
+    fn first_enclosed(
+        &mut self,
+        problem: &mut (impl Breaking + ?Sized),
+        begin: f64,
+        end: f64,
+        h: f64,
+    ) -> Option<Option<(f64, f64)>> {
         self.left.clear();
         self.left.push((begin, end));
         let mut parts = 0;
@@ -169,7 +194,13 @@ impl Breaks {
     }
 
     /// The numbers before and at the first sign change that samples detect.
-    fn first_sampled(&self, problem: &mut dyn Dvi, begin: f64, end: f64, h: f64) -> Option<(f64, f64)> {
+    fn first_sampled(
+        &self,
+        problem: &mut (impl Breaking + ?Sized),
+        begin: f64,
+        end: f64,
+        h: f64,
+    ) -> Option<(f64, f64)> {
         let mut before = begin;
         for sample in 1..=SAMPLES {
             let mut after = begin + (end - begin) * f64::from(sample) / f64::from(SAMPLES);
@@ -189,7 +220,7 @@ impl Breaks {
     }
 
     /// Whether a function has reached or passed a zero; one that is zero at the beginning only if it falls.
-    fn has_broken(&self, problem: &mut dyn Dvi, t: f64) -> bool {
+    fn has_broken(&self, problem: &mut (impl Breaking + ?Sized), t: f64) -> bool {
         let is_broken = |(value, sign): (&f64, &f64)| match *sign {
             sign if sign < 0.0 => *value >= 0.0,
             sign if sign > 0.0 => *value <= 0.0 || value.is_nan(),
@@ -199,7 +230,7 @@ impl Breaks {
     }
 
     /// The first number from `t` on at which no function is at its zero, within a few units of rounding.
-    fn behind(&self, problem: &mut dyn Dvi, t: f64) -> f64 {
+    fn behind(&self, problem: &mut (impl Breaking + ?Sized), t: f64) -> f64 {
         let mut after = t;
         for _ in 0..AT_END as u32 {
             let is_zero = |(value, sign): (&f64, &f64)| *value == 0.0 && *sign != 0.0;

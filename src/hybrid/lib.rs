@@ -7,7 +7,7 @@ mod driver;
 mod monitors;
 mod one_step;
 
-pub use breaks::Breaks;
+pub use breaks::{Breaking, Breaks};
 pub use driver::{Automaton, Located, Proposal, Screened, Solved, advance};
 pub use monitors::{Crossing, Followed, Monitors};
 pub use one_step::OneStep;

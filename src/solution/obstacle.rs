@@ -122,11 +122,13 @@ impl Stepper for ObstacleRun<'_> {
     fn step(&mut self) -> Result<(), Failure> {
         self.stepper.step().map_err(|cause| failure(&cause, self.stepper.t, self.states.clone()))?;
         self.tell();
-        let kind = self.stepper.change.map(|change| match change {
-            ContactChange::Begins => EventKind::Activated,
-            ContactChange::Ends => EventKind::Deactivated,
-        });
-        self.events.extend(kind.map(|kind| Event { t: self.stepper.t, kind, of: "contact".to_owned() }));
+        for (t, change) in self.stepper.changes.drain(..) {
+            let kind = match change {
+                ContactChange::Begins => EventKind::Activated,
+                ContactChange::Ends => EventKind::Deactivated,
+            };
+            self.events.push(Event { t, kind, of: "contact".to_owned() });
+        }
         Ok(())
     }
 
@@ -166,10 +168,12 @@ impl Stepper for ObstacleRun<'_> {
                     counts.residual
                 )
             });
+        }
+        if diagnostics.vi.is_some() || counts.unproven > 0 {
             diagnostics.checks.record(CheckCode::EventsUnproven, counts.unproven as f64, 0.0, || {
                 format!(
-                    "in {} steps nodes are in contact at all stages, but the data may lift them in between: choose a \
-                     smaller `step`, or none",
+                    "in {} steps the data may vary, or lift nodes in contact, between the stages: choose a smaller \
+                     `step`, or none",
                     counts.unproven
                 )
             });

@@ -310,3 +310,84 @@ fn an_obstacle_that_moves_is_not_stepped_over() {
     }
     assert!(worst < 1e-3, "off by {worst:e}");
 }
+
+/// A problem on the unit interval without flux, with the given data, until `end`.
+fn slab(data: &Value, end: f64, rtol: f64) -> Value {
+    let mut problem =
+        json!({"domain": {"x": [0, 1]}, "elements": 20, "diffusion": 1, "initial": 1, "probes": {"p": [0]}});
+    let data = data.as_object().expect("data").clone();
+    problem.as_object_mut().expect("a problem").extend(data);
+    json!({
+        "problem": {"obstacle": problem}, "time": {"end": end}, "output": {"times": {"count": 101}}, "method": {"rtol": rtol}
+    })
+}
+
+/// The integral of `exp(-((t - 50)/width)^2)`, which is over before and after the bump.
+fn bump(t: f64, width: f64) -> f64 {
+    if t > 50.0 { std::f64::consts::PI.sqrt() * width } else { 0.0 }
+}
+
+#[test]
+fn a_bump_of_a_coefficient_between_the_stages_of_a_long_step_is_seen() {
+    for (width, rtol) in [(1.0, 1e-5), (1.0, 1e-7), (0.1, 1e-5), (0.1, 1e-7)] {
+        let solution = solve(&slab(&json!({"reaction": format!("exp(-((t-50)/{width})^2)")}), 100.0, rtol));
+        let error = last(&solution, "p") - (-bump(100.0, width)).exp();
+        assert!(error.abs() < 100.0 * rtol, "reaction of width {width} at {rtol:e} off by {error:e}");
+        // On the grid, cos(pi x) decays at the rate (2 n sin(pi / (2 n)))^2 with n elements.
+        let data = json!({"diffusion": format!("1e-4 + exp(-((t-50)/{width})^2)"), "initial": "cos(pi*x)"});
+        let solution = solve(&slab(&data, 100.0, rtol));
+        let rate = (40.0 * (std::f64::consts::PI / 40.0).sin()).powi(2);
+        let error = last(&solution, "p") - (-rate * (0.01 + bump(100.0, width))).exp();
+        assert!(error.abs() < 100.0 * rtol, "diffusion of width {width} at {rtol:e} off by {error:e}");
+    }
+}
+
+#[test]
+fn a_pulse_of_the_source_between_the_stages_of_a_long_step_is_seen() {
+    let data = json!({"source": "1000*exp(-((t-50)/0.001)^2)"});
+    let solution = solve(&slab(&data, 100.0, 1e-7));
+    let error = last(&solution, "p") - 1.0 - 1000.0 * bump(100.0, 1e-3);
+    assert!(error.abs() < 1e-5, "off by {error:e}");
+}
+
+#[test]
+fn a_bump_of_a_bound_between_the_stages_of_a_long_step_pushes() {
+    for (key, bound, level) in
+        [("obstacle", "-1 + 3*exp(-((t-50)/0.1)^2)", 2.0), ("upper_obstacle", "5 - 4.5*exp(-((t-50)/0.1)^2)", 0.5)]
+    {
+        let solution = solve(&slab(&json!({key: bound}), 100.0, 1e-7));
+        let error = last(&solution, "p") - level;
+        assert!(error.abs() < 1e-6, "{key} off by {error:e}");
+    }
+}
+
+#[test]
+fn jumps_of_data_end_steps() {
+    // The reaction 10^4 over 10^-4 multiplies by 1/e.
+    let solution = solve(&slab(&json!({"reaction": "1e4*pulse(t, 1.2345, 1e-4)"}), 4.0, 1e-7));
+    let error = distance(&solution, "p", |t| if t < 1.2345 { 1.0 } else { (-1.0_f64).exp() });
+    assert!(error < 1e-5, "off by {error:e}");
+    // An obstacle that appears lifts what is below it, and leaves it there when it vanishes.
+    let data = json!({"initial": 0, "obstacle": "if(t < 1, -1, if(t < 2, 0.5, -1))"});
+    let solution = solve(&slab(&data, 4.0, 1e-7));
+    let error = distance(&solution, "p", |t| if t < 1.0 { 0.0 } else { 0.5 });
+    assert!(error < 1e-7, "off by {error:e}");
+    let changes = events(&solution, "contact");
+    assert!(changes.len() == 2 && (changes[0] - 1.0).abs() < 1e-12 && (changes[1] - 2.0).abs() < 1e-12, "{changes:?}");
+}
+
+#[test]
+fn contact_begins_and_ends_when_the_load_says_so() {
+    // u = 1 + t^2/2 - 2 t touches at 2 - sqrt 2; the load t - 2 lifts at 2.
+    let solution = solve(&slab(&json!({"source": "t - 2", "obstacle": 0}), 4.0, 1e-7));
+    let changes = events(&solution, "contact");
+    let touch = 2.0 - 2.0_f64.sqrt();
+    assert!(changes.len() == 2, "{changes:?}");
+    assert!((changes[0] - touch).abs() < 1e-6 && (changes[1] - 2.0).abs() < 1e-6, "{changes:?}");
+    let error = distance(&solution, "p", |t| match t {
+        t if t < touch => 1.0 + 0.5 * t * t - 2.0 * t,
+        t if t < 2.0 => 0.0,
+        t => 0.5 * (t - 2.0).powi(2),
+    });
+    assert!(error < 1e-6, "off by {error:e}");
+}

@@ -3,6 +3,9 @@
 use super::Field;
 use crate::finite_elements::{Grid, Quadrature};
 use analysis::{Analysis, Uniqueness};
+use expression::Breaks;
+use hybrid::Breaking;
+use numerics::Interval;
 use problem::Warning;
 
 /// The boundary condition on a side.
@@ -55,10 +58,22 @@ pub struct Obstacle {
     pub initial: Field,
     /// The boundary condition of each side, by [`Side::place`](crate::finite_elements::Side::place).
     pub conditions: Vec<Condition>,
+    /// The breakpoints of all data but the initial values.
+    pub breaks: Breaks,
     /// The points at which `u` is an output.
     pub probes: Vec<Probe>,
     /// Warnings for the user, known before the problem is solved.
     pub warnings: Vec<Warning>,
+}
+
+impl Breaking for Obstacle {
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        self.breaks.at(t)
+    }
+
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+        self.breaks.over(t)
+    }
 }
 
 impl Obstacle {

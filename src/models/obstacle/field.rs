@@ -9,20 +9,25 @@ pub struct Field {
     tape: Tape,
     enclosures: IntervalWorkspace,
     constant: Option<f64>,
-    varies_in_time: bool,
+    inputs: Vec<usize>,
+    node: Node,
+    /// The derivative by time and its workspace, if the function is smooth.
+    rate: Option<(Tape, IntervalWorkspace)>,
 }
 
 impl Field {
     /// Compiles a node of the graph.
-    pub fn new(graph: &Graph, node: Node) -> Self {
+    pub fn new(graph: &mut Graph, node: Node) -> Self {
         let inputs = graph.inputs(node);
         let tape = Tape::compile(graph, &[node]);
-        Self {
-            enclosures: IntervalWorkspace::new(&tape),
-            tape,
-            constant: graph.value(node),
-            varies_in_time: inputs.contains(&0),
-        }
+        let is_smooth = inputs.contains(&0) && graph.is_smooth(node);
+        let gradient = is_smooth.then(|| graph.gradient(node).ok()).flatten();
+        let rate =
+            gradient.and_then(|gradient| gradient.into_iter().find(|(input, _)| *input == 0)).map(|(_, rate)| {
+                let tape = Tape::compile(graph, &[rate]);
+                (tape.clone(), IntervalWorkspace::new(&tape))
+            });
+        Self { enclosures: IntervalWorkspace::new(&tape), tape, constant: graph.value(node), rate, inputs, node }
     }
 
     /// The value, if the function is constant in time and space.
@@ -32,7 +37,34 @@ impl Field {
 
     /// Whether the function depends on time.
     pub fn varies_in_time(&self) -> bool {
-        self.varies_in_time
+        self.inputs.contains(&0)
+    }
+
+    /// Whether the function depends on the place.
+    pub fn varies_in_space(&self) -> bool {
+        self.inputs.iter().any(|&input| input > 0)
+    }
+
+    /// The node of the graph of which the function was compiled.
+    pub fn node(&self) -> Node {
+        self.node
+    }
+
+    /// Encloses the values over a time interval at a point; narrower than [`over`](Self::over) where the derivative by
+    /// time can be enclosed.
+    pub fn over_time(&mut self, t: Interval, at: [f64; 3]) -> Interval {
+        let at = at.map(Interval::point);
+        let direct = self.over(t, &at);
+        let Some((tape, workspace)) = &mut self.rate else { return direct };
+        let mut rate = [Interval::EMPTY];
+        tape.enclose(t, &at, workspace, &mut rate);
+        let [rate] = rate;
+        if !(direct.defined && rate.defined && rate.size().is_finite()) {
+            return direct;
+        }
+        let middle = Interval::point(0.5 * (t.lo + t.hi));
+        let by_rate = self.over(middle, &at) + rate * (t - middle);
+        Interval { lo: direct.lo.max(by_rate.lo), hi: direct.hi.min(by_rate.hi), defined: true }
     }
 
     /// Encloses the values over a time interval and a box.

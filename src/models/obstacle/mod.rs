@@ -28,6 +28,7 @@ mod semidiscrete;
 mod settings;
 mod stage;
 mod tr_bdf2;
+mod unseen;
 
 pub use contact::Contact;
 pub use data_error::ObstacleDataError;

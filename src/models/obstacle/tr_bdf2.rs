@@ -25,6 +25,7 @@ use super::resting::Moment;
 use super::settings::{Counts, ObstacleError, Settings};
 use super::stage::{Stage, Unsolved};
 use super::{Obstacle, ObstacleDataError, Semidiscrete};
+use hybrid::Breaks;
 use problem::Control;
 use std::f64::consts::SQRT_2;
 
@@ -82,8 +83,13 @@ pub struct TrBdf2<'c> {
     moments: [Moment; 3],
     hidden: Hidden,
     was_rejected: bool,
-    /// The beginning or the end of contact at the end of the last step, if it ended there.
-    pub change: Option<ContactChange>,
+    /// The least distance of a free node from the obstacles at the current time.
+    gap: f64,
+    breaks: Breaks,
+    /// Whether no step has been made since a breakpoint.
+    restarts: bool,
+    /// The changes of contact since the last step began, with their times.
+    pub changes: Vec<(f64, ContactChange)>,
 }
 
 /// The result of a step attempt.
@@ -130,9 +136,13 @@ impl<'c> TrBdf2<'c> {
             error: zeros(),
             trial: [zeros(), zeros()],
             was_rejected: false,
-            change: None,
+            gap: f64::INFINITY,
+            breaks: Breaks::new(start),
+            restarts: false,
+            changes: Vec::new(),
         };
-        stepper.find_initial_slope()?;
+        stepper.find_initial_slope(stepper.h)?;
+        stepper.gap = stepper.least_gap(&stepper.u);
         Ok(stepper)
     }
 
@@ -151,9 +161,9 @@ impl<'c> TrBdf2<'c> {
         Some([change, if bends { curvature } else { 0.0 }])
     }
 
-    /// Sets the initial slope and contact forces by a short implicit Euler step.
-    fn find_initial_slope(&mut self) -> Result<(), ObstacleError> {
-        let h = INITIAL * self.h;
+    /// Sets the initial slope and contact forces for a step of size `h`, by a short implicit Euler step.
+    fn find_initial_slope(&mut self, h: f64) -> Result<(), ObstacleError> {
+        let h = INITIAL * h;
         self.base.copy_from_slice(&self.u);
         self.trial[1].copy_from_slice(&self.u);
         match self.solve(1, h, self.t + h)? {

@@ -19,8 +19,9 @@ use super::ordered::Ordered;
 use super::pointer::Pointer;
 use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
+use ::expression::{Breaks, Node};
 use models::finite_elements::{Grid, Quadrature};
-use models::obstacle::{Field, Obstacle, ObstacleError, Probe, largest_peclet};
+use models::obstacle::{Condition, Field, Obstacle, ObstacleError, Probe, largest_peclet};
 use serde::Deserialize;
 use solution::Warning;
 use std::sync::Arc;
@@ -136,7 +137,12 @@ impl Written for ObstacleProblem {
         let conditions = self.boundary.lower(dimension, &place.key("boundary"), &mut lowering);
         let probes = self.probes(grid.as_ref(), &place.key("probes"), &mut lowering);
         let (Some(grid), true) = (grid, lowering.errors.is_empty()) else { return (lowering, None) };
+        let optional = [&reaction, &source, &lower, &upper].into_iter().flatten();
+        let fields = diffusion.iter().chain(&advection).chain(optional).chain(conditions.iter().map(Condition::field));
+        let nodes: Vec<Node> = fields.map(Field::node).collect();
+        let breaks = Breaks::new(&mut lowering.graph, &nodes);
         let mut problem = Obstacle {
+            breaks,
             grid,
             quadrature: match self.mass {
                 MassName::Lumped => Quadrature::Nodal,
@@ -215,7 +221,7 @@ impl ObstacleProblem {
 /// Lowers an expression to a function of time and space; a faulty expression becomes zero.
 fn field(expression: &Expression, place: &Pointer<'_>, lowering: &mut Lowering) -> Field {
     let node = lowering.node_or_zero(expression, place);
-    Field::new(&lowering.graph, node)
+    Field::new(&mut lowering.graph, node)
 }
 
 /// The warning about a grid that is too coarse for the layers of the solution.

@@ -57,7 +57,7 @@ fn lower(condition: Option<&BoundaryCondition>, place: &Pointer<'_>, lowering: &
     match condition {
         None => {
             let zero = lowering.graph.constant(0.0);
-            Condition::Neumann(Field::new(&lowering.graph, zero))
+            Condition::Neumann(Field::new(&mut lowering.graph, zero))
         }
         Some(BoundaryCondition::Dirichlet(value)) => {
             Condition::Dirichlet(field(value, &place.key("dirichlet"), lowering))

@@ -20,6 +20,10 @@ const UNCHANGED: Range<f64> = 0.95..1.2;
 /// flickers within the tolerance does not shorten steps.
 const CLOSE: f64 = 1e-3;
 
+/// Bounds on the next attempt, relative to a step that has missed a variation of the data.
+const LEAST: f64 = 0.1;
+const MOST: f64 = 0.9;
+
 /// Largest number of steps solved for one event: every other one at least halves the bracket, and a double has 53
 /// binary digits.
 const MOST_GUESSES: usize = 120;
@@ -64,10 +68,26 @@ impl Automaton for TrBdf2<'_> {
         }
         let remaining = self.end - self.t;
         // Extend the step to the end time if only rounding would remain.
-        Ok(Proposal::Step(if self.h >= remaining * (1.0 - 1e-9) { remaining } else { self.h }))
+        let mut h = if self.h >= remaining * (1.0 - 1e-9) { remaining } else { self.h };
+        if self.settings.step.is_none() && remaining > 0.0 {
+            h = self.breaks.up_to_break(&mut self.system.problem, self.t, h);
+            if let Some(after) = self.breaks.after()
+                && h <= 0.0
+            {
+                self.pass_break(after)?;
+                return Ok(Proposal::Again);
+            }
+        }
+        if self.restarts && h > 0.0 {
+            self.find_initial_slope(h)?;
+        }
+        Ok(Proposal::Step(h))
     }
 
     fn solve(&mut self, h: f64, (): &mut ()) -> Result<Solved<Trial>, ObstacleError> {
+        if h <= 0.0 {
+            return Ok(Solved::Passed);
+        }
         let next = if h >= self.end - self.t { self.end } else { self.t + h };
         match self.attempt(h, next)? {
             Attempt::Made(error) => Ok(Solved::Step(Trial { h, next, error, is_located: false })),
@@ -85,10 +105,10 @@ impl Automaton for TrBdf2<'_> {
     /// With a fixed step size contact changes at the end of a step, and an inaccurate step is rejected in any case.
     fn screen(&mut self, step: &mut Trial, (): &mut ()) -> Result<Screened<Changes>, ObstacleError> {
         let is_searched = self.settings.step.is_none() && step.error <= 1.0 && !step.is_located;
-        let change = change(self.least_gap(&self.u), self.least_gap(&self.trial[1])).filter(|_| is_searched);
+        let change = change(self.gap, self.least_gap(&self.trial[1])).filter(|_| is_searched);
         let Some(to) = change else { return Ok(Screened::Clear) };
         let begin = match to {
-            ContactChange::Begins => self.least_gap(&self.u),
+            ContactChange::Begins => self.gap,
             ContactChange::Ends => largest_displacement(&self.moments[0]),
         };
         let (end, close) = (self.monitor(to), self.close(step.h));
@@ -141,6 +161,8 @@ impl Automaton for TrBdf2<'_> {
         }
         self.counts.inaccurate += 1;
         let factor = if error.is_finite() { (0.9 / error.cbrt()).max(0.1) } else { 0.1 };
+        // The next attempt ends where the variation begins that this one has missed.
+        let factor = self.hidden.unseen.begin.map_or(factor, |begin| begin.clamp(LEAST, MOST));
         self.shrink(factor * h, "the error was too large")?;
         Ok(false)
     }
@@ -152,16 +174,19 @@ impl Automaton for TrBdf2<'_> {
         event: Option<ContactChange>,
         (): (),
     ) -> Result<(), ObstacleError> {
-        let before = self.least_gap(&self.u);
         self.append(h, next);
         self.counts.accepted += 1;
         // Extrapolation may bring nodes into contact, too.
-        self.change = change(before, self.least_gap(&self.u));
+        self.note_contact();
+        self.restarts = false;
         if event.is_none() && self.settings.step.is_none() && next < self.end {
             let most = if self.was_rejected { 1.0 } else { 5.0 };
             let factor = (0.9 / error.cbrt()).clamp(0.2, most);
             let factor = if UNCHANGED.contains(&factor) { 1.0 } else { factor };
-            self.h = (factor * h).min(self.settings.max_step);
+            let wished = (factor * h).min(self.settings.max_step);
+            // A step that a breakpoint has cut says nothing against a longer one.
+            let was_cut = self.breaks.after().is_some() && factor >= 1.0;
+            self.h = if was_cut { self.h.max(wished) } else { wished };
         }
         self.was_rejected = false;
         Ok(())
@@ -184,6 +209,31 @@ impl TrBdf2<'_> {
         CLOSE * (self.settings.atol + self.settings.rtol * self.largest(h))
     }
 
+    /// Continues behind a breakpoint. Where a bound jumps over `u`, so does `u`: the limit of shorter and shorter steps is
+    /// the projection onto the new set.
+    fn pass_break(&mut self, after: f64) -> Result<(), ObstacleError> {
+        let before = self.t;
+        self.breaks.pass(after);
+        self.t = if after >= self.end { self.end } else { after };
+        self.last.0 = before;
+        self.last.1.copy_from_slice(&self.u);
+        self.last.2.copy_from_slice(&self.u);
+        self.system.vectors_at(after, self.control)?;
+        for (i, u) in self.u.iter_mut().enumerate() {
+            *u = self.system.set.project(i, *u);
+        }
+        self.note_contact();
+        self.restarts = true;
+        Ok(())
+    }
+
+    /// Records whether contact has begun or ended.
+    fn note_contact(&mut self) {
+        let gap = self.least_gap(&self.u);
+        self.changes.extend(change(self.gap, gap).map(|change| (self.t, change)));
+        self.gap = gap;
+    }
+
     /// The monitor of a change of contact at the end of the step whose stages are solved: positive before the change.
     fn monitor(&self, to: ContactChange) -> f64 {
         let gap = self.least_gap(&self.trial[1]);
@@ -195,7 +245,7 @@ impl TrBdf2<'_> {
     }
 
     /// The least distance from the obstacles of a node whose value is not given, at nodal values `u`.
-    fn least_gap(&self, u: &[f64]) -> f64 {
+    pub(super) fn least_gap(&self, u: &[f64]) -> f64 {
         let set = &self.system.set;
         let free = (0..u.len()).filter(|&i| !self.system.is_given[i]);
         free.map(|i| (u[i] - set.lower[i]).min(set.upper[i] - u[i])).fold(f64::INFINITY, f64::min)

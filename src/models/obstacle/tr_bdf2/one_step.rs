@@ -3,7 +3,7 @@
 use super::{Attempt, GAMMA, TrBdf2};
 use crate::obstacle::ObstacleError;
 use crate::obstacle::resting::Moment;
-use hybrid::OneStep;
+use hybrid::{Breaks, OneStep};
 use numerics::Interval;
 
 /// A point of a run to which it can return.
@@ -17,6 +17,9 @@ pub struct Saved {
     slopes: [Vec<f64>; 3],
     moments: [Moment; 3],
     was_rejected: bool,
+    gap: f64,
+    breaks: Breaks,
+    restarts: bool,
 }
 
 impl OneStep for TrBdf2<'_> {
@@ -91,6 +94,7 @@ impl OneStep for TrBdf2<'_> {
         let is_made = matches!(self.attempt(h, end), Ok(Attempt::Made(_)));
         if is_made {
             self.append(h, end);
+            self.gap = self.least_gap(&self.u);
         } else {
             self.restore(&saved);
         }
@@ -107,13 +111,17 @@ impl OneStep for TrBdf2<'_> {
             slopes: self.slopes.clone(),
             moments: self.moments.clone(),
             was_rejected: self.was_rejected,
+            gap: self.gap,
+            breaks: self.breaks.clone(),
+            restarts: self.restarts,
         }
     }
 
     fn restore(&mut self, saved: &Saved) {
-        let Saved { t, u, force, last, h, slopes, moments, was_rejected } = saved.clone();
+        let Saved { t, u, force, last, h, slopes, moments, was_rejected, gap, breaks, restarts } = saved.clone();
         (self.t, self.u, self.force, self.last) = (t, u, force, last);
         (self.h, self.slopes, self.moments, self.was_rejected) = (h, slopes, moments, was_rejected);
+        (self.gap, self.breaks, self.restarts) = (gap, breaks, restarts);
     }
 }
 
