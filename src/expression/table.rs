@@ -210,7 +210,7 @@ impl Pieces {
         })
     }
 
-    fn piece_at(&self, a: f64) -> usize {
+    pub(super) fn piece_at(&self, a: f64) -> usize {
         self.knots.partition_point(|knot| *knot <= a)
     }
 

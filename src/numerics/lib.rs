@@ -16,4 +16,4 @@ pub use components::components;
 pub use interval::{Interval, between};
 pub use quadrature::{KRONROD_GAP, kronrod, kronrod_ends};
 pub use root::Bracket;
-pub use shown::{is_seen, is_shown, variation};
+pub use shown::{WIDER, is_seen, is_shown, variation};

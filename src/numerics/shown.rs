@@ -4,7 +4,7 @@ use super::Interval;
 
 /// Largest admissible ratio of the width of an enclosure to the range of the sampled values: sums and products of terms
 /// that vary together widen an enclosure.
-const WIDER: f64 = 4.0;
+pub const WIDER: f64 = 4.0;
 
 /// Largest admissible deviation of the middle value from the mean of the end values, relative to the range of the
 /// three: a pulse that falls on the middle deviates by the whole range, and a pulse that falls on an end by half of it.

@@ -5,7 +5,7 @@
 use super::quadrature::{self, Integrals};
 use super::run::Stepper;
 use super::{Event, EventKind};
-use expression::{IntervalWorkspace, Tape};
+use expression::{IntervalWorkspace, Sight, Tape};
 use hybrid::{Crossing, Followed, Monitors};
 use numerics::Interval;
 use serde::{Deserialize, Serialize};
@@ -106,6 +106,8 @@ pub(super) struct Observed<'a> {
     place: EvaluationBuffer,
     /// The integrals up to the time `reached`.
     integrals: Integrals,
+    /// The places of the integrands among the values, none of which is squared.
+    integrands: Vec<(usize, bool)>,
     reached: f64,
     /// A monitor without a finite value, if there is one.
     lost: Option<usize>,
@@ -114,6 +116,7 @@ pub(super) struct Observed<'a> {
 /// Buffers for one evaluation.
 struct EvaluationBuffer {
     program: Tape,
+    sight: Sight,
     boxes: IntervalWorkspace,
     outputs: Vec<f64>,
     values: Vec<f64>,
@@ -162,6 +165,7 @@ impl<'a> Observed<'a> {
         let count = of.names.len() + of.monitors.len();
         let mut place = EvaluationBuffer {
             program: of.program.clone(),
+            sight: if of.integrals > 0 { Sight::new(&of.program) } else { Sight::default() },
             boxes: IntervalWorkspace::new(&of.program),
             outputs: vec![0.0; outputs],
             values: vec![0.0; count],
@@ -171,7 +175,8 @@ impl<'a> Observed<'a> {
         };
         let t = stepper.t();
         let monitors = Monitors::new(&place.at(stepper, t)[of.names.len()..]);
-        Self { monitors, place, integrals: Integrals::new(of.integrals), reached: t, lost: None, of }
+        let integrands = (of.definitions()..of.names.len()).map(|at| (at, false)).collect();
+        Self { monitors, place, integrals: Integrals::new(of.integrals), integrands, reached: t, lost: None, of }
     }
 
     /// Locates the events of the monitors over the last step, from `begin` on, and appends them to `events` as long as
@@ -248,14 +253,18 @@ impl<'a> Observed<'a> {
 
     /// Continues the integrals up to a time within the last step.
     pub fn integrate(&mut self, stepper: &mut impl Stepper, t: f64) {
-        let (first, count) = (self.of.definitions(), self.of.integrals);
-        if count == 0 || t <= self.reached {
+        if self.of.integrals == 0 || t <= self.reached {
             return;
         }
-        let Self { place, integrals, reached, .. } = self;
-        quadrature::integrate(*reached, t, integrals, |t, out| {
-            out.copy_from_slice(&place.at(stepper, t)[first..first + count]);
-        });
+        let Self { place, integrals, integrands, reached, .. } = self;
+        let EvaluationBuffer { program, sight, outputs: inputs, values, .. } = place;
+        let outputs = |t: f64, out: &mut [f64]| stepper.values(t, out);
+        quadrature::integrate(
+            *reached,
+            t,
+            integrals,
+            quadrature::Along { outputs, program, sight, inputs, values, integrands },
+        );
         self.reached = t;
     }
 

@@ -1,7 +1,11 @@
 //! Integrals over time along the dense output of a step, by adaptive bisection: of all parts of the step, the one over which
 //! two rules differ most is halved next (Piessens et al. 1983, *QUADPACK*, QAG).
+//!
+//! Rules that agree prove nothing of a feature between their points. What the points do not show of an integrand
+//! ([`expression::Sight`]) is bounded over each part, and a part is halved as long as the bound matters.
 
-use numerics::{KRONROD_GAP, kronrod, kronrod_ends};
+use expression::{Sight, Tape};
+use numerics::{Interval, KRONROD_GAP, kronrod, kronrod_ends};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -17,6 +21,68 @@ const MOST_SUMS: usize = 200_000;
 const LEAST_PARTS: usize = 64;
 /// The largest relative uncertainty of an integral that needs no mention: half the digits of a double.
 pub(super) const NEGLIGIBLE: f64 = 1.5e-8;
+
+/// The functions that are integrated.
+pub(super) trait Integrand {
+    /// Writes the values at a time within the step.
+    fn at(&mut self, t: f64, out: &mut [f64]);
+
+    /// Begins with the samples of a part of the step.
+    fn begin(&mut self) {}
+
+    /// Writes bounds on what the samples between two times do not show of the functions.
+    fn hidden(&mut self, _from: f64, _to: f64, out: &mut [f64]) {
+        out.fill(0.0);
+    }
+}
+
+impl<F: FnMut(f64, &mut [f64])> Integrand for F {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        self(t, out);
+    }
+}
+
+/// The values of a program along the outputs of a step, of which `outputs` writes those at a time.
+pub(super) struct Along<'a, O> {
+    pub outputs: O,
+    pub program: &'a mut Tape,
+    pub sight: &'a mut Sight,
+    /// Room for the inputs of the program after time, and for its values.
+    pub inputs: &'a mut [f64],
+    pub values: &'a mut [f64],
+    /// The values that are integrated, and whether they are squared.
+    pub integrands: &'a [(usize, bool)],
+}
+
+impl<O: FnMut(f64, &mut [f64])> Integrand for Along<'_, O> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        (self.outputs)(t, self.inputs);
+        self.program.evaluate(t, self.inputs, self.values);
+        if self.sight.is_needed() {
+            self.sight.sample(self.program);
+        }
+        for (out, &(at, squared)) in out.iter_mut().zip(self.integrands) {
+            *out = if squared { self.values[at] * self.values[at] } else { self.values[at] };
+        }
+    }
+
+    fn begin(&mut self) {
+        if self.sight.is_needed() {
+            self.sight.begin();
+        }
+    }
+
+    fn hidden(&mut self, from: f64, to: f64, out: &mut [f64]) {
+        if !self.sight.is_needed() {
+            return out.fill(0.0);
+        }
+        self.sight.judge(self.program, Interval::new(from, to));
+        for (out, &(at, squared)) in out.iter_mut().zip(self.integrands) {
+            let (hidden, size) = self.sight.hidden(self.program, at);
+            *out = if squared && hidden > 0.0 { 2.0 * size * hidden } else { hidden };
+        }
+    }
+}
 
 /// Integrals of several functions.
 #[derive(Clone, Debug)]
@@ -48,48 +114,57 @@ impl Integrals {
 struct Part {
     from: f64,
     to: f64,
-    /// Of each function the integral, the difference of both rules and of the ends, and the integral of the absolute value.
-    sums: Vec<[f64; 3]>,
+    /// Of each function the integral, the difference of both rules and of the ends, the integral of the absolute value, and the
+    /// bound on what the samples do not show.
+    sums: Vec<[f64; 4]>,
     /// The largest difference in units of the one at which rules count as equal.
     excess: f64,
 }
 
 impl Part {
-    fn new(step: (f64, f64), (from, to): (f64, f64), values: &mut [f64], at: &mut impl FnMut(f64, &mut [f64])) -> Self {
-        let mut sums = vec![[0.0; 3]; values.len()];
+    fn new(step: (f64, f64), (from, to): (f64, f64), values: &mut [f64], of: &mut impl Integrand) -> Self {
+        let mut sums = vec![[0.0; 4]; values.len()];
+        of.begin();
         let mut ends = vec![[0.0; 2]; values.len()];
         for ((t, weight, excess), to_ends) in kronrod(from, to).zip(kronrod_ends()) {
-            at(t, values);
-            for (([sum, difference, size], ends), value) in sums.iter_mut().zip(&mut ends).zip(&*values) {
+            of.at(t, values);
+            for (([sum, difference, size, _], ends), value) in sums.iter_mut().zip(&mut ends).zip(&*values) {
                 *sum += weight * value;
                 *difference += excess * value;
                 *size += (weight * value).abs();
                 *ends = [0, 1].map(|end| ends[end] + to_ends[end] * value);
             }
         }
-        sums.iter_mut().for_each(|[_, difference, _]| *difference = difference.abs());
+        sums.iter_mut().for_each(|[_, difference, ..]| *difference = difference.abs());
         for (end, t) in [from, to].into_iter().enumerate() {
             // At the ends of a step outputs may jump.
             if t == step.0 || t == step.1 {
                 continue;
             }
-            at(t, values);
-            for (([_, difference, _], ends), value) in sums.iter_mut().zip(&ends).zip(&*values) {
+            of.at(t, values);
+            for (([_, difference, ..], ends), value) in sums.iter_mut().zip(&ends).zip(&*values) {
                 *difference += KRONROD_GAP * (to - from) * (ends[end] - value).abs();
             }
+        }
+        of.hidden(from, to, values);
+        for ([_, _, _, hidden], value) in sums.iter_mut().zip(&*values) {
+            *hidden = value * (to - from);
         }
         Self { from, to, sums, excess: 0.0 }
     }
 
     /// Weighs the differences by the integrals of the absolute values over all of the step and before it.
-    fn weigh(mut self, totals: &[f64], agree: f64) -> Self {
+    fn weigh(&mut self, totals: &[f64], agree: f64) {
+        let shares = [agree, agree.max(NEGLIGIBLE / MOST_PARTS as f64)];
         let excess = self
             .sums
             .iter()
             .zip(totals)
-            .map(|([_, difference, _], total)| if *difference == 0.0 { 0.0 } else { difference / (agree * total) });
+            .flat_map(|([_, difference, _, hidden], total)| {
+                [(difference, total), (hidden, total)].into_iter().zip(shares)
+            })
+            .map(|((error, total), share)| if *error == 0.0 { 0.0 } else { error / (share * total) });
         self.excess = excess.fold(0.0, |most, excess| if excess > most { excess } else { most });
-        self
     }
 
     fn middle(&self) -> f64 {
@@ -117,37 +192,49 @@ impl PartialOrd for Part {
 
 impl Ord for Part {
     fn cmp(&self, other: &Self) -> Ordering {
-        self.excess.total_cmp(&other.excess).then(other.from.total_cmp(&self.from))
+        let longer = (self.to - self.from).total_cmp(&(other.to - other.from));
+        self.excess.total_cmp(&other.excess).then(longer).then(other.from.total_cmp(&self.from))
     }
 }
 
-/// Adds the integrals of several functions between two times to `integrals`; `at` evaluates all of them at a time.
-pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut at: impl FnMut(f64, &mut [f64])) {
+/// Adds the integrals of several functions between two times to `integrals`.
+pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut of: impl Integrand) {
     let Integrals { values: before, uncertain, sizes } = integrals;
     let most = (MOST_SUMS / before.len().max(1)).clamp(LEAST_PARTS, MOST_PARTS);
     let mut values = vec![0.0; before.len()];
     // Times within a short step are rounded, and so are values that change over it.
     let agree = AGREE.max(f64::EPSILON * from.abs().max(to.abs()) / (to - from));
-    let whole = Part::new((from, to), (from, to), &mut values, &mut at);
-    let totals: Vec<f64> = sizes.iter().zip(&whole.sums).map(|(before, [_, _, size])| before + size).collect();
-    let mut open = BinaryHeap::from([whole.weigh(&totals, agree)]);
+    let mut whole = Part::new((from, to), (from, to), &mut values, &mut of);
+    let mut totals: Vec<f64> = sizes.iter().zip(&whole.sums).map(|(before, [_, _, size, _])| before + size).collect();
+    whole.weigh(&totals, agree);
+    let mut open = BinaryHeap::from([whole]);
     let mut done = Vec::new();
-    while let Some(part) = open.pop() {
+    while let Some(mut part) = open.pop() {
+        // Features that were found since may have enlarged the integrals.
+        part.weigh(&totals, agree);
         if part.excess > 1.0 && part.can_be_halved() && done.len() + open.len() + 2 <= most {
             let middle = part.middle();
-            for ends in [(part.from, middle), (middle, part.to)] {
-                open.push(Part::new((from, to), ends, &mut values, &mut at).weigh(&totals, agree));
+            let mut halves =
+                [(part.from, middle), (middle, part.to)].map(|ends| Part::new((from, to), ends, &mut values, &mut of));
+            for (k, total) in totals.iter_mut().enumerate() {
+                let [of_first, of_last, of_part] = [&halves[0], &halves[1], &part].map(|part| part.sums[k][2]);
+                *total = total.max(*total + (of_first + of_last - of_part));
             }
+            halves.iter_mut().for_each(|half| half.weigh(&totals, agree));
+            open.extend(halves);
         } else {
             done.push(part);
         }
     }
     done.sort_by(|a, b| a.from.total_cmp(&b.from));
-    for Part { sums, excess, .. } in &done {
-        for (k, [sum, difference, size]) in sums.iter().enumerate() {
+    for Part { sums, excess, from: begin, to: end } in &done {
+        let is_least = end - begin <= 2.0 * agree * (to - from);
+        for (k, [sum, difference, size, hidden]) in sums.iter().enumerate() {
             before[k] += sum;
             sizes[k] += size;
-            uncertain[k] += if *excess > 1.0 { *difference } else { 0.0 };
+            // Next to a singularity, nothing bounds the integrand.
+            let hidden = if hidden.is_finite() || !is_least { *hidden } else { *size };
+            uncertain[k] += if *excess > 1.0 { difference + hidden } else { 0.0 };
         }
     }
 }
@@ -158,7 +245,7 @@ mod tests {
 
     fn integral(to: f64, f: impl Fn(f64) -> f64) -> (f64, f64) {
         let mut integrals = Integrals::new(1);
-        integrate(0.0, to, &mut integrals, |t, out| out[0] = f(t));
+        integrate(0.0, to, &mut integrals, |t: f64, out: &mut [f64]| out[0] = f(t));
         (integrals.values[0], integrals.uncertainty().map_or(0.0, |(_, uncertainty)| uncertainty))
     }
 

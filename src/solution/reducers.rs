@@ -2,11 +2,11 @@
 //! along the dense output, counts and times of located events, and the mode word. Output times have no influence.
 
 use super::columnar::checksum;
-use super::quadrature::{Integrals, integrate};
+use super::quadrature::{Along, Integrals, integrate};
 use super::run::Stepper;
 use super::statistics::{Extremes, Samples};
 use super::{Event, EventKind};
-use expression::Tape;
+use expression::{Sight, Tape};
 
 /// Length in bytes at which a mode word is cut.
 const LONGEST_WORD: usize = 4 << 10;
@@ -122,6 +122,7 @@ impl Selected {
 pub(super) struct Reducing<'a> {
     of: &'a Reducers,
     program: Tape,
+    sight: Sight,
     outputs: Vec<f64>,
     values: Vec<f64>,
     start: f64,
@@ -168,6 +169,7 @@ impl<'a> Reducing<'a> {
         let mut reducing = Self {
             of,
             program: of.program.clone(),
+            sight: if integrands.is_empty() { Sight::default() } else { Sight::new(&of.program) },
             outputs: vec![0.0; outputs],
             values: vec![0.0; count],
             start: t,
@@ -217,14 +219,9 @@ impl<'a> Reducing<'a> {
             }
         }
         if !self.integrands.is_empty() {
-            let Self { program, outputs, values, integrands, integrals, .. } = self;
-            integrate(begin, end, integrals, |t, out| {
-                stepper.values(t, outputs);
-                program.evaluate(t, outputs, values);
-                for (out, &(at, squared)) in out.iter_mut().zip(&*integrands) {
-                    *out = if squared { values[at] * values[at] } else { values[at] };
-                }
-            });
+            let Self { program, sight, outputs: inputs, values, integrands, integrals, .. } = self;
+            let outputs = |t: f64, out: &mut [f64]| stepper.values(t, out);
+            integrate(begin, end, integrals, Along { outputs, program, sight, inputs, values, integrands });
         }
         if !self.extremes.is_empty() {
             let Self { program, outputs, values, extremes, found, samples, .. } = self;

@@ -68,7 +68,7 @@ impl Statistics {
         samples.begin(count);
         samples.take(from, &mut at);
         samples.take(to, &mut at);
-        integrate(from, to, integrals, |t, out| {
+        integrate(from, to, integrals, |t: f64, out: &mut [f64]| {
             let values = samples.take(t, &mut at);
             let (of_values, of_squares) = out.split_at_mut(count);
             of_values.copy_from_slice(values);

@@ -234,3 +234,68 @@ fn integrals_of_fast_functions_of_time_are_exact() {
     assert!((last(&solution, "product") - product).abs() < 1e-8, "{} for {product}", last(&solution, "product"));
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
+
+/// Long steps pass over features that are narrow in time or state; times are stretched as well.
+#[test]
+fn integrands_with_a_narrow_feature_within_a_step_are_exact() {
+    for scale in [1e-6, 1.0, 1e6] {
+        let rate = format!("1/{scale:e}");
+        let u = format!("(t/{scale:e})");
+        let integrals = json!({
+            "in_state": "exp(-((x - 50)/0.1)^2)",
+            "beside_a_sum": "x + exp(-((x - 31.7)/0.01)^2)",
+            "lorentz": "1/(1 + ((x - 41.3)/0.01)^2)",
+            "bump": "max(0, 1 - abs(x - 61.3)/0.01)",
+            "in_time": format!("exp(-(({u} - 33.3)/0.01)^2)"),
+            "pulse": format!("pulse({u}, 33.3777, 0.001)"),
+            "product": format!("x*pulse({u}, 33.3777, 0.001)"),
+            "defined": "narrow",
+            "peak": format!("peak({u})"),
+            "peak_in_state": "peak(x)",
+            "smooth": "x^2"});
+        let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": rate}},
+            "definitions": {"narrow": format!("pulse({u}, 77.7, 2e-3)")}, "integrals": integrals,
+            "tables": {"peak": {"x": [0, 30, 30.001, 30.002], "y": [0, 0, 1, 0], "interpolation": "linear"}}}},
+            "time": {"end": 100.0 * scale}, "output": {"times": [0.0, 100.0 * scale]}, "method": {"rtol": 1e-9}}));
+        assert_trusted(&solution);
+        let lorentz = 0.01 * (5870.0_f64.atan() + 4130.0_f64.atan());
+        for (name, exact) in [
+            ("in_state", 0.1 * PI.sqrt()),
+            ("beside_a_sum", 5000.0 + 0.01 * PI.sqrt()),
+            ("lorentz", lorentz),
+            ("bump", 0.01),
+            ("in_time", 0.01 * PI.sqrt()),
+            ("pulse", 1e-3),
+            ("product", 1e-3 * 33.3782),
+            ("defined", 2e-3),
+            ("peak", 1e-3),
+            ("peak_in_state", 1e-3),
+            ("smooth", 1e6 / 3.0),
+        ] {
+            let found = last(&solution, name) / scale;
+            assert!((found - exact).abs() <= 1e-8 * exact, "{name} at {scale:e}: {found} for {exact}");
+        }
+    }
+}
+
+/// Thousands of edges in a step exceed the work that a step may take, and are doubted.
+#[test]
+fn integrands_with_more_features_than_are_examined_are_doubted() {
+    let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": 1}},
+        "integrals": {"comb": "heaviside(sin(1e6*x) - 0.99999)"}}},
+        "time": {"end": 100}, "output": {"times": [0, 100]}}));
+    assert!(!solution.verdict.trusted);
+}
+
+/// Where terms cancel, enclosures are wide, but there is no feature.
+#[test]
+fn integrands_whose_terms_cancel_are_trusted() {
+    let solution = solve(&json!({"problem": {"dvi": {
+        "states": {"x": {"initial": 1, "rate": "v"}, "v": {"initial": 0, "rate": "-x"}},
+        "integrals": {"norm": "sqrt(x^2 + v^2)", "quotient": "(x^2 + v^2)/(1 + x^2 + v^2)", "zero": "abs(x - x*(x^2 + v^2)/(x^2 + v^2))"}}},
+        "time": {"end": 10}, "method": {"rtol": 1e-10, "atol": 1e-12}}));
+    assert_trusted(&solution);
+    assert_near(last(&solution, "norm"), 10.0, 1e-8);
+    assert_near(last(&solution, "quotient"), 5.0, 1e-8);
+    assert_near(last(&solution, "zero"), 0.0, 1e-12);
+}

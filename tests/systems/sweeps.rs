@@ -139,6 +139,22 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
     assert!((third - third.round()).abs() < 1e-9, "{third}");
 }
 
+/// A step passes over the peak and the pulse.
+#[test]
+fn means_of_narrow_features_are_exact() {
+    let row = table(&json!({
+        "problem": {"dvi": {"parameters": {"w": 1}, "states": {"x": {"initial": 0, "rate": "w"}}}},
+        "time": {"end": 100}, "method": {"rtol": 1e-9}, "output": {"times": [100]},
+        "sweep": {"over": {"w": [1]}, "collect": {
+            "mean": {"mean": "exp(-((x - 47.1)/0.1)^2)"}, "rms": {"rms": "3*pulse(t, 33.3777, 0.001)"},
+            "integral": {"integral": "x*pulse(t, 33.3777, 0.001)"}}}}));
+    let told = [("mean", 1e-3 * PI.sqrt()), ("rms", 3.0 * 1e-5_f64.sqrt()), ("integral", 1e-3 * 33.3782)];
+    for (name, exact) in told {
+        let found = numbers(&row, name)[0];
+        assert!((found - exact).abs() < 1e-8 * exact, "{name}: {found} for {exact}");
+    }
+}
+
 #[test]
 fn means_have_the_order_of_their_points() {
     // The mean of a e^-k over a in (1, 2) and k in (0, 1) is 3/2 (1 - 1/e).

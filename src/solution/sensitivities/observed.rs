@@ -81,7 +81,7 @@ impl ObservedSlopes {
     fn integral(&mut self, from: f64, to: f64, mut along: impl FnMut(f64) -> (Vec<f64>, DMatrix<f64>)) -> DMatrix<f64> {
         let (first, integrals, count) = (self.definitions, self.integrals, self.count);
         let mut sums = Integrals::new(integrals * count);
-        quadrature::integrate(from, to, &mut sums, |t, out| {
+        quadrature::integrate(from, to, &mut sums, |t: f64, out: &mut [f64]| {
             let (x, slopes) = along(t);
             out.copy_from_slice(self.at(t, &x, &slopes).rows(first, integrals).into_owned().as_slice());
         });

@@ -1,0 +1,193 @@
+//! What samples of a program over a time interval leave unseen.
+//!
+//! A narrow feature of a smooth function arises where an operator is applied to operands that vary by more than its own
+//! scale: an exponential over many powers of e, a quotient near a zero of its divisor, a switch, a table over several
+//! pieces. Sums and products of what samples show have no features of their own. So each operation is judged by the
+//! ranges of its operands: within its scale it is seen; otherwise its enclosure must not be much wider than the range of
+//! its samples, or it counts as hidden, and the bound on what is hidden is carried on to the outputs.
+
+use super::operator::Operator;
+use super::tape::Tape;
+use numerics::{Interval, WIDER};
+
+/// Largest ratio of the values of an operand with a singularity at zero, over which a function counts as seen.
+const RATIO: f64 = 4.0;
+/// Largest variation of the logarithm of a value over which an exponential counts as seen.
+const POWERS: f64 = 4.0;
+/// Largest variation of the argument of a wave: about one period.
+const PERIOD: f64 = 6.5;
+/// Largest variation of the argument of a function with singularities at a distance of about one from the real line.
+const UNIT: f64 = 1.0;
+/// Part of the sampled range by which values may lie beyond it on either side. Polynomials of up to two thirds of the
+/// number of samples in their degree stay within (Ehlich and Zeller 1964).
+const BEYOND: f64 = 0.5;
+/// Largest ratio of the slope of a function within its scale to its mean slope.
+const STEEPER: f64 = 8.0;
+
+/// The ranges of all registers of a program over samples, and what these leave unseen.
+#[derive(Clone, Debug, Default)]
+pub struct Sight {
+    sampled: Vec<(f64, f64)>,
+    ranges: Vec<Interval>,
+    /// Bounds on what samples do not show of each register.
+    hidden: Vec<f64>,
+    is_needed: bool,
+}
+
+impl Sight {
+    /// Allocates the registers of a program.
+    pub fn new(tape: &Tape) -> Self {
+        let count = tape.registers.len();
+        let mut is_needed = false;
+        tape.for_each_operation(|operator, _, _| is_needed |= !is_polynomial(operator));
+        Self { sampled: vec![NOTHING; count], ranges: vec![Interval::LINE; count], hidden: vec![0.0; count], is_needed }
+    }
+
+    /// Whether anything may be hidden: a polynomial has no features.
+    pub fn is_needed(&self) -> bool {
+        self.is_needed
+    }
+
+    /// Forgets all samples.
+    pub fn begin(&mut self) {
+        self.sampled.fill(NOTHING);
+    }
+
+    /// Adds the last evaluation of the program as a sample.
+    pub fn sample(&mut self, tape: &Tape) {
+        for ((lo, hi), &value) in self.sampled.iter_mut().zip(&tape.registers) {
+            (*lo, *hi) = (lo.min(value), hi.max(value));
+        }
+    }
+
+    /// Judges the samples that were taken while the first input was in `first`.
+    pub fn judge(&mut self, tape: &Tape, first: Interval) {
+        let Self { sampled, ranges, hidden, .. } = self;
+        let beyond = |(lo, hi): (f64, f64)| {
+            let more = BEYOND * (hi - lo);
+            if more >= 0.0 { Interval::new(lo - more, hi + more) } else { Interval::LINE }
+        };
+        let program = &tape.program;
+        for place in 0..program.first {
+            ranges[place] = if place >= program.inputs {
+                Interval::point(tape.registers[place])
+            } else if place == 0 {
+                first
+            } else {
+                beyond(sampled[place])
+            };
+        }
+        let mut next = program.first;
+        tape.for_each_operation(|operator, a, b| {
+            let (of_a, of_b) = (ranges[a], if operator.is_unary() { Interval::point(0.0) } else { ranges[b] });
+            let hidden_of = [hidden[a], if operator.is_unary() { 0.0 } else { hidden[b] }];
+            let range = program.tables.enclose(operator, of_a, of_b, a == b && !operator.is_unary());
+            let (lo, hi) = sampled[next];
+            let operation = Operation { operator, a: of_a, b: of_b, same: a == b, range, hidden: hidden_of };
+            let pieces = || {
+                Some((program.tables.get(of_b.lo)?.piece_at(of_a.lo), program.tables.get(of_b.lo)?.piece_at(of_a.hi)))
+            };
+            let is_one_piece = operator.takes_table() && pieces().is_some_and(|(first, last)| first == last);
+            hidden[next] = operation.hides(hi - lo, is_one_piece);
+            // What is seen is no wider than its samples show.
+            ranges[next] = range;
+            if hidden[next] == 0.0 {
+                let shown = beyond((lo, hi));
+                let (lo, hi) = (range.lo.max(shown.lo), range.hi.min(shown.hi));
+                if lo <= hi {
+                    ranges[next] = Interval::new(lo, hi);
+                }
+            }
+            next += 1;
+        });
+    }
+
+    /// Bound on what samples do not show of output `k`, and the largest absolute value of it.
+    pub fn hidden(&self, tape: &Tape, k: usize) -> (f64, f64) {
+        let place = tape.program.outputs[k] as usize;
+        (self.hidden[place], self.ranges[place].magnitudes().1)
+    }
+}
+
+const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
+
+fn is_polynomial(operator: Operator) -> bool {
+    matches!(operator, Operator::Negate | Operator::Expanded | Operator::Add | Operator::Subtract | Operator::Multiply)
+}
+
+/// An operation with the ranges of its operands and of its result.
+struct Operation {
+    operator: Operator,
+    a: Interval,
+    b: Interval,
+    same: bool,
+    range: Interval,
+    hidden: [f64; 2],
+}
+
+impl Operation {
+    /// Bound on what samples, which vary by `shown`, do not show of the result.
+    fn hides(&self, shown: f64, is_one_piece: bool) -> f64 {
+        let &Self { operator, a, b, range, hidden: [of_a, of_b], .. } = self;
+        let width = if range.is_empty() { 0.0 } else { range.width() };
+        // What is below all normal numbers is no feature.
+        if width < f64::MIN_POSITIVE {
+            return 0.0;
+        }
+        let times = |hidden: f64, size: f64| if hidden == 0.0 { 0.0 } else { hidden * size };
+        let carried = match operator {
+            Operator::Negate | Operator::Expanded => of_a,
+            Operator::Add | Operator::Subtract => of_a + of_b,
+            Operator::Multiply => times(of_a, b.magnitudes().1) + times(of_b, a.magnitudes().1),
+            Operator::Gate | Operator::Choose if !a.contains(0.0) => of_b,
+            Operator::Min | Operator::Max if a.hi <= b.lo => {
+                if operator == Operator::Min {
+                    of_a
+                } else {
+                    of_b
+                }
+            }
+            Operator::Min | Operator::Max if b.hi <= a.lo => {
+                if operator == Operator::Min {
+                    of_b
+                } else {
+                    of_a
+                }
+            }
+            Operator::Abs if !a.contains(0.0) => of_a,
+            _ if of_a + of_b == 0.0 => {
+                // The enclosure of a function within its scale needs no samples.
+                if is_one_piece || self.is_in_scale() || width <= WIDER * shown { 0.0 } else { width }
+            }
+            _ if is_one_piece || self.is_in_scale() => {
+                let part = |hidden: f64, of: Interval| if hidden == 0.0 { 0.0 } else { hidden / of.width() };
+                STEEPER * width * (part(of_a, a) + part(of_b, b))
+            }
+            _ => width,
+        };
+        carried.min(width)
+    }
+
+    /// Whether the operands vary by no more than the scale on which the operator varies.
+    fn is_in_scale(&self) -> bool {
+        let Self { operator, a, b, range, same, .. } = *self;
+        let keeps_off = |x: Interval| {
+            let (near, far) = x.magnitudes();
+            near > 0.0 && far <= RATIO * near
+        };
+        match operator {
+            Operator::Exp | Operator::Sinh | Operator::Cosh => a.width() <= POWERS,
+            Operator::Sin | Operator::Cos => a.width() <= PERIOD,
+            Operator::Tanh | Operator::Atan => a.width() <= UNIT,
+            Operator::Tan => range.width() <= UNIT,
+            Operator::Ln | Operator::Log10 | Operator::Sqrt | Operator::Cbrt => keeps_off(a),
+            Operator::Asin | Operator::Acos => range.width() <= UNIT && a.magnitudes().1 <= 0.5,
+            Operator::Atan2 => keeps_off(a) || keeps_off(b),
+            Operator::Divide => same || keeps_off(b),
+            // A whole power of few factors is a polynomial of no large degree.
+            Operator::Power if b.width() == 0.0 && b.lo.fract() == 0.0 && (0.0..=8.0).contains(&b.lo) => true,
+            Operator::Power => a.lo > 0.0 && keeps_off(a) && range.lo > 0.0 && (range.hi / range.lo).ln() <= POWERS,
+            _ => false,
+        }
+    }
+}
