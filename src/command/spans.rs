@@ -64,6 +64,8 @@ mod exported {
 #[cfg(not(feature = "otlp"))]
 mod none {
     use std::convert::Infallible;
+    use tracing::Subscriber;
+    use tracing_subscriber::Layer;
     use tracing_subscriber::layer::Identity;
 
     /// No exporter: the feature `otlp` is off.
@@ -75,9 +77,9 @@ mod none {
             Ok(Self)
         }
 
-        /// A layer that does nothing.
-        pub fn layer(&self) -> Identity {
-            Identity::new()
+        /// No layer: a layer without a filter, even one that does nothing, would have every span recorded.
+        pub fn layer<S: Subscriber>(&self) -> Option<impl Layer<S> + use<S>> {
+            None::<Identity>
         }
 
         /// Does nothing, since there are no spans.
