@@ -156,8 +156,10 @@ impl Operation {
             }
             Operator::Abs if !a.contains(0.0) => of_a,
             _ if of_a + of_b == 0.0 => {
-                // The enclosure of a function within its scale needs no samples.
-                if is_one_piece || self.is_in_scale() || width <= WIDER * shown { 0.0 } else { width }
+                // The enclosure of a function within its scale needs no samples. Samples on both sides of a jump do not
+                // show where it is, on which products of jumps depend.
+                let is_seen = width <= WIDER * shown && !operator.jumps();
+                if is_one_piece || self.is_in_scale() || is_seen { 0.0 } else { width }
             }
             _ if is_one_piece || self.is_in_scale() => {
                 let part = |hidden: f64, of: Interval| if hidden == 0.0 { 0.0 } else { hidden / of.width() };

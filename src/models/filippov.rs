@@ -31,7 +31,7 @@ pub struct Region {
 pub fn two_regions(graph: &mut Graph, surface: Node, plus: &[Node], minus: &[Node]) -> Rows {
     let z = graph.input(1 + plus.len());
     let mut rate = |(&plus, &minus)| {
-        let difference = graph.subtract(minus, plus);
+        let difference = difference(graph, minus, plus);
         let share = graph.multiply(z, difference);
         graph.add(plus, share)
     };
@@ -39,6 +39,18 @@ pub fn two_regions(graph: &mut Graph, surface: Node, plus: &[Node], minus: &[Nod
     let mut set = ConvexSet::free(1);
     (set.lower[0], set.upper[0]) = (0.0, 1.0);
     Rows { mass: Mass::Identity, rates, inequality: vec![surface], set, moving: Vec::new() }
+}
+
+/// The difference of two rates. Summands that both have in common cancel in its expression, and not only in its value:
+/// rates that are linear on either side with the same slopes then are linear on the surface too.
+fn difference(graph: &mut Graph, minus: Node, plus: Node) -> Node {
+    let difference = graph.subtract(minus, plus);
+    let mut sum = graph.constant(0.0);
+    for (term, factor) in graph.terms_of_sum(difference) {
+        let summand = graph.multiply(factor, term);
+        sum = graph.add(sum, summand);
+    }
+    if graph.inputs(sum).len() < graph.inputs(difference).len() { sum } else { difference }
 }
 
 /// Rows of a system with at least one region and `n` states (Stewart's formulation).
@@ -149,6 +161,17 @@ mod tests {
         let regions = [("-x", plus), ("x", minus)]
             .map(|(indicator, rate)| Region { indicator: node(indicator), rates: vec![node(rate)] });
         Departures::new(&mut graph, &regions, 0.0).expect("derivatives").from(&[x]).len()
+    }
+
+    #[test]
+    fn common_summands_of_rates_cancel() {
+        let (mut graph, mut scope) = (Graph::new(), Scope::new());
+        let input = graph.input(1);
+        scope.bind("x", input).expect("a new name");
+        let mut node = |text: &str| graph.parse(text, &scope).expect("an expression");
+        let (minus, plus) = (node("1 - 3*x + sin(t)"), node("sin(t) - (3*x + 2)"));
+        let jump = difference(&mut graph, minus, plus);
+        assert_eq!(graph.value(jump), Some(3.0));
     }
 
     #[test]

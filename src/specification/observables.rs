@@ -82,7 +82,6 @@ impl Request<'_> {
         for (name, integrand) in integrals.iter() {
             let place = of_integrals.key(name);
             nodes.push(lowering.node_or_zero(integrand, &place));
-            lowering.keep_name(name, &place);
         }
         let of_stop = Pointer::Root.key("stop");
         let mut monitors = Vec::with_capacity(self.stop.len());
@@ -91,6 +90,8 @@ impl Request<'_> {
             nodes.push(lowering.node_or_zero(&stop.when, &place.key("when")));
             monitors.push(stop.monitored(&place, &mut lowering.errors));
         }
+        // Integrals have no value for integrands and monitors, which are evaluated before them.
+        integrals.iter().for_each(|(name, _)| lowering.keep_name(name, &of_integrals.key(name)));
         if let Some(view) = self.view {
             view.check(&mut lowering);
         }

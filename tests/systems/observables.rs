@@ -250,7 +250,7 @@ fn integrands_with_a_narrow_feature_within_a_step_are_exact() {
             "pulse": format!("pulse({u}, 33.3777, 0.001)"),
             "product": format!("x*pulse({u}, 33.3777, 0.001)"),
             "defined": "narrow",
-            "peak": format!("peak({u})"),
+            "in_table": format!("peak({u})"),
             "peak_in_state": "peak(x)",
             "smooth": "x^2"});
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": rate}},
@@ -268,7 +268,7 @@ fn integrands_with_a_narrow_feature_within_a_step_are_exact() {
             ("pulse", 1e-3),
             ("product", 1e-3 * 33.3782),
             ("defined", 2e-3),
-            ("peak", 1e-3),
+            ("in_table", 1e-3),
             ("peak_in_state", 1e-3),
             ("smooth", 1e6 / 3.0),
         ] {

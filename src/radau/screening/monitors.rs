@@ -66,6 +66,8 @@ pub(super) struct Enclosure {
     left: Vec<usize>,
     /// Whether no reasonable number of parts would prove them.
     is_hopeless: bool,
+    /// Whether derivatives vary so much over the last box that they bound no errors: smaller boxes would.
+    pub is_wide: bool,
 }
 
 /// Relative threshold below which a derivative, compared with its terms, is rounding.
@@ -114,6 +116,7 @@ impl Enclosure {
         // Where derivatives vary, errors are those over the box.
         let is_linear = on.system.constant_jacobian();
         let mut are_rows_known = false;
+        self.is_wide = false;
         if told == Told::ByEquations {
             are_rows_known = !is_linear && self.enclose_rows(on.system, times);
             self.find_errors(on, false, are_rows_known);
@@ -263,7 +266,7 @@ impl Enclosure {
             }
             may_fail |= !is_proven && suspect;
             // Over a box, the residual of a hidden constraint shrinks no faster than the box.
-            self.is_hopeless |= with_hidden && part.length == 1.0 && {
+            self.is_hopeless |= with_hidden && part.length == 1.0 && error.is_finite() && {
                 // A monitor that happens to vanish at the midpoint is judged by its size elsewhere.
                 let elsewhere = match monitor.place {
                     Activity::Inactive => self.ranges[n + monitor.variable].width(),
@@ -311,6 +314,7 @@ impl Enclosure {
                 consistent.find_errors(system, residuals, &self.hidden, &mut self.errors);
             }
         }
+        self.is_wide |= over_box && self.errors.iter().any(|error| error.is_infinite());
         self.errors.splice(0..0, std::iter::repeat_n(0.0, n));
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Activity::Inactive) {
             self.residuals[n + k] = 0.0;
