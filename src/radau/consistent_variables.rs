@@ -19,6 +19,7 @@ mod sparse;
 use super::face::Activity;
 use super::layout::Storage;
 use super::newton_control::NewtonControl;
+use super::screening::contraction::Errors;
 use super::system::System;
 use dense::Dense;
 pub use dense::Response;
@@ -94,22 +95,20 @@ impl ConsistentVariables {
         }
     }
 
-    /// The same where the derivatives vary: they are enclosed in `jacobian`, in the order of the pattern.
+    /// The same where the derivatives vary: they are enclosed in `jacobian`, in the order of the pattern. Returns whether
+    /// they vary too much.
     pub fn find_errors_over(
         &mut self,
         system: &System<'_>,
         jacobian: &[Interval],
         (sizes, hidden): (&[f64], &[f64]),
         out: &mut [f64],
-    ) {
+    ) -> bool {
         self.inside.clear();
         self.inside.extend((0..out.len()).filter(|&k| system.face.places[k] == Activity::Inactive));
-        let Equations::Dense(equations) = &mut self.equations else { return };
+        let Equations::Dense(equations) = &mut self.equations else { return false };
         let errors = are_plain(system).then(|| equations.errors_over(system, &self.inside, jacobian, (sizes, hidden)));
-        let errors = errors.flatten();
-        for (place, &k) in self.inside.iter().enumerate() {
-            out[k] = errors.as_ref().map_or(f64::INFINITY, |errors| errors[place]);
-        }
+        errors.flatten().unwrap_or(Errors::Unbounded).write(&self.inside, out)
     }
 
     /// Linear response of the variables to the equations of the face; `None` if the equations are singular, a block is

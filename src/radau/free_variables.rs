@@ -112,19 +112,20 @@ impl FreeVariables {
         }
     }
 
-    /// The same bound where the derivatives vary: they are enclosed in `jacobian`, in the order of the pattern.
+    /// The same bound where the derivatives vary: they are enclosed in `jacobian`, in the order of the pattern. Returns
+    /// whether they vary too much.
     pub(super) fn errors_over(
         &mut self,
         system: &System<'_>,
         jacobian: &[Interval],
         residuals: &[f64],
         out: &mut Vec<f64>,
-    ) {
+    ) -> bool {
         self.follow(system);
         out.clear();
         out.resize(self.changes.len(), 0.0);
         if matches!(self.equations, Equations::None) {
-            return;
+            return false;
         }
         let (n, count) = (system.states, self.variables.len());
         let mut matrix = Enclosed::zeros(count, count);
@@ -136,8 +137,7 @@ impl FreeVariables {
             }
         }
         let residuals = DVector::from_iterator(count, self.variables.iter().map(|&k| residuals[k]));
-        let errors = matrix.errors(&residuals);
-        self.variables.iter().zip(&errors).for_each(|(&k, error)| out[k] = *error);
+        matrix.errors(&residuals).write(&self.variables, out)
     }
 
     /// The combination of the equations whose gradient with respect to the variables is `gradient`, as pairs of an

@@ -166,7 +166,7 @@ impl Radau<'_> {
                     found @ (Found::Unproven { .. } | Found::Hopeless) if !are_told && given_up.is_none() => {
                         // Error tests resolve the states, and the monitors with them, but not the dependence on time
                         // alone; smaller parts would have decided all monitors that are not hopeless.
-                        let is_open = enclosure.is_wide || found != Found::Hopeless && self.is_unresolved_in_time(h);
+                        let is_open = found != Found::Hopeless && self.is_unresolved_in_time(h);
                         given_up = Some(if is_open { Between::Open } else { Between::Undecided });
                         let Self { system, switching, .. } = self;
                         watched.retain(|monitor| Enclosure::is_told(system, &mut switching.inside, monitor));

@@ -125,3 +125,71 @@ fn a_ripple_that_is_small_beside_its_state_keeps_the_tolerance() {
         }
     }
 }
+
+/// The time within `(from, to)` at which a monotonic function is zero.
+fn zero(f: impl Fn(f64) -> f64, mut from: f64, mut to: f64) -> f64 {
+    for _ in 0..200 {
+        let middle = 0.5 * (from + to);
+        *if (f(middle) > 0.0) == (f(from) > 0.0) { &mut from } else { &mut to } = middle;
+    }
+    0.5 * (from + to)
+}
+
+#[test]
+fn a_surface_is_left_where_the_coefficient_of_its_variable_dips() {
+    // x' = 1/2 - k(t) s with s in Sgn x: x leaves zero where k = 1/2, and returns after equal areas.
+    for width in [3.0, 0.3, 0.03] {
+        let k = |t: f64| 1.0 - 0.9 * (-((t - 50.0) / width).powi(2)).exp();
+        let leaves = 50.0 - width * (-(0.5_f64 / 0.9).ln()).sqrt();
+        let area = |end: f64| {
+            let count = 20_000;
+            let h = (end - leaves) / f64::from(count);
+            (0..count).map(|i| h * (0.5 - k(leaves + (f64::from(i) + 0.5) * h))).sum::<f64>()
+        };
+        let returns = zero(area, 50.0, 50.0 + 4.0 * width);
+        let solution = solve(&json!({"problem": {"dvi": {
+            "states": {"x": {"initial": 0.5, "rate": format!("0.5 - (1 - 0.9*exp(-((t - 50)/{width})^2))*s")}},
+            "variables": {"s": {"inequality": "-x"}}, "set": [{"box": {"of": ["s"], "lower": -1, "upper": 1}}]}},
+            "time": {"end": 100}, "output": {"times": {"count": 201}}, "method": {"rtol": 1e-9}}));
+        assert_trusted(&solution);
+        let times: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
+        let told = [1.0, leaves, returns];
+        let off = times.iter().zip(told).map(|(t, told)| (t - told).abs()).fold(0.0, f64::max);
+        assert!(times.len() == 3 && off < 1e-6 * width, "{width}: {times:?} for {told:?}");
+    }
+}
+
+#[test]
+fn bounds_that_move_are_seen_in_the_rates_of_what_they_hold() {
+    // x' = a with a at its upper bound, a pulse of width 0.1; and a block whose rough ground is narrow, of work 2/5.
+    let pulse = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "a"}},
+        "variables": {"a": {"inequality": "a - 2"}},
+        "set": [{"box": {"of": ["a"], "lower": 0, "upper": "exp(-((t - 50)/0.1)^2)"}}]}},
+        "time": {"end": 100}, "output": {"times": [0, 100]}, "method": {"rtol": 1e-9}}));
+    assert_trusted(&pulse);
+    assert!((last(&pulse, "x") - 0.1 * PI.sqrt()).abs() < 1e-8, "{}", last(&pulse, "x"));
+    for width in [1.0, 0.1, 0.01] {
+        let friction = format!("{}*exp(-((x - 73.13)/{width})^2)", 0.4 / (width * PI.sqrt()));
+        let block = solve(&json!({"problem": {"dvi": {
+            "states": {"x": {"initial": 0, "rate": "v"}, "v": {"initial": 1, "rate": "-F"}},
+            "variables": {"F": {"inequality": "-v"}},
+            "set": [{"box": {"of": ["F"], "lower": format!("-{friction}"), "upper": friction}}]}},
+            "time": {"end": 150}, "output": {"times": [0, 150]}, "method": {"rtol": 1e-8}}));
+        assert_trusted(&block);
+        assert!((last(&block, "v") - 0.2_f64.sqrt()).abs() < 1e-6, "{width}: {}", last(&block, "v"));
+    }
+}
+
+#[test]
+fn a_bounded_variable_gives_no_impulse_to_a_reference_that_jumps_for_a_moment() {
+    // x' = -s, s in Sgn(x - r): x follows a reference of any height at a speed of one, for the width of its pulse.
+    for (width, end) in [(1e-3, 40.0), (1e-2, 400.0)] {
+        let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "-s"}},
+            "variables": {"s": {"inequality": format!("2*pulse(t, 33.3777, {width}) - x")}},
+            "set": [{"box": {"of": ["s"], "lower": -1, "upper": 1}}]}}, "time": {"end": end},
+            "output": {"times": [0, 33.3777 + 0.5 * width, 33.3777 + width, 33.3777 + 1.5 * width, end]}}));
+        let x = &solution.trajectory.fields[0].values;
+        let off = x.iter().zip([0.0, 0.5, 1.0, 0.5, 0.0]).map(|(x, told)| (x - told * width).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-8, "{width}: {x:?}");
+    }
+}

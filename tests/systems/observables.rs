@@ -238,43 +238,43 @@ fn integrals_of_fast_functions_of_time_are_exact() {
 /// Long steps pass over features that are narrow in time or state; times are stretched as well.
 #[test]
 fn integrands_with_a_narrow_feature_within_a_step_are_exact() {
+    let lorentz = 0.01 * (5870.0_f64.atan() + 4130.0_f64.atan());
     for scale in [1e-6, 1.0, 1e6] {
         let rate = format!("1/{scale:e}");
         let u = format!("(t/{scale:e})");
-        let integrals = json!({
-            "in_state": "exp(-((x - 50)/0.1)^2)",
-            "beside_a_sum": "x + exp(-((x - 31.7)/0.01)^2)",
-            "lorentz": "1/(1 + ((x - 41.3)/0.01)^2)",
-            "bump": "max(0, 1 - abs(x - 61.3)/0.01)",
-            "in_time": format!("exp(-(({u} - 33.3)/0.01)^2)"),
-            "pulse": format!("pulse({u}, 33.3777, 0.001)"),
-            "product": format!("x*pulse({u}, 33.3777, 0.001)"),
-            "defined": "narrow",
-            "in_table": format!("peak({u})"),
-            "peak_in_state": "peak(x)",
-            "smooth": "x^2"});
-        let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": rate}},
-            "definitions": {"narrow": format!("pulse({u}, 77.7, 2e-3)")}, "integrals": integrals,
-            "tables": {"peak": {"x": [0, 30, 30.001, 30.002], "y": [0, 0, 1, 0], "interpolation": "linear"}}}},
-            "time": {"end": 100.0 * scale}, "output": {"times": [0.0, 100.0 * scale]}, "method": {"rtol": 1e-9}}));
-        assert_trusted(&solution);
-        let lorentz = 0.01 * (5870.0_f64.atan() + 4130.0_f64.atan());
-        for (name, exact) in [
-            ("in_state", 0.1 * PI.sqrt()),
-            ("beside_a_sum", 5000.0 + 0.01 * PI.sqrt()),
-            ("lorentz", lorentz),
-            ("bump", 0.01),
-            ("in_time", 0.01 * PI.sqrt()),
-            ("pulse", 1e-3),
-            ("product", 1e-3 * 33.3782),
-            ("defined", 2e-3),
-            ("in_table", 1e-3),
-            ("peak_in_state", 1e-3),
-            ("smooth", 1e6 / 3.0),
+        for (integrand, exact) in [
+            ("exp(-((x - 50)/0.1)^2)".to_owned(), 0.1 * PI.sqrt()),
+            ("x + exp(-((x - 31.7)/0.01)^2)".to_owned(), 5000.0 + 0.01 * PI.sqrt()),
+            ("1/(1 + ((x - 41.3)/0.01)^2)".to_owned(), lorentz),
+            ("max(0, 1 - abs(x - 61.3)/0.01)".to_owned(), 0.01),
+            (format!("exp(-(({u} - 33.3)/0.01)^2)"), 0.01 * PI.sqrt()),
+            (format!("pulse({u}, 33.3777, 0.001)"), 1e-3),
+            (format!("x*pulse({u}, 33.3777, 0.001)"), 1e-3 * 33.3782),
+            ("narrow".to_owned(), 2e-3),
+            (format!("peak({u})"), 1e-3),
+            ("x^2".to_owned(), 1e6 / 3.0),
         ] {
-            let found = last(&solution, name) / scale;
-            assert!((found - exact).abs() <= 1e-8 * exact, "{name} at {scale:e}: {found} for {exact}");
+            let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": rate}},
+                "definitions": {"narrow": format!("pulse({u}, 77.7, 2e-3)")}, "integrals": {"q": integrand},
+                "tables": {"peak": {"x": [0, 30, 30.001, 30.002], "y": [0, 0, 1, 0], "interpolation": "linear"}}}},
+                "time": {"end": 100.0 * scale}, "output": {"times": [0.0, 100.0 * scale]}, "method": {"rtol": 1e-9}}));
+            assert!(solution.verdict.trusted, "{integrand} at {scale:e}: {:?}", solution.verdict);
+            let found = last(&solution, "q") / scale;
+            assert!((found - exact).abs() <= 1e-8 * exact, "{integrand} at {scale:e}: {found} for {exact}");
         }
+    }
+}
+
+/// An integral has no value where monitors and other integrands are evaluated.
+#[test]
+fn integrals_are_unknown_to_monitors_and_integrands() {
+    let problem =
+        |integrals: Value| json!({"dvi": {"states": {"x": {"initial": 0, "rate": 1}}, "integrals": integrals}});
+    let watched = json!({"problem": problem(json!({"q": "x"})), "time": {"end": 10}, "stop": [{"when": "x + q - 4"}]});
+    let nested = json!({"problem": problem(json!({"q": "x", "r": "q"})), "time": {"end": 10}});
+    for (document, place) in [(watched, "/stop/0/when"), (nested, "/problem/dvi/integrals/r")] {
+        let errors = Specification::from_json(document.to_string().as_bytes()).expect_err("errors");
+        assert!(errors.iter().any(|error| error.pointer == place), "{errors:?}");
     }
 }
 

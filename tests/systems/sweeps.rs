@@ -142,16 +142,17 @@ fn reducers_are_those_of_the_solution_and_not_of_output_times() {
 /// A step passes over the peak and the pulse.
 #[test]
 fn means_of_narrow_features_are_exact() {
-    let row = table(&json!({
-        "problem": {"dvi": {"parameters": {"w": 1}, "states": {"x": {"initial": 0, "rate": "w"}}}},
-        "time": {"end": 100}, "method": {"rtol": 1e-9}, "output": {"times": [100]},
-        "sweep": {"over": {"w": [1]}, "collect": {
-            "mean": {"mean": "exp(-((x - 47.1)/0.1)^2)"}, "rms": {"rms": "3*pulse(t, 33.3777, 0.001)"},
-            "integral": {"integral": "x*pulse(t, 33.3777, 0.001)"}}}}));
-    let told = [("mean", 1e-3 * PI.sqrt()), ("rms", 3.0 * 1e-5_f64.sqrt()), ("integral", 1e-3 * 33.3782)];
-    for (name, exact) in told {
+    for (name, over, expression, exact) in [
+        ("m", "mean", "exp(-((x - 47.1)/0.1)^2)", 1e-3 * PI.sqrt()),
+        ("m", "rms", "3*pulse(t, 33.3777, 0.001)", 3.0 * 1e-5_f64.sqrt()),
+        ("m", "integral", "x*pulse(t, 33.3777, 0.001)", 1e-3 * 33.3782),
+    ] {
+        let row = table(&json!({
+            "problem": {"dvi": {"parameters": {"w": 1}, "states": {"x": {"initial": 0, "rate": "w"}}}},
+            "time": {"end": 100}, "method": {"rtol": 1e-9}, "output": {"times": [100]},
+            "sweep": {"over": {"w": [1]}, "collect": {name: {over: expression}}}}));
         let found = numbers(&row, name)[0];
-        assert!((found - exact).abs() < 1e-8 * exact, "{name}: {found} for {exact}");
+        assert!((found - exact).abs() < 1e-8 * exact, "{over}: {found} for {exact}");
     }
 }
 

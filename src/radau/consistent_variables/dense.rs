@@ -1,6 +1,6 @@
 //! The equations for the consistent variables of a small system, with the states eliminated.
 
-use super::super::screening::contraction::Enclosed;
+use super::super::screening::contraction::{Enclosed, Errors};
 use super::super::system::System;
 use factorisation::Singular;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
@@ -66,7 +66,7 @@ impl Dense {
         inside: &[usize],
         jacobian: &[Interval],
         (sizes, hidden): (&[f64], &[f64]),
-    ) -> Option<DVector<f64>> {
+    ) -> Option<Errors> {
         let (n, count) = (system.states, inside.len());
         let place = |k: usize| inside.binary_search(&k).ok();
         let (mut d, mut c, mut b) =

@@ -44,17 +44,16 @@ impl Enclosed {
         Self { middle: left * &self.middle, radius: left.abs() * &self.radius }
     }
 
-    /// The bound `e` for the residuals `r`; infinite if there is none.
-    pub fn errors(&self, residuals: &DVector<f64>) -> DVector<f64> {
+    /// The bound `e` for the residuals `r`.
+    pub fn errors(&self, residuals: &DVector<f64>) -> Errors {
         let count = residuals.len();
         if count == 0 {
-            return DVector::zeros(0);
+            return Errors::Bounded(DVector::zeros(0));
         }
-        let unknown = || DVector::from_element(count, f64::INFINITY);
         if self.radius.iter().any(|radius| !radius.is_finite()) {
-            return unknown();
+            return Errors::Unbounded;
         }
-        let Some(inverse) = self.middle.clone().try_inverse() else { return unknown() };
+        let Some(inverse) = self.middle.clone().try_inverse() else { return Errors::Unbounded };
         let inverse = inverse.abs();
         let first = &inverse * residuals;
         let matrix = DMatrix::identity(count, count) - &inverse * &self.radius;
@@ -63,10 +62,32 @@ impl Enclosed {
         let ones = DVector::from_element(count, 1.0);
         match (factors.solve(&ones), factors.solve(&first)) {
             (Some(scale), Some(errors)) if scale.iter().all(|x| *x >= 1.0) => {
-                errors.map(|error| if error.is_finite() { error.max(0.0) } else { f64::INFINITY })
+                Errors::Bounded(errors.map(|error| if error.is_finite() { error.max(0.0) } else { f64::INFINITY }))
             }
-            _ => unknown(),
+            _ => Errors::Wide,
         }
+    }
+}
+
+/// Bounds on the distances of variables from the roots of their equations.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Errors {
+    /// The bounds.
+    Bounded(DVector<f64>),
+    /// None over this box, but over smaller ones: the derivatives vary too much.
+    Wide,
+    /// None: the equations are singular, or derivatives are not bounded.
+    Unbounded,
+}
+
+impl Errors {
+    /// Writes the bounds for the variables to `out`, and returns whether they are those of a box that is too wide.
+    pub fn write(self, variables: &[usize], out: &mut [f64]) -> bool {
+        match &self {
+            Self::Bounded(errors) => variables.iter().zip(errors).for_each(|(&k, error)| out[k] = *error),
+            Self::Wide | Self::Unbounded => variables.iter().for_each(|&k| out[k] = f64::INFINITY),
+        }
+        self == Self::Wide
     }
 }
 
@@ -81,7 +102,7 @@ mod tests {
         for (at, value) in [((0, 0), 2.0), ((0, 1), 1.0), ((1, 0), 1.0), ((1, 1), 3.0)] {
             matrix.add(at, Interval::new(value - 0.1, value + 0.1));
         }
-        let bound = matrix.errors(&DVector::from_vec(vec![0.1, 0.2]));
+        let Errors::Bounded(bound) = matrix.errors(&DVector::from_vec(vec![0.1, 0.2])) else { panic!("no bound") };
         let mut largest: [f64; 2] = [0.0; 2];
         for corner in 0..64_u32 {
             let of = |bit: u32, value: f64, by: f64| value + if corner >> bit & 1 == 1 { by } else { -by };
@@ -95,6 +116,6 @@ mod tests {
             assert!(*bound >= largest && *bound <= 1.5 * largest, "{bound} {largest}");
         }
         matrix.add((0, 0), Interval::new(-2.0, 2.0));
-        assert!(matrix.errors(&DVector::from_vec(vec![0.1, 0.2])).iter().all(|bound| bound.is_infinite()));
+        assert_eq!(matrix.errors(&DVector::from_vec(vec![0.1, 0.2])), Errors::Wide);
     }
 }

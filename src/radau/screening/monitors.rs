@@ -67,7 +67,7 @@ pub(super) struct Enclosure {
     /// Whether no reasonable number of parts would prove them.
     is_hopeless: bool,
     /// Whether derivatives vary so much over the last box that they bound no errors: smaller boxes would.
-    pub is_wide: bool,
+    is_wide: bool,
 }
 
 /// Relative threshold below which a derivative, compared with its terms, is rounding.
@@ -266,7 +266,7 @@ impl Enclosure {
             }
             may_fail |= !is_proven && suspect;
             // Over a box, the residual of a hidden constraint shrinks no faster than the box.
-            self.is_hopeless |= with_hidden && part.length == 1.0 && error.is_finite() && {
+            self.is_hopeless |= with_hidden && part.length == 1.0 && !self.is_wide && {
                 // A monitor that happens to vanish at the midpoint is judged by its size elsewhere.
                 let elsewhere = match monitor.place {
                     Activity::Inactive => self.ranges[n + monitor.variable].width(),
@@ -303,18 +303,18 @@ impl Enclosure {
         let n = system.states;
         let (residuals, jacobian) = (&self.residuals[n..], &self.rows.jacobian);
         if over_box {
-            inside.errors_over(system, jacobian, residuals, &mut self.errors);
+            self.is_wide |= inside.errors_over(system, jacobian, residuals, &mut self.errors);
         } else {
             inside.errors(system, residuals, &mut self.errors);
         }
         if with_hidden && let Some(consistent) = consistent {
             if over_box {
-                consistent.find_errors_over(system, jacobian, (residuals, &self.hidden), &mut self.errors);
+                self.is_wide |=
+                    consistent.find_errors_over(system, jacobian, (residuals, &self.hidden), &mut self.errors);
             } else {
                 consistent.find_errors(system, residuals, &self.hidden, &mut self.errors);
             }
         }
-        self.is_wide |= over_box && self.errors.iter().any(|error| error.is_infinite());
         self.errors.splice(0..0, std::iter::repeat_n(0.0, n));
         for k in (0..system.unknowns - n).filter(|&k| system.face.places[k] != Activity::Inactive) {
             self.residuals[n + k] = 0.0;
