@@ -92,14 +92,14 @@ fn power_of_two(x: f64) -> f64 {
 enum PairLu {
     Small(ComplexLu),
     /// With its right-hand side.
-    Other(Lu<Complex<f64>>, Vec<Complex<f64>>),
+    Other(Box<Lu<Complex<f64>>>, Vec<Complex<f64>>),
 }
 
 impl PairLu {
     fn new(layout: &Layout) -> Self {
         match layout.storage {
             Storage::Dense if layout.unknowns <= ComplexLu::MOST => Self::Small(ComplexLu::new(layout.unknowns)),
-            _ => Self::Other(Lu::new(layout), vec![Complex::new(0.0, 0.0); layout.unknowns]),
+            _ => Self::Other(Box::new(Lu::new(layout)), vec![Complex::new(0.0, 0.0); layout.unknowns]),
         }
     }
 

@@ -62,7 +62,7 @@ proptest! {
         prop_assert_eq!(all.len(), Piece as usize + 1);
         for operator in all {
             let mut together = [0.0; 8];
-            operator.apply_lanes(a, b, &mut together, count);
+            operator.apply_lanes(&a, &b, &mut together, count);
             for lane in 0..count {
                 let alone = operator.apply(a[lane], b[lane]);
                 prop_assert!(same(together[lane], alone), "{:?} of {:e} and {:e}", operator, a[lane], b[lane]);
