@@ -166,8 +166,9 @@ mod tests {
     #[test]
     fn common_summands_of_rates_cancel() {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
-        let input = graph.input(1);
-        scope.bind("x", input).expect("a new name");
+        let (time, state) = (graph.input(0), graph.input(1));
+        scope.bind("t", time).expect("a new name");
+        scope.bind("x", state).expect("a new name");
         let mut node = |text: &str| graph.parse(text, &scope).expect("an expression");
         let (minus, plus) = (node("1 - 3*x + sin(t)"), node("sin(t) - (3*x + 2)"));
         let jump = difference(&mut graph, minus, plus);

@@ -4,4 +4,5 @@ mod blocks;
 mod memory;
 mod orders;
 mod report;
+mod saved;
 mod switches;
