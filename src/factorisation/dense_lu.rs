@@ -15,7 +15,7 @@ use super::elimination::eliminate;
 
 /// A real or complex number.
 pub trait Number: nalgebra::ComplexField + faer::traits::ComplexField + From<f64> + Copy {
-    /// Largest number of rows for which the unblocked elimination is faster than faer's, measured; small complex
+    /// Largest number of rows of the unblocked elimination, measured with that of nalgebra against faer's; small complex
     /// matrices are those of [`ComplexLu`](super::ComplexLu).
     const SMALL: usize;
 

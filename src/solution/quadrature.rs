@@ -42,7 +42,7 @@ impl<F: FnMut(f64, &mut [f64])> Integrand for F {
     }
 }
 
-/// The values of a program along the outputs of a step, of which `outputs` writes those at a time.
+/// The values of a program along the outputs of a step; `outputs` writes the outputs at a time.
 pub(super) struct Along<'a, O> {
     pub outputs: O,
     pub program: &'a mut Tape,

@@ -89,7 +89,7 @@ impl Automaton for Segments<'_> {
         Ok(Solved::Step(Element { trial: self.trial(h)?, screened: Screened::Proven }))
     }
 
-    /// Screens an element. Where its monitors are too short of proof time and again, it counts as open.
+    /// Screens an element; after too many cuts at violations it counts as open.
     fn screen(
         &mut self,
         step: &mut Element,

@@ -30,7 +30,7 @@ pub struct Attempts {
     has_turned: bool,
     /// Whether the step was shortened to the part of it that screening proved.
     is_proven_part: bool,
-    /// The violation seen last, and the point up to which screening proves that there is none.
+    /// The last violation, and the point up to which screening excludes any.
     missed: Option<Between>,
     proven: f64,
     shortened: Shortened,
@@ -331,8 +331,8 @@ impl Radau<'_> {
         Ok(Solved::Rejected)
     }
 
-    /// The point at which screening first detects a violation in a step of size `h`, and the point up to which it
-    /// proves that there is none. The stages are solved again.
+    /// The first violation that screening detects in a step of size `h`, and the point up to which it excludes any. The
+    /// stages are solved again.
     fn first_violation(&mut self, h: f64) -> Result<Option<(f64, f64)>, StepError> {
         self.prepare(h)?;
         self.predict(h);
