@@ -100,7 +100,7 @@ impl Automaton for Segments<'_> {
         }
         attempts.screened += 1;
         let trial = &step.trial;
-        let is_brief = trial.h <= TINY * self.usual || trial.h <= self.resolution(trial.h);
+        let is_brief = self.is_tiny(trial.h);
         step.screened = match trial.violation {
             _ if attempts.screened > MOST_IN_A_ROW => Screened::Open,
             Some(violation) => Screened::Violated(violation),
