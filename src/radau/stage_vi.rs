@@ -33,8 +33,10 @@ pub struct StageVi {
     factor: ConvexSet,
     set: ConvexSet,
     workspace: Workspace,
-    /// `z - s g` of the variables of one stage, with the scale `s` of their block.
+    /// `z - s g` of the bounded variables of all stages, with the scale `s` of their block.
     moved: Vec<f64>,
+    /// Whether the solution of the last solve is on one face at all stages.
+    pub is_one_face: bool,
     /// The bounded variables of all stages, stage by stage, now and before the last solve.
     z: Vec<f64>,
     last_z: Vec<f64>,
@@ -82,7 +84,8 @@ impl StageVi {
             set: factor.power(stages),
             factor,
             workspace: Workspace::default(),
-            moved: vec![0.0; unknowns - system.states],
+            moved: vec![0.0; coupled],
+            is_one_face: false,
             z: vec![0.0; coupled],
             last_z: vec![0.0; coupled],
             g: vec![0.0; coupled],
@@ -184,22 +187,35 @@ impl StageVi {
         Err(RejectionCause::Slow)
     }
 
-    /// Sets the face of `system` to that of the last stage.
+    /// Sets the face of `system` to that of the last stage, and notes whether all stages share it.
     fn set_last_face(&mut self, system: &mut System<'_>, control: &NewtonControl) {
-        let last = self.z.len() - system.bounded.len();
-        let own = self.set.blocks().len() - system.set.blocks().len();
+        let stages = self.z.len() / system.bounded.len();
+        let mut face = std::mem::take(&mut system.face);
+        self.write_face(stages - 1, system, control, &mut face);
+        let mut other = face.clone();
+        self.is_one_face = (0..stages - 1).all(|i| {
+            self.write_face(i, system, control, &mut other);
+            other.is_same(&face)
+        });
+        system.face = face;
+    }
+
+    /// Writes the face of the solution at stage `i` to `face`.
+    fn write_face(&mut self, i: usize, system: &System<'_>, control: &NewtonControl, face: &mut ActiveFace) {
+        let (count, blocks) = (system.bounded.len(), system.set.blocks().len());
         for (a, &k) in system.bounded.iter().enumerate() {
-            let (z, g) = (self.z[last + a], self.g[last + a]);
+            let at = i * count + a;
+            let (z, g) = (self.z[at], self.g[at]);
             if let Some(b) = system.set.block_of(k) {
-                let (noise_z, noise_g) = self.noise(system, control, own + b);
-                self.moved[k] = z - noise_z / noise_g * g;
+                let (noise_z, noise_g) = self.noise(system, control, i * blocks + b);
+                self.moved[at] = z - noise_z / noise_g * g;
             } else {
-                system.face.places[k] = place(&system.set, k, z, g);
+                face.places[k] = place(&self.set, at, z, g);
             }
         }
-        for b in 0..system.set.blocks().len() {
-            let face = system.set.face(b, &self.moved, &mut self.workspace);
-            system.face.set_block(&system.set, b, face);
+        for b in 0..blocks {
+            let found = self.set.face(i * blocks + b, &self.moved, &mut self.workspace);
+            face.set_block(&system.set, b, found);
         }
     }
 
@@ -437,7 +453,7 @@ impl StageVi {
     fn resize(&mut self, size: usize) {
         if self.q.len() != size {
             self.matrix.resize_mut(size, size, 0.0);
-            for vector in [&mut self.q, &mut self.z, &mut self.last_z, &mut self.g] {
+            for vector in [&mut self.q, &mut self.moved, &mut self.z, &mut self.last_z, &mut self.g] {
                 vector.resize(size, 0.0);
             }
             self.set = self.factor.power(size / self.factor.dimension().max(1));

@@ -186,12 +186,12 @@ impl<'p> Radau<'p> {
     }
 
     /// Appends the present step to the trajectory.
-    fn append(&mut self, &Trial { h, coupled, between, .. }: &Trial, ends_at_switch: bool) {
+    fn append(&mut self, &Trial { h, coupled, is_one_face, between, .. }: &Trial, ends_at_switch: bool) {
         let n = self.system.unknowns;
         let s = self.tableau().stages();
         let face = if coupled { &self.switching.before } else { &self.system.face };
         self.last.set(self.clock.t, h, &self.y, &self.stages.z[..s * n], face);
-        self.last.is_smooth = !coupled;
+        self.last.is_smooth = is_one_face;
         self.last.screened = between;
         self.last.unlocated = if coupled { self.unlocated(h) } else { None };
         self.last.slope.clear();

@@ -8,6 +8,10 @@ use radau::{ALLOWED, Excess, Radau, Screened};
 /// A state whose maximum is below this multiple of its absolute tolerance is hardly distinguishable from zero.
 const SMALL: f64 = 10.0;
 
+/// Largest error of a run with steps of a given size, relative to the largest values of the states: three digits, as
+/// for the other checks of such runs, which have no tolerance.
+const GIVEN_STEPS: f64 = 1e-3;
+
 /// The measurements of a run in progress.
 pub(super) struct Audit<'p> {
     plan: &'p Plan,
@@ -18,12 +22,22 @@ pub(super) struct Audit<'p> {
     open: u32,
     /// Number of steps in which rates may vary between the stages more than their values there show.
     hidden: u32,
+    /// Sum of the estimated errors of steps of a given size.
+    given_steps: f64,
     checks: Checks,
 }
 
 impl<'p> Audit<'p> {
     pub fn new(plan: &'p Plan, has_kinks: bool) -> Self {
-        Self { plan, has_kinks, screening: Screening::default(), open: 0, hidden: 0, checks: Checks::default() }
+        Self {
+            plan,
+            has_kinks,
+            screening: Screening::default(),
+            open: 0,
+            hidden: 0,
+            given_steps: 0.0,
+            checks: Checks::default(),
+        }
     }
 
     /// Measures an accepted step and the values at its end.
@@ -36,6 +50,9 @@ impl<'p> Audit<'p> {
         self.hidden += u32::from(!radau.are_rates_shown());
         if let Some(distance) = radau.unlocated_switch() {
             self.record_unlocated(t, distance, radau.accumulations() > 0);
+        }
+        if let Some(error) = radau.given_step_error() {
+            self.given_steps += error;
         }
         if self.has_kinks
             && let Some((state, defect)) = radau.defect()
@@ -123,6 +140,16 @@ impl<'p> Audit<'p> {
     /// Completes the measurements of a run with the given absolute tolerances.
     pub fn finish(&mut self, radau: &Radau<'_>, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
         self.look_for_small_states(radau.largest(), atol);
+        let given_steps = self.given_steps;
+        if given_steps > 0.0 {
+            self.checks.record(CheckCode::LocalError, given_steps, GIVEN_STEPS, || {
+                format!(
+                    "the steps have the size that `method` gives, and their errors are estimated to add up to \
+                     {given_steps:.1e} of the largest values of the states; give a smaller `step`, or none, so that the \
+                     tolerances choose it"
+                )
+            });
+        }
         let Screening { proven, undecided, missed } = self.screening;
         if undecided > 0 {
             let steps = proven + undecided + missed;

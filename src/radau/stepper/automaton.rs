@@ -34,6 +34,8 @@ pub struct Attempts {
     missed: Option<Between>,
     proven: f64,
     shortened: Shortened,
+    /// Estimated error of a step whose size is given.
+    given_step_error: Option<f64>,
 }
 
 /// A step whose stages are solved.
@@ -43,6 +45,8 @@ pub struct Trial {
     iterations: usize,
     /// Whether the variational inequality was solved over all stages, without a face.
     pub(super) coupled: bool,
+    /// Whether all stages are on the face before the step.
+    pub(super) is_one_face: bool,
     /// Whether a monitor is violated at a stage.
     violated: bool,
     /// Whether the stages could be solved; otherwise the face ends at a point that is still to be located.
@@ -52,7 +56,7 @@ pub struct Trial {
 
 impl Trial {
     fn on_face(h: f64, iterations: usize) -> Self {
-        Self { h, iterations, coupled: false, violated: false, is_followed: true, between: None }
+        Self { h, iterations, coupled: false, is_one_face: true, violated: false, is_followed: true, between: None }
     }
 }
 
@@ -213,11 +217,12 @@ impl Automaton for Radau<'_> {
             Ok(()) => {
                 // A step on a single face is like any other, but may have crossed switches that no stage shows: screen
                 // it, unless switches accumulate, where the whole accumulation is assessed instead.
-                let is_one_face = self.system.face.is_same(&self.switching.before);
+                let ends_on_face = self.system.face.is_same(&self.switching.before);
+                let is_one_face = ends_on_face && self.stage_vi.as_ref().is_some_and(|vi| vi.is_one_face);
                 let is_alone = self.switching.locates() && self.accumulations() == 0;
-                let is_screened = is_one_face && is_alone && self.settings.step.is_none();
+                let is_screened = ends_on_face && is_alone && self.settings.step.is_none();
                 let between = attempts.missed.or_else(|| is_screened.then(|| self.screen_step(h)));
-                Ok(Solved::Step(Trial { coupled: true, between, ..Trial::on_face(h, self.control.most) }))
+                Ok(Solved::Step(Trial { coupled: true, is_one_face, between, ..Trial::on_face(h, self.control.most) }))
             }
             Err(cause) => self.fail(0.5, cause, attempts),
         }
@@ -230,6 +235,7 @@ impl Automaton for Radau<'_> {
         attempts: &mut Attempts,
     ) -> Result<bool, StepError> {
         if self.settings.step.is_some() {
+            attempts.given_step_error = Some(self.estimate_given_step(h, coupled));
             return Ok(true);
         }
         let unlocated = if coupled { self.unlocated(h) } else { None };
@@ -279,6 +285,7 @@ impl Automaton for Radau<'_> {
     fn accept(&mut self, step: Trial, event: Option<AtSwitch>, attempts: Attempts) -> Result<(), StepError> {
         let (h, contraction) = (step.h, self.contraction);
         self.append(&step, event.is_some());
+        self.last.given_step_error = attempts.given_step_error;
         self.update_face(step.coupled, event.is_some());
         self.extent.watch(&self.y);
         if self.settings.step.is_none() {

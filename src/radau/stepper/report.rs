@@ -182,6 +182,11 @@ impl Radau<'_> {
         self.system.equations_for_z(&self.y)
     }
 
+    /// The estimated error of the last step relative to the largest values of the states, if its size was given.
+    pub fn given_step_error(&self) -> Option<f64> {
+        self.last.given_step_error
+    }
+
     /// Whether the stages of the last step were solved on one face.
     pub fn is_smooth(&self) -> bool {
         self.last.is_smooth
