@@ -12,12 +12,19 @@ const GAIN: f64 = 0.5;
 /// face is abandoned.
 const MOST_UNFOLLOWED: u32 = 4;
 
+/// Maximum number of attempts that are shortened because of an event between the stages: each is at most half as long, so
+/// that the last is shorter by three orders of magnitude, and where an event shows in every one of them, switches
+/// accumulate.
+const MOST_CUT: u32 = 10;
+
 /// Attempts at one step that were shortened because of a switch within it.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Shortened {
     last: Option<f64>,
     /// Number of attempts for which Newton's method could not follow the face.
     unfollowed: u32,
+    /// Number of attempts that were shortened because of an event between the stages.
+    cut: u32,
 }
 
 impl Shortened {
@@ -30,6 +37,12 @@ impl Shortened {
             return false;
         }
         distance < self.last.replace(distance).map_or(f64::INFINITY, |last| GAIN * last)
+    }
+
+    /// Whether to shorten a step once more because of an event between its stages.
+    pub fn may_cut(&mut self) -> bool {
+        self.cut += 1;
+        self.cut <= MOST_CUT
     }
 
     /// Records an attempt for which Newton's method could not follow the face.

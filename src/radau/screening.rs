@@ -81,6 +81,15 @@ impl Between {
             _ => None,
         }
     }
+
+    /// The part of the step to make first if an event was seen in the step, or may be in the rest of it.
+    pub(super) fn part_before(self) -> Option<f64> {
+        match self {
+            Self::ProvenUpTo(theta) => Some(theta),
+            Self::Violated { proven, .. } => Some(if proven >= LEAST { proven } else { 0.5 }),
+            Self::Proven | Self::Undecided | Self::Open => None,
+        }
+    }
 }
 
 /// Limits of a block whose monitors are left out.

@@ -129,6 +129,9 @@ impl Automaton for Radau<'_> {
                 self.predict(h);
                 Ok(Solved::Step(Trial { is_followed: false, ..Trial::on_face(h, self.control.most) }))
             }
+            // The face is known to hold up to here: a shorter step on it converges.
+            Newton::Slow(part) if attempts.is_proven_part => self.reject(h, part, RejectionCause::Slow),
+            Newton::Failed(cause) if attempts.is_proven_part => self.reject(h, 0.5, cause),
             Newton::Slow(_) | Newton::Failed(_) => {
                 attempts.shortened.unfollowed();
                 Ok(Solved::Lost)
@@ -222,6 +225,13 @@ impl Automaton for Radau<'_> {
                 let is_alone = self.switching.locates() && self.accumulations() == 0;
                 let is_screened = ends_on_face && is_alone && self.settings.step.is_none();
                 let between = attempts.missed.or_else(|| is_screened.then(|| self.screen_step(h)));
+                if attempts.missed.is_none()
+                    && let Some(part) = between.and_then(Between::part_before)
+                    && attempts.shortened.may_cut()
+                {
+                    self.system.face.clone_from(&self.switching.before);
+                    return self.reject(h, part, RejectionCause::Error);
+                }
                 Ok(Solved::Step(Trial { coupled: true, is_one_face, between, ..Trial::on_face(h, self.control.most) }))
             }
             Err(cause) => self.fail(0.5, cause, attempts),
@@ -334,7 +344,12 @@ impl Radau<'_> {
                 return Ok(Solved::Rejected);
             }
         }
-        self.shrink(attempts.proposed, cause, |_| fraction * attempts.proposed)?;
+        self.reject(attempts.proposed, fraction, cause)
+    }
+
+    /// Rejects an attempt of size `h`; the next size is this fraction of it.
+    fn reject(&mut self, h: f64, fraction: f64, cause: RejectionCause) -> Result<Solved<Trial>, StepError> {
+        self.shrink(h, cause, |_| fraction * h)?;
         Ok(Solved::Rejected)
     }
 
