@@ -40,6 +40,8 @@ const SHORTEST: f64 = 1.0 / MOST_PARTS as f64;
 /// Least fraction of a step that is worth a step of its own, if screening proves no more and hidden constraints
 /// determine variables.
 pub(super) const LEAST: f64 = 0.1;
+/// Fraction of a step that is tried next if the equations of the face vary between the stages by more than these show.
+pub(super) const UNRESOLVED: f64 = 0.25;
 /// Number of halvings towards the beginning of a step, in the search for a point at which a monitor was still positive.
 const RISES: i32 = 6;
 /// Excess up to which a law holds: one decimal digit less than requested.
@@ -67,6 +69,8 @@ pub(super) enum Between {
     Undecided,
     /// Undecided although the states determine every monitor: smaller parts would decide it.
     Open,
+    /// Undecided, and the equations of the face vary between the stages by more than these show.
+    Unresolved,
     /// No monitor changes sign up to this point; the rest was not examined.
     ProvenUpTo(f64),
     /// A monitor is violated at `theta`; no monitor changes sign up to `proven`.
@@ -87,9 +91,19 @@ impl Between {
         match self {
             Self::ProvenUpTo(theta) => Some(theta),
             Self::Violated { proven, .. } => Some(if proven >= LEAST { proven } else { 0.5 }),
+            Self::Unresolved => Some(UNRESOLVED),
             Self::Proven | Self::Undecided | Self::Open => None,
         }
     }
+}
+
+/// Along what rows are followed within a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Along {
+    /// Time, at the states at the beginning of the step.
+    Time,
+    /// The polynomials of the unknowns.
+    Polynomial,
 }
 
 /// Limits of a block whose monitors are left out.
@@ -115,7 +129,7 @@ impl Radau<'_> {
         let found = self.screen_parts(h, &mut screening);
         self.switching.screening = screening;
         match found {
-            Between::Undecided | Between::Open | Between::ProvenUpTo(_) => {
+            Between::Undecided | Between::Open | Between::Unresolved | Between::ProvenUpTo(_) => {
                 self.violated_in_middles(h).map_or(found, |theta| Between::Violated { theta, proven: 0.0 })
             }
             found => found,
@@ -173,9 +187,13 @@ impl Radau<'_> {
                     Found::Unproven { .. } if part.begin >= least => return Between::ProvenUpTo(part.begin),
                     // The other monitors are still to be proven.
                     found @ (Found::Unproven { .. } | Found::Hopeless) if !are_told && given_up.is_none() => {
+                        // Constraints hold at the stages, whatever happens in between.
+                        if self.is_unresolved(h, Along::Polynomial) {
+                            return Between::Unresolved;
+                        }
                         // Error tests resolve the states, and the monitors with them, but not the dependence on time
                         // alone; smaller parts would have decided all monitors that are not hopeless.
-                        let is_open = found != Found::Hopeless && self.is_unresolved_in_time(h);
+                        let is_open = found != Found::Hopeless && self.is_unresolved(h, Along::Time);
                         given_up = Some(if is_open { Between::Open } else { Between::Undecided });
                         let Self { system, switching, .. } = self;
                         watched.retain(|monitor| Enclosure::is_told(system, &mut switching.inside, monitor));
@@ -217,23 +235,46 @@ impl Radau<'_> {
         blocks.all(|(block, face)| block.shape.is_flat(face) || self.system.face.holds(&block.members))
     }
 
-    /// Whether rates, inequalities or bounds, at the states at the beginning of a step of size `h`, vary with time by
-    /// more than its stages show: at the midpoints between the stages they deviate from the polynomial through their
-    /// values there.
-    fn is_unresolved_in_time(&mut self, h: f64) -> bool {
-        let tableau = self.tableau();
-        let (t, y, evaluations) = (self.clock.t, self.y.clone(), self.system.work.rates);
-        let mut at = |theta: f64| {
-            self.system.evaluate(t + theta * h, &y);
-            self.system.values.clone()
+    /// Whether rows vary by more than the stages of a step of size `h` show: at the midpoints between the stages they
+    /// deviate from the polynomial through their values there. These rows are all of them at the states at the beginning
+    /// of the step, or the equations of the face that are no polynomials of low degree, along the polynomials of the
+    /// unknowns.
+    fn is_unresolved(&mut self, h: f64, along: Along) -> bool {
+        let n = self.system.states;
+        let rows: Vec<usize> = match along {
+            Along::Time => (0..self.system.values.len()).collect(),
+            Along::Polynomial => {
+                let features = self.system.features.iter().copied();
+                features
+                    .filter(|&row| row >= n && row < self.system.unknowns && self.system.is_inside(row - n))
+                    .collect()
+            }
         };
-        let begin = at(0.0);
+        if rows.is_empty() {
+            return false;
+        }
+        let tableau = self.tableau();
+        let (t, begin, evaluations) = (self.clock.t, self.y.clone(), self.system.work.rates);
+        let mut at = |theta: f64| {
+            if along == Along::Polynomial {
+                self.polynomial_at(theta);
+            }
+            let y = if along == Along::Polynomial { &self.switching.scratch } else { &begin };
+            self.system.evaluate(t + theta * h, y);
+            let linear = |row: usize| -> f64 {
+                self.system.entries_of_row(row).map(|(j, value)| value * (y[j] - begin[j])).sum()
+            };
+            rows.iter()
+                .map(|&row| self.system.values[row] - if along == Along::Polynomial { linear(row) } else { 0.0 })
+                .collect()
+        };
+        let at_begin: Vec<f64> = at(0.0);
         let at_nodes: Vec<Vec<f64>> = tableau.c.iter().map(|&node| at(node)).collect();
         let mut weights = vec![0.0; tableau.stages()];
         let is_unresolved = tableau.middles().any(|theta| {
             tableau.increments_at(theta, &mut weights);
-            at(theta).iter().zip(&begin).enumerate().any(|(row, (value, begin))| {
-                let of_nodes = || at_nodes.iter().map(|values| values[row]);
+            at(theta).iter().zip(&at_begin).enumerate().any(|(i, (value, begin))| {
+                let of_nodes = || at_nodes.iter().map(|values| values[i]);
                 let ends = (begin.min(*value), begin.max(*value));
                 let (least, most) = of_nodes().fold(ends, |(a, b), node| (a.min(node), b.max(node)));
                 let off = interpolation_error(*value, *begin, of_nodes(), &weights).abs();
@@ -292,7 +333,7 @@ impl Radau<'_> {
         Some(match found {
             Between::Proven => Screened::Proven,
             Between::Undecided | Between::ProvenUpTo(_) => Screened::Undecided,
-            Between::Open => Screened::Open,
+            Between::Open | Between::Unresolved => Screened::Open,
             Between::Violated { theta, .. } => {
                 let t = self.last.t + theta * self.last.h;
                 match self.excess_within(t).filter(|found| found.excess > ALLOWED) {

@@ -5,7 +5,7 @@ use super::{Freshness, Radau};
 use crate::coupled::Shortened;
 use crate::location::EventTime;
 use crate::progress::SHORT;
-use crate::screening::{Between, LEAST};
+use crate::screening::{Between, LEAST, UNRESOLVED};
 use crate::settings::{RejectionCause, Settings, StepError};
 use crate::stages::{Contraction, Newton, THETA};
 use hybrid::{Automaton, Located, OneStep, Proposal, Screened, Solved};
@@ -30,12 +30,19 @@ pub struct Attempts {
     has_turned: bool,
     /// Whether the step was shortened to the part of it that screening proved.
     is_proven_part: bool,
-    /// The last violation, and the point up to which screening excludes any.
+    /// What screening saw of the last step that it could not prove, and the point up to which it excludes violations.
     missed: Option<Between>,
     proven: f64,
     shortened: Shortened,
     /// Estimated error of a step whose size is given.
     given_step_error: Option<f64>,
+}
+
+impl Attempts {
+    /// Whether screening showed that the proposed step is too long.
+    fn is_screened(&self) -> bool {
+        self.is_proven_part || self.missed.is_some()
+    }
 }
 
 /// A step whose stages are solved.
@@ -129,9 +136,11 @@ impl Automaton for Radau<'_> {
                 self.predict(h);
                 Ok(Solved::Step(Trial { is_followed: false, ..Trial::on_face(h, self.control.most) }))
             }
-            // The face is known to hold up to here: a shorter step on it converges.
-            Newton::Slow(part) if attempts.is_proven_part => self.reject(h, part, RejectionCause::Slow),
-            Newton::Failed(cause) if attempts.is_proven_part => self.reject(h, 0.5, cause),
+            // Screening knows more about the step that was proposed than its stages show: do not return to it.
+            Newton::Slow(part) if h < attempts.proposed && attempts.is_screened() => {
+                self.reject(h, part, RejectionCause::Slow)
+            }
+            Newton::Failed(cause) if h < attempts.proposed && attempts.is_screened() => self.reject(h, 0.5, cause),
             Newton::Slow(_) | Newton::Failed(_) => {
                 attempts.shortened.unfollowed();
                 Ok(Solved::Lost)
@@ -153,6 +162,15 @@ impl Automaton for Radau<'_> {
         {
             attempts.is_proven_part = true;
             return Ok(Screened::Shorter(theta * h));
+        }
+        if between == Some(Between::Unresolved)
+            && attempts.searches > 0
+            && self.settings.step.is_none()
+            && self.switching.locates()
+        {
+            attempts.searches -= 1;
+            attempts.missed = between;
+            return Ok(Screened::Shorter(UNRESOLVED * h));
         }
         if !violated && violation.is_none() {
             step.between = between;
@@ -225,7 +243,7 @@ impl Automaton for Radau<'_> {
                 let is_alone = self.switching.locates() && self.accumulations() == 0;
                 let is_screened = ends_on_face && is_alone && self.settings.step.is_none();
                 let between = attempts.missed.or_else(|| is_screened.then(|| self.screen_step(h)));
-                if attempts.missed.is_none()
+                if is_screened
                     && let Some(part) = between.and_then(Between::part_before)
                     && attempts.shortened.may_cut()
                 {
