@@ -193,3 +193,60 @@ fn a_bounded_variable_gives_no_impulse_to_a_reference_that_jumps_for_a_moment() 
         assert!(off < 1e-8, "{width}: {x:?}");
     }
 }
+
+#[test]
+fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
+    // p' = 1. A surge of width 0.01 opens a diode that short-circuits i; a wall of height 1 and width 0.1 lifts x for
+    // good; a Filippov system slides along y = 0 but for the moment at which its lower field points down.
+    let surge = solve(&json!({"problem": {"dvi": {
+        "states": {"p": {"initial": 0, "rate": "1"}, "i": {"initial": 0, "rate": "-1 + 3*exp(-((p - 731.3)/0.01)^2) - i + v"}},
+        "variables": {"v": {"inequality": "i"}}, "set": [{"nonnegative": ["v"]}]}},
+        "time": {"end": 1000}, "output": {"times": [0, 731.31, 1000]}, "method": {"rtol": 1e-9}}));
+    assert_trusted(&surge);
+    // i' = 3 exp(-(s/w)^2) - 1 - i from where the surge is one on; i = 0.0213 is too small to change it by more than its
+    // product with the width.
+    let (width, leaves) = (0.01_f64, -0.01 * 3.0_f64.ln().sqrt());
+    let count = 20_000;
+    let h = (0.01 - leaves) / f64::from(count);
+    let i = (0..count).fold(0.0, |i: f64, k| {
+        let rate = |s: f64, i: f64| 3.0 * (-(s / width).powi(2)).exp() - 1.0 - i;
+        let s = leaves + f64::from(k) * h;
+        let middle = i + 0.5 * h * rate(s, i);
+        i + h * rate(s + 0.5 * h, middle)
+    });
+    let found = surge.trajectory.fields[1].values[1];
+    assert!((found - i).abs() < 1e-8 && last(&surge, "i").abs() < 1e-12, "{found} for {i}");
+
+    let wall = solve(&json!({"problem": {"dvi": {
+        "states": {"p": {"initial": 0, "rate": "1"}, "x": {"initial": 0.5, "rate": "z"}},
+        "variables": {"z": {"inequality": "x - exp(-((p - 50)/0.1)^2)"}}, "set": [{"nonnegative": ["z"]}]}},
+        "time": {"end": 100}, "output": {"times": [0, 49.95, 51, 100]}, "method": {"rtol": 1e-9}}));
+    assert_trusted(&wall);
+    let x = &wall.trajectory.fields[1].values;
+    let told = [0.5, (-0.25_f64).exp(), 1.0, 1.0];
+    assert!(x.iter().zip(told).all(|(x, told)| (x - told).abs() < 1e-9), "{x:?}");
+
+    let slide = solve(&json!({"problem": {"filippov": {"surface": "y", "states": {
+        "x": {"initial": 0, "plus": "1", "minus": "1"},
+        "y": {"initial": 0.5, "plus": "-1", "minus": "1 - 2*exp(-((x - 731.3)/0.01)^2)"}}}},
+        "time": {"end": 1000}, "output": {"times": [0, 731.3, 1000]}, "method": {"rtol": 1e-6}}));
+    assert_trusted(&slide);
+    // Half of the Gaussian from where it is 1/2 to its middle: y = s - 2 w sqrt(pi)/2 erf(s/w), s = w sqrt(ln 2).
+    let (s, erf) = (2.0_f64.ln().sqrt(), 0.760_968_108_550_488_5);
+    let told = 0.01 * (s - PI.sqrt() * erf);
+    let y = &slide.trajectory.fields[1].values;
+    assert!((y[1] - told).abs() < 1e-8 && y[2].abs() < 1e-12, "{y:?} for {told}");
+}
+
+#[test]
+fn a_sliding_variable_has_its_value_at_outputs_whatever_its_coefficient_does() {
+    // y' = -1 + s (2 + (t - 50)^2) rests at zero with s = 1/(2 + (t - 50)^2).
+    let solution = solve(&json!({"problem": {"dvi": {
+        "states": {"y": {"initial": 0.5, "rate": "-1 + s*(2 + (t - 50)^2)"}}, "variables": {"s": {"inequality": "y"}},
+        "set": [{"box": {"of": ["s"], "lower": 0, "upper": 5}}]}},
+        "time": {"end": 100}, "output": {"times": {"count": 201}}, "method": {"rtol": 1e-9}}));
+    assert_trusted(&solution);
+    let (t, s) = (&solution.trajectory.t, &solution.trajectory.fields[1].values);
+    let off = t.iter().zip(s).filter(|(t, _)| **t > 1.0).map(|(t, s)| (s * (2.0 + (t - 50.0).powi(2)) - 1.0).abs());
+    assert!(off.fold(0.0, f64::max) < 1e-9);
+}

@@ -24,7 +24,7 @@ pub enum Screened {
     Proven,
     /// A monitor is negative.
     Violated(Violation),
-    /// `q` varies between the nodes more than its values there show.
+    /// `q` or a bound varies between the nodes more than its values there show.
     Unresolved,
     /// Neither proven nor violated.
     Open,
@@ -49,7 +49,7 @@ struct Stretch {
 #[derive(Default)]
 struct Seen {
     violation: Option<Violation>,
-    /// In the middle `q` differs from the interpolant at the nodes.
+    /// In the middle `q` or a bound differs from the interpolant at the nodes.
     is_unresolved: bool,
     /// Remainders prevent a proof: polynomials on shorter panels may have smaller ones.
     needs_more: bool,

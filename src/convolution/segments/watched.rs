@@ -11,6 +11,11 @@ use nalgebra::DMatrix;
 use numerics::Interval;
 use problem::Side;
 
+/// Admissible deviation of a moving bound from its interpolant, relative to its change over the element: within it, the
+/// nodes show the course of the bound, and the error estimate bounds its error. Bounds are enclosed without their slopes,
+/// so that a proof takes as many parts as this fraction is small.
+const SHOWN: f64 = 0.1;
+
 /// Admissible deviation of `q` of an inactive variable from its interpolant, relative to its change over the element. A
 /// judgement: the effect on `q` of a switch between the nodes has the size of its change, and an accurate element
 /// deviates by far less than a hundredth of that; a value near one would miss such a switch, a much smaller one would
@@ -43,7 +48,7 @@ pub(super) struct Watched {
     pub function: Function,
     pub sign: f64,
     pub beside: Beside,
-    /// The new activity of the variable if the quantity is negative; `None` if `q` is then not resolved.
+    /// The new activity of the variable if the quantity is negative; `None` if `q` or a bound is then not resolved.
     pub to: Option<Activity>,
     /// The tolerance: the quantity must be at least `-limit`.
     pub limit: f64,
@@ -94,6 +99,16 @@ impl Segments<'_> {
             };
             let of_variable = self.allowed(k, self.size[k].max(trial.size[k])) + trial.noise[k];
             let of_inequality = trial.slack[k] + trial.noise[k];
+            // A variable at a moving bound follows the polynomial through the values of the bound at the nodes.
+            let follow = |side: Side, add: &mut dyn FnMut(Function, f64, Beside, Option<Activity>, f64)| {
+                let Some(row) = self.forcing.row_of_bound(k, side) else { return };
+                let shape = &self.shapes[trial.shape];
+                let at_nodes = shape.values.columns(0, shape.len()) * trial.levels[0].column(k);
+                let limit = SHOWN * (at_nodes.max() - at_nodes.min()) + of_variable;
+                for sign in [1.0, -1.0] {
+                    add(Function::Variable, sign, Beside::Row(row, -1.0), None, limit);
+                }
+            };
             match place {
                 Activity::Inactive => {
                     let (lower, upper) = (self.set.lower[k], self.set.upper[k]);
@@ -112,9 +127,11 @@ impl Segments<'_> {
                     }
                 }
                 Activity::AtLower => {
+                    follow(Side::Lower, &mut add);
                     add(Function::Memory, 1.0, Beside::Row(k, 1.0), Some(Activity::Inactive), of_inequality);
                 }
                 Activity::AtUpper => {
+                    follow(Side::Upper, &mut add);
                     add(Function::Memory, -1.0, Beside::Row(k, 1.0), Some(Activity::Inactive), of_inequality);
                 }
                 Activity::Fixed => {}
