@@ -35,8 +35,11 @@ pub(super) struct Step {
     pub screened: Option<Between>,
     /// Largest change of a state, in tolerances, by a switch within the step that was not located.
     pub unlocated: Option<f64>,
-    /// Estimated error of a step whose size is given, relative to the largest values of the states.
-    pub given_step_error: Option<f64>,
+    /// Estimated errors of the states over a step whose size is given, raised to [`Radau::error_power`]; empty if the size
+    /// is not given.
+    ///
+    /// [`Radau::error_power`]: super::stepper::Radau::error_power
+    pub given_step_errors: Vec<f64>,
     /// Whether the step was repeated, with derivatives at its beginning.
     pub is_remade: bool,
     basis: Vec<f64>,

@@ -3,14 +3,11 @@
 
 use super::stages::Contraction;
 
-/// Factor between an error of the embedded formula and the error of the result that is raised to its order.
-pub const SAFETY: f64 = 0.1;
-
 /// Tolerances of a method with `s` stages, rescaled so that the error of the result, rather than that of the embedded
 /// formula of order `s`, is about the requested tolerance.
 #[derive(Clone, Copy, Debug)]
 pub struct Rescaled {
-    /// `SAFETY rtol^((s+1)/(2s))`
+    /// `0.1 rtol^((s+1)/(2s))`
     pub rtol: f64,
     /// `(s+1)/(2s)`, the exponent that converts tolerances and errors of the result to those of the embedded formula.
     pub exponent: f64,
@@ -27,7 +24,7 @@ impl Rescaled {
     pub fn new(s: usize, rtol: f64, adaptive: bool) -> Self {
         let order = s as f64;
         let exponent = (order + 1.0) / (2.0 * order);
-        let scaled = if adaptive { SAFETY * rtol.powf(exponent) } else { rtol };
+        let scaled = if adaptive { 0.1 * rtol.powf(exponent) } else { rtol };
         let kappa = if s == 1 { 0.03 } else { scaled.powf((order - 1.0) / (order + 1.0)).min(0.03) };
         let most = match s {
             // A fixed step cannot be made smaller.

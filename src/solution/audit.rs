@@ -10,7 +10,23 @@ const SMALL: f64 = 10.0;
 
 /// Largest error of a run with steps of a given size, relative to the largest values of the states: three digits, as
 /// for the other checks of such runs, which have no tolerance.
-const GIVEN_STEPS: f64 = 1e-3;
+pub(super) const GIVEN_STEPS: f64 = 1e-3;
+
+/// A state this small beside the others is rounding of zero.
+fn rounding_of(largest: &[f64]) -> f64 {
+    1e-12 * largest.iter().copied().fold(0.0, f64::max)
+}
+
+/// Records the sum of the estimated errors of steps of a given size, relative to the largest values of the states; NaN is
+/// not trusted.
+pub(super) fn record_given_steps(sum: f64, checks: &mut Checks) {
+    checks.record(CheckCode::LocalError, sum, GIVEN_STEPS, || {
+        format!(
+            "the steps have the size that `method` gives, and their errors are estimated to add up to {sum:.1e} of the \
+             largest values of the states; give a smaller `step`, or none, so that the tolerances choose it"
+        )
+    });
+}
 
 /// The measurements of a run in progress.
 pub(super) struct Audit<'p> {
@@ -22,8 +38,9 @@ pub(super) struct Audit<'p> {
     open: u32,
     /// Number of steps in which rates may vary between the stages more than their values there show.
     hidden: u32,
-    /// Sum of the estimated errors of steps of a given size.
-    given_steps: f64,
+    /// Sum of the estimated errors of each state over steps of a given size, raised to the power that gives them the order
+    /// of the method.
+    given_steps: Vec<f64>,
     checks: Checks,
 }
 
@@ -35,7 +52,7 @@ impl<'p> Audit<'p> {
             screening: Screening::default(),
             open: 0,
             hidden: 0,
-            given_steps: 0.0,
+            given_steps: Vec::new(),
             checks: Checks::default(),
         }
     }
@@ -51,9 +68,9 @@ impl<'p> Audit<'p> {
         if let Some(distance) = radau.unlocated_switch() {
             self.record_unlocated(t, distance, radau.accumulations() > 0);
         }
-        if let Some(error) = radau.given_step_error() {
-            self.given_steps += error;
-        }
+        let errors = radau.given_step_errors();
+        self.given_steps.resize(errors.len(), 0.0);
+        self.given_steps.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
         if self.has_kinks
             && let Some((state, defect)) = radau.defect()
         {
@@ -140,15 +157,13 @@ impl<'p> Audit<'p> {
     /// Completes the measurements of a run with the given absolute tolerances.
     pub fn finish(&mut self, radau: &Radau<'_>, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
         self.look_for_small_states(radau.largest(), atol);
-        let given_steps = self.given_steps;
-        if given_steps > 0.0 {
-            self.checks.record(CheckCode::LocalError, given_steps, GIVEN_STEPS, || {
-                format!(
-                    "the steps have the size that `method` gives, and their errors are estimated to add up to \
-                     {given_steps:.1e} of the largest values of the states; give a smaller `step`, or none, so that the \
-                     tolerances choose it"
-                )
-            });
+        if !self.given_steps.is_empty() {
+            let power = radau.error_power();
+            let rounding = rounding_of(&radau.largest()[..atol.len()]);
+            let sizes = radau.largest().iter().map(|largest| largest.max(rounding).powf(power));
+            let relative =
+                self.given_steps.iter().zip(sizes).filter(|(sum, _)| **sum != 0.0).map(|(sum, size)| sum / size);
+            record_given_steps(relative.fold(0.0, f64::max), &mut self.checks);
         }
         let Screening { proven, undecided, missed } = self.screening;
         if undecided > 0 {
@@ -177,8 +192,7 @@ impl<'p> Audit<'p> {
     /// Records the state that is smallest relative to its absolute tolerance.
     fn look_for_small_states(&mut self, largest: &[f64], atol: &[f64]) {
         let states = &largest[..atol.len()];
-        // A state this small is rounding of zero.
-        let rounding = 1e-12 * states.iter().copied().fold(0.0, f64::max);
+        let rounding = rounding_of(states);
         for ((name, atol), &largest) in self.plan.names.iter().zip(atol).zip(states) {
             if largest > rounding {
                 self.checks.record(CheckCode::LocalError, SMALL * atol / largest, 1.0, || {

@@ -1,5 +1,6 @@
 //! Integration of a parabolic obstacle problem, with outputs by name.
 
+use super::audit::record_given_steps;
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
 use analysis::Analysis;
@@ -177,6 +178,9 @@ impl Stepper for ObstacleRun<'_> {
                     counts.unproven
                 )
             });
+        }
+        if counts.given_steps != 0.0 {
+            record_given_steps(counts.given_steps, &mut diagnostics.checks);
         }
         let reasons = [("error", counts.inaccurate), ("inequality", counts.unsolved)];
         diagnostics.steps = Steps {

@@ -1,7 +1,7 @@
 //! Features of functions of the states that are narrow compared with a step: hills, strips and pulses without any
 //! warning in time, each compared with a closed form.
 
-use crate::systems::harness::{distance, last, solve};
+use crate::systems::harness::{column, distance, last, solve};
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
@@ -214,7 +214,7 @@ fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
         let middle = i + 0.5 * h * rate(s, i);
         i + h * rate(s + 0.5 * h, middle)
     });
-    let found = surge.trajectory.fields[1].values[1];
+    let found = column(&surge, "i")[1];
     assert!((found - i).abs() < 1e-8 && last(&surge, "i").abs() < 1e-12, "{found} for {i}");
 
     let wall = solve(&json!({"problem": {"dvi": {
@@ -222,7 +222,7 @@ fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
         "variables": {"z": {"inequality": "x - exp(-((p - 50)/0.1)^2)"}}, "set": [{"nonnegative": ["z"]}]}},
         "time": {"end": 100}, "output": {"times": [0, 49.95, 51, 100]}, "method": {"rtol": 1e-9}}));
     assert_trusted(&wall);
-    let x = &wall.trajectory.fields[1].values;
+    let x = column(&wall, "x");
     let told = [0.5, (-0.25_f64).exp(), 1.0, 1.0];
     assert!(x.iter().zip(told).all(|(x, told)| (x - told).abs() < 1e-9), "{x:?}");
 
@@ -234,7 +234,7 @@ fn what_a_state_passes_is_seen_by_variables_that_hidden_constraints_tell() {
     // Half of the Gaussian from where it is 1/2 to its middle: y = s - 2 w sqrt(pi)/2 erf(s/w), s = w sqrt(ln 2).
     let (s, erf) = (2.0_f64.ln().sqrt(), 0.760_968_108_550_488_5);
     let told = 0.01 * (s - PI.sqrt() * erf);
-    let y = &slide.trajectory.fields[1].values;
+    let y = column(&slide, "y");
     assert!((y[1] - told).abs() < 1e-8 && y[2].abs() < 1e-12, "{y:?} for {told}");
 }
 
@@ -246,7 +246,7 @@ fn a_sliding_variable_has_its_value_at_outputs_whatever_its_coefficient_does() {
         "set": [{"box": {"of": ["s"], "lower": 0, "upper": 5}}]}},
         "time": {"end": 100}, "output": {"times": {"count": 201}}, "method": {"rtol": 1e-9}}));
     assert_trusted(&solution);
-    let (t, s) = (&solution.trajectory.t, &solution.trajectory.fields[1].values);
+    let (t, s) = (&solution.trajectory.t, column(&solution, "s"));
     let off = t.iter().zip(s).filter(|(t, _)| **t > 1.0).map(|(t, s)| (s * (2.0 + (t - 50.0).powi(2)) - 1.0).abs());
     assert!(off.fold(0.0, f64::max) < 1e-9);
 }

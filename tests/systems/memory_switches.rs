@@ -1,10 +1,11 @@
 //! Problems with memory and known switches: these are located at the order of the method, each with a new mesh after
 //! it.
 
-use crate::systems::harness::{column, distance, events, solve};
+use crate::systems::harness::{column, distance, events, last, solve};
 use crate::systems::memory::{abel, gamma};
 use dvi::solution::{EventKind, Solution};
 use serde_json::{Value, json};
+use std::f64::consts::PI;
 
 /// A variable between 0 and 1 with the kernel of exponent `alpha`.
 fn relaxation(alpha: f64, q: &str, end: f64, method: Value, times: usize) -> Value {
@@ -166,6 +167,24 @@ fn pulses_between_the_nodes_are_not_missed() {
             let exact = 7.3 - width * 3.0_f64.ln().sqrt();
             assert!((first - exact).abs() < 1e-9, "alpha = {alpha}, width {width:e}: {first}, not {exact}");
         }
+    }
+}
+
+#[test]
+fn a_bound_that_moves_for_a_moment_is_followed() {
+    // u is held at its upper bound, a pulse, whose integral against exp(-(t - s)) is sqrt(pi) width exp(7.313 - t).
+    for width in [0.5, 5e-3, 1e-4] {
+        let solution = solve(&json!({"problem": {"convolution": {"variables": {"u": {"q": -10}},
+            "set": [{"box": {"of": ["u"], "lower": 0, "upper": format!("exp(-((t - 7.313)/{width:e})^2)")}}],
+            "kernel": {"entries": [["exp(-t)"]]}}}, "time": {"end": 20},
+            "output": {"times": [0, 7.313 - width, 7.313, 20]}, "method": {"rtol": 1e-6}}));
+        assert_located(&solution, 400);
+        let u = &solution.trajectory.fields[0].values;
+        let e = (-1.0_f64).exp();
+        let off = u.iter().zip([0.0, e, 1.0, 0.0]).map(|(u, told)| (u - told).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-6, "{width:e}: {u:?}");
+        let area = last(&solution, "integral_u") / width;
+        assert!((area - PI.sqrt()).abs() < 1e-5, "{width:e}: {area}");
     }
 }
 

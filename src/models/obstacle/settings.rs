@@ -95,6 +95,8 @@ pub struct Counts {
     pub passes: u64,
     /// Fixed steps with hidden motion of nodes between the stages above tolerance.
     pub unproven: u64,
+    /// Sum of the estimated errors of steps of a given size, relative to the largest `|u|`.
+    pub given_steps: f64,
     /// The largest natural-map residual, with rows divided by their diagonal entry, relative to the largest `|u|`.
     pub residual: f64,
 }

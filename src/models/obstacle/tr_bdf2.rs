@@ -201,6 +201,8 @@ impl<'c> TrBdf2<'c> {
             // With a fixed step size, hidden motion is compared with the tolerance `FIXED` instead of `rtol`.
             let size = FIXED / self.settings.rtol * size;
             self.counts.unproven += u64::from(self.hidden_error(h, next, size)? > size);
+            let largest = self.largest(h);
+            self.counts.given_steps += if largest > 0.0 { self.error(h) / largest } else { 0.0 };
             return Ok(Attempt::Made(0.0));
         }
         let error = self.hidden_error(h, next, size)?.hypot(self.error(h));

@@ -34,8 +34,6 @@ pub struct Attempts {
     missed: Option<Between>,
     proven: f64,
     shortened: Shortened,
-    /// Estimated error of a step whose size is given.
-    given_step_error: Option<f64>,
 }
 
 impl Attempts {
@@ -263,7 +261,7 @@ impl Automaton for Radau<'_> {
         attempts: &mut Attempts,
     ) -> Result<bool, StepError> {
         if self.settings.step.is_some() {
-            attempts.given_step_error = Some(self.estimate_given_step(h, coupled));
+            self.estimate_given_step(h, coupled);
             return Ok(true);
         }
         let unlocated = if coupled { self.unlocated(h) } else { None };
@@ -313,7 +311,6 @@ impl Automaton for Radau<'_> {
     fn accept(&mut self, step: Trial, event: Option<AtSwitch>, attempts: Attempts) -> Result<(), StepError> {
         let (h, contraction) = (step.h, self.contraction);
         self.append(&step, event.is_some());
-        self.last.given_step_error = attempts.given_step_error;
         self.update_face(step.coupled, event.is_some());
         self.extent.watch(&self.y);
         if self.settings.step.is_none() {

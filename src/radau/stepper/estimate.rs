@@ -28,7 +28,6 @@
 use super::Radau;
 use super::ripple::Ripple;
 use crate::consistent_variables::{ConsistentVariables, InverseMass};
-use crate::error_control::SAFETY;
 use crate::layout::Storage;
 use crate::newton_control::mean_square_root;
 use crate::orders::Method;
@@ -82,21 +81,22 @@ impl Radau<'_> {
         error
     }
 
-    /// The error of a step whose size is given, relative to the largest values of the states: the embedded estimate,
-    /// with the order by which the result is more accurate. It bounds nothing, but says what the step size is worth.
-    pub(super) fn estimate_given_step(&mut self, h: f64, coupled: bool) -> f64 {
+    /// Estimates the errors of a step whose size is given. The embedded estimates, raised to a power, have the order of
+    /// the result; they bound nothing, but say what the step size is worth.
+    pub(super) fn estimate_given_step(&mut self, h: f64, coupled: bool) {
         let evaluations = self.system.work.rates;
         let is_finite = self.error(h, coupled).is_finite();
         // Evidence is not part of the method: do not count its evaluations.
         self.system.work.rates = evaluations;
-        if !is_finite {
-            return f64::INFINITY;
-        }
-        let exponent = self.orders.current().tolerance.exponent;
-        let size = |j: usize| self.uncertainty(j) / self.settings.rtol;
-        let relative = |(j, e): (usize, &f64)| if *e == 0.0 { 0.0 } else { e.abs() / size(j) };
-        let worst = self.estimates.error[..self.system.states].iter().enumerate().map(relative).fold(0.0, f64::max);
-        (worst / SAFETY).powf(1.0 / exponent)
+        let power = self.error_power();
+        let error = |e: &f64| if is_finite { e.abs().powf(power) } else { f64::INFINITY };
+        self.last.given_step_errors.clear();
+        self.last.given_step_errors.extend(self.estimates.error[..self.system.states].iter().map(error));
+    }
+
+    /// The power to which embedded estimates are raised so that they have the order of the result.
+    pub fn error_power(&self) -> f64 {
+        1.0 / self.orders.current().tolerance.exponent
     }
 
     fn filtered_error(&mut self, h: f64, coupled: bool) -> f64 {

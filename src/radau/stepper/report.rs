@@ -182,9 +182,10 @@ impl Radau<'_> {
         self.system.equations_for_z(&self.y)
     }
 
-    /// The estimated error of the last step relative to the largest values of the states, if its size was given.
-    pub fn given_step_error(&self) -> Option<f64> {
-        self.last.given_step_error
+    /// The estimated errors of the states over the last step, raised to [`Radau::error_power`]; empty unless the size of
+    /// steps is given.
+    pub fn given_step_errors(&self) -> &[f64] {
+        &self.last.given_step_errors
     }
 
     /// Whether the stages of the last step were solved on one face.
