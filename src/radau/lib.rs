@@ -55,7 +55,7 @@ pub use footprint::{MOST_BYTES, run_numbers};
 pub use law::Excess;
 pub use screening::{ALLOWED, Screened};
 pub use settings::{RejectionCause, Settings, StageChoice, StepError, Switches};
-pub use stepper::{Counts, LastStep, Radau, Saved, Variables};
+pub use stepper::{Counts, End, LastStep, Radau, Saved, Variables};
 pub use switches::Switch;
 pub use tableau::{MOST_STAGES, Tableau};
 pub use tangents::{Directions, NoDerivative, RowsBy, Shifted, Tangents};

@@ -10,7 +10,7 @@ mod ripple;
 use automaton::Trial;
 use estimate::Estimates;
 pub use one_step::Saved;
-pub use report::{LastStep, Variables};
+pub use report::{End, LastStep, Variables};
 
 use super::chattering::Chattering;
 use super::clock::Clock;

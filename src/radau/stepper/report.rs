@@ -35,6 +35,15 @@ pub struct LastStep<'a> {
     pub tableau: &'static Tableau,
 }
 
+/// An end of a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum End {
+    /// Its beginning.
+    Before,
+    /// Its end.
+    After,
+}
+
 impl Radau<'_> {
     /// The last accepted step; of size zero if there is none.
     pub fn last_step(&self) -> LastStep<'_> {
@@ -85,6 +94,18 @@ impl Radau<'_> {
         self.stage_vi.iter().flat_map(|vi| &vi.failures).copied()
     }
 
+    /// The end of the last step that a time within the rounding of the clock is.
+    pub fn end_at(&self, t: f64) -> Option<End> {
+        let rounding = self.clock.rounding(self.last.h);
+        if (self.clock.t - t).abs() <= rounding {
+            Some(End::After)
+        } else if (t - self.last.t).abs() <= rounding {
+            Some(End::Before)
+        } else {
+            None
+        }
+    }
+
     /// Evaluates `y` at a time within the last accepted step into `out`: the states from the collocation polynomial,
     /// with consistent variables; at the end of a step that is a switch, the variables after it.
     ///
@@ -92,13 +113,13 @@ impl Radau<'_> {
     /// end. There, rows that jump in time may be on the other side of their jump than the face, so that constraints and
     /// consistent variables are meaningless: they would move the states by whatever a jump of a source is worth.
     pub(super) fn interpolate(&mut self, t: f64, out: &mut [f64]) {
-        let rounding = if self.consistent.is_some() { self.clock.rounding(self.last.h) } else { 0.0 };
-        let at_end = (self.clock.t - t).abs() <= rounding;
-        let at_begin = !at_end && rounding > 0.0 && (t - self.last.t).abs() <= rounding;
-        let t = match (at_end, at_begin) {
-            (true, _) => self.clock.t,
-            (false, true) => self.last.t,
-            (false, false) => t,
+        let end =
+            if self.consistent.is_some() { self.end_at(t) } else { Some(End::After).filter(|_| t == self.clock.t) };
+        let (at_end, at_begin) = (end == Some(End::After), end == Some(End::Before));
+        let t = match end {
+            Some(End::After) => self.clock.t,
+            Some(End::Before) => self.last.t,
+            None => t,
         };
         let mut are_found = false;
         if at_end {
