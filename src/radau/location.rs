@@ -146,9 +146,13 @@ impl Radau<'_> {
             }
             last = Some((size, value));
             let correction = value / slope;
+            let rounding = self.clock.rounding(size);
             let stalled = (size - before).abs() <= correction.abs() && value.abs() <= TOLD * noise;
-            if correction.abs() <= self.clock.rounding(size) || stalled || value.abs() <= 0.1 * noise {
-                return Ok(Some(self.refine(crossing, size, value, slope)));
+            if correction.abs() <= rounding || stalled {
+                return Ok(Some(size));
+            }
+            if value.abs() <= 0.1 * noise {
+                return Ok(Some(self.extend(crossing, size, value, correction)));
             }
             trial = size - correction;
             if let Some((shortest, longest)) = &mut bracket {
@@ -160,24 +164,6 @@ impl Radau<'_> {
             }
         }
         Ok(None)
-    }
-
-    /// Refines the end of the present step, of size `h`, at which the monitor of `crossing` has a `value` within noise:
-    /// one more Newton iteration on the stages, then the zero of the monitor on their collocation polynomial. Returns
-    /// the new size.
-    ///
-    /// Errors that Newton's method leaves at the end of other steps average out. At a switch they move its time, and
-    /// with it the phase of all motion behind it: over thousands of shrinking flights they add up.
-    fn refine(&mut self, crossing: &Crossing, h: f64, mut value: f64, slope: f64) -> f64 {
-        let tableau = self.tableau();
-        let Self { stages, system, factors, control, clock, y, .. } = self;
-        if !system.is_curved() && stages.evaluate(system, tableau, clock.t, h, y) {
-            system.work.newton += 1;
-            stages.increment(system, tableau, factors, h, &control.weight);
-            value = self.monitor_at(crossing, h).map_or(value, |monitor| monitor.value);
-        }
-        let correction = value / slope;
-        if correction.abs() <= self.clock.rounding(h) { h } else { self.extend(crossing, h, value, correction) }
     }
 
     /// Extends or shortens the present step, of size `h`, along its collocation polynomial to the zero of the monitor
