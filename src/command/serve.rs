@@ -7,13 +7,15 @@ use clap::{Args, ValueEnum};
 use dvi::service::{Log, Options, Service, worker};
 use std::env::{self, VarError};
 use std::io::{self, IsTerminal};
+use std::net::SocketAddr;
 use std::panic;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::net::TcpListener;
 use tokio::signal::unix::{SignalKind, signal};
 use tokio::sync::mpsc::{Receiver, channel};
+use tokio::time::sleep;
 use tracing_subscriber::Layer;
 use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt;
@@ -76,6 +78,10 @@ Exit codes:
 /// The time limit for writing the last log lines.
 const LAST_LINES: Duration = Duration::from_secs(1);
 
+/// The time for which an address in use is tried again, and the time between two attempts.
+const REBINDING: Duration = Duration::from_secs(1);
+const BETWEEN_BINDINGS: Duration = Duration::from_millis(5);
+
 /// A format of the log.
 #[derive(Clone, Copy, ValueEnum)]
 enum LogFormat {
@@ -122,7 +128,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
 fn serve(options: Options, log: &Log) -> io::Result<()> {
     let runtime = tokio::runtime::Builder::new_multi_thread().thread_name("dvi-http").enable_all().build()?;
     runtime.block_on(async {
-        let listener = TcpListener::bind(options.listen).await?;
+        let listener = bind(options.listen).await?;
         let (address, workers) = (listener.local_addr()?, options.workers);
         let stop = signals()?;
         let data = options.jobs_folder().map_or("memory".to_owned(), |folder| folder.display().to_string());
@@ -138,6 +144,20 @@ fn serve(options: Options, log: &Log) -> io::Result<()> {
     // A thread still busy with an abandoned specification must not delay the exit.
     runtime.shutdown_background();
     Ok(())
+}
+
+/// Binds the address. One that is in use is tried again for a moment: a child process of a service that was just killed
+/// keeps the socket open until it executes its own program.
+async fn bind(address: SocketAddr) -> io::Result<TcpListener> {
+    let begun = Instant::now();
+    loop {
+        match TcpListener::bind(address).await {
+            Err(error) if error.kind() == io::ErrorKind::AddrInUse && begun.elapsed() < REBINDING => {
+                sleep(BETWEEN_BINDINGS).await;
+            }
+            bound => return bound,
+        }
+    }
 }
 
 /// A channel that receives a message for every SIGTERM and SIGINT.

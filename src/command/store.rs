@@ -5,7 +5,8 @@ use clap::{Args, Subcommand};
 use dvi::service::jobs::{Inspection, Salvaged, is_sound, repair};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::process::ExitCode;
+use std::process::{self, ExitCode};
+use std::thread;
 
 /// Check or repair the jobs and results that a service keeps on the disk
 #[derive(Args)]
@@ -25,8 +26,31 @@ enum Action {
 /// Report by the exit code whether the pages of a store are intact, for a service before it opens the store
 #[derive(Args)]
 struct Examine {
+    #[command(flatten)]
+    attended: Attended,
+
     /// The folder of the service
     path: PathBuf,
+}
+
+#[derive(Args)]
+struct Attended {
+    /// End with standard input, for a service that starts this process and may be killed
+    #[arg(long, hide = true)]
+    attended: bool,
+}
+
+impl Attended {
+    /// Ends this process when its standard input ends, if that is asked for.
+    fn attend(&self) {
+        if self.attended {
+            thread::spawn(|| {
+                // Nothing is written to it: it ends, or it cannot be read.
+                let _ = io::copy(&mut io::stdin().lock(), &mut io::sink());
+                process::exit(UNREADABLE.into());
+            });
+        }
+    }
 }
 
 /// Read every job and every result of a store, and list the damaged ones
@@ -57,6 +81,9 @@ Examples:
 #[derive(Args)]
 #[command(after_help = REPAIR_HELP, verbatim_doc_comment)]
 struct Repair {
+    #[command(flatten)]
+    attended: Attended,
+
     /// The folder of the service, which must not be running
     path: PathBuf,
 }
@@ -78,9 +105,14 @@ const DAMAGED: u8 = 1;
 pub fn run(arguments: &Arguments) -> ExitCode {
     match &arguments.action {
         Action::Check(Check { path }) => check(path),
-        Action::Repair(Repair { path }) => mend(path),
-        Action::Examine(Examine { path }) if is_sound(path) => ExitCode::SUCCESS,
-        Action::Examine(_) => ExitCode::from(DAMAGED),
+        Action::Repair(Repair { attended, path }) => {
+            attended.attend();
+            mend(path)
+        }
+        Action::Examine(Examine { attended, path }) => {
+            attended.attend();
+            if is_sound(path) { ExitCode::SUCCESS } else { ExitCode::from(DAMAGED) }
+        }
     }
 }
 

@@ -3,7 +3,9 @@
 use crate::harness::DECAY;
 use crate::process::{DVI, Folder, Server};
 use std::fs;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
+use std::thread;
+use std::time::Duration;
 
 fn check(folder: &Folder) -> Output {
     Command::new(DVI).args(["store", "check"]).arg(folder.path()).output().unwrap()
@@ -48,6 +50,50 @@ fn a_store_is_left_alone_while_it_is_in_use_and_what_is_damaged_is_named() {
     let second = paths[1].rsplit('/').next().unwrap();
     for line in [format!("damaged: {id}: results\n"), format!("damaged: {second}: specification\n")] {
         assert!(told(&damaged.stdout).contains(&line), "{damaged:?}");
+    }
+}
+
+#[test]
+fn a_start_waits_for_a_database_that_a_process_about_to_end_still_holds() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let path = server.accept(DECAY);
+    server.reaches(&path, &["successful"]);
+    server.kill();
+    // The lock as a child process has it between its fork and the execution of its program.
+    let database = fs::File::options().read(true).write(true).open(folder.path().join("jobs.redb")).unwrap();
+    database.try_lock().unwrap();
+    let holder = thread::spawn(move || {
+        thread::sleep(Duration::from_millis(1500));
+        drop(database);
+    });
+    let server = Server::try_start_at("127.0.0.1:0", &folder, &["--workers", "1"]).unwrap();
+    assert!(holder.is_finished(), "the database was opened while it was locked");
+    assert!(server.beginning.contains("waiting until it ends"), "{}", server.beginning);
+    assert_eq!(server.get(&path).json()["status"], "successful");
+    // A running service is not waited for.
+    let refused = Server::try_start_at("127.0.0.1:0", &folder, &["--workers", "1"]).err().unwrap();
+    assert!(refused.contains("the store is in use by another process") && !refused.contains("waiting"), "{refused}");
+    assert_eq!(server.get("/readyz").status, 200);
+}
+
+#[test]
+fn a_process_that_examines_a_store_ends_with_the_service_that_started_it() {
+    let folder = Folder::new();
+    fs::create_dir_all(folder.path()).unwrap();
+    // Reading a named pipe without a writer takes for ever.
+    assert!(Command::new("mkfifo").arg(folder.path().join("jobs.redb")).status().unwrap().success());
+    for action in ["examine", "repair"] {
+        let mut process = Command::new(DVI)
+            .args(["store", action, "--attended"])
+            .arg(folder.path())
+            .stdin(Stdio::piped())
+            .spawn()
+            .unwrap();
+        thread::sleep(Duration::from_millis(100));
+        assert_eq!(process.try_wait().unwrap(), None, "it does not read the store");
+        drop(process.stdin.take());
+        assert_eq!(process.wait().unwrap().code(), Some(3));
     }
 }
 

@@ -1,5 +1,6 @@
 //! Checks of a store in a child process, before the store is opened: a fault that a damaged page causes in the database
-//! library ends that child process alone, and is taken for a damaged store, which is then rebuilt.
+//! library ends that child process alone, and is taken for a damaged store, which is then rebuilt. The child process ends
+//! with its standard input, so that it does not outlive a service that is killed, and its hold on the database.
 
 use super::database::Database;
 use super::guarded::guarded;
@@ -45,6 +46,18 @@ pub fn is_sound(folder: &Path) -> bool {
     guarded(|| tables::has_first_rows(&redb)).unwrap_or(false) || Database::looked_at(redb).is_sound()
 }
 
+/// The time limit of a child process that reads the database at `path`.
+///
+/// # Errors
+/// I/O errors of the disk.
+pub fn patience(path: &Path) -> io::Result<Duration> {
+    let bytes = match path.metadata() {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => 0,
+        data => data?.len(),
+    };
+    Ok(START + Duration::from_secs(bytes / BYTES_PER_SECOND))
+}
+
 /// Has a process of `program` check the store in `folder`, and rebuilds the store if it is damaged. Returns whether it
 /// was rebuilt.
 ///
@@ -52,15 +65,11 @@ pub fn is_sound(folder: &Path) -> bool {
 /// I/O errors of the disk.
 pub fn heal(program: &OsStr, folder: &Path) -> io::Result<bool> {
     let path = folder.join("jobs.redb");
-    let bytes = match path.metadata() {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
-        data => data?.len(),
-    };
-    // An empty file: the database has yet to be created.
-    if bytes == 0 {
+    // No file, or an empty one: the database has yet to be created.
+    if path.metadata().map_or(0, |data| data.len()) == 0 {
         return Ok(false);
     }
-    let most = START + Duration::from_secs(bytes / BYTES_PER_SECOND);
+    let most = patience(&path)?;
     let run = |action| run(program, action, folder, most);
     match run("examine")?.0 {
         Some(DAMAGED) => tracing::error!("pages of the database are damaged; it is built anew"),
@@ -83,12 +92,14 @@ pub fn heal(program: &OsStr, folder: &Path) -> io::Result<bool> {
 fn run(program: &OsStr, action: &str, folder: &Path, most: Duration) -> io::Result<(Option<u8>, String)> {
     let mut process = Command::new(program)
         .arg0("dvi")
-        .args(["store", action])
+        .args(["store", action, "--attended"])
         .arg(folder)
-        .stdin(Stdio::null())
+        .stdin(Stdio::piped())
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()?;
+    // Open until the process has ended.
+    let _attending = process.stdin.take();
     let out = process.stdout.take();
     let reader = spawn(move || {
         let mut told = String::new();

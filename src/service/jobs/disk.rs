@@ -7,6 +7,7 @@
 //! results/ID.rows        the rows of a sweep that has not ended
 //! results/ID.json        long results of a version before format 3 that could not be converted to columns
 //! results.orphaned       results whose job has no row, for instance since the database was lost
+//! lock                   the file that the running service has locked; always empty
 //! reserve                reserved room, so that jobs can be deleted on a full disk
 //! running-N              the marks of the running jobs of the Nth start
 //! ```
@@ -25,6 +26,7 @@ use super::marks::Marks;
 use super::reserve::Reserve;
 use super::results::Long;
 use super::tables::FORMAT;
+use super::tenancy::Tenancy;
 use super::writer::{Unwritable, WriteSlot, Writer};
 use super::{JobId, Record, Results, is_damage};
 use crate::digest::Digest;
@@ -59,6 +61,7 @@ pub struct Disk {
     files: Arc<Files>,
     marks: Marks,
     writer: Writer,
+    _tenancy: Tenancy,
 }
 
 impl Disk {
@@ -75,8 +78,9 @@ impl Disk {
 
     fn recover(folder: &Path, program: Option<&OsStr>) -> io::Result<(Self, Found)> {
         files::create(folder)?;
-        let is_healed = program.map_or(Ok(false), |program| apart::heal(program, folder))?;
         let path = folder.join("jobs.redb");
+        let tenancy = Tenancy::take(folder, &path, apart::patience(&path)?)?;
+        let is_healed = program.map_or(Ok(false), |program| apart::heal(program, folder))?;
         let files = Arc::new(Files::open(folder.join("results"))?);
         let reserve = Reserve::at(folder.join("reserve"));
         let open = || Database::in_file(&path, &|id| files.put_beside(id));
@@ -137,7 +141,7 @@ impl Disk {
         }
         let writer = Writer::start(Arc::clone(&database), Arc::clone(&files), reserve)?;
         let found = Found { records, unreadable: unreadable.len(), damaged: damaged.into_iter().collect(), orphaned };
-        Ok((Self { database, files, marks, writer }, found))
+        Ok((Self { database, files, marks, writer, _tenancy: tenancy }, found))
     }
 
     /// Waits for a slot in the queue of changes.
@@ -304,14 +308,7 @@ mod tests {
 
     /// Opens the folder as the next process does, once the writer thread of the last one has ended.
     fn open(folder: &Folder) -> (Disk, Found) {
-        let start = Instant::now();
-        loop {
-            match Disk::open(&folder.0, None) {
-                Ok(opened) => return opened,
-                Err(error) => assert!(start.elapsed() < Duration::from_secs(20), "{error}"),
-            }
-            thread::sleep(Duration::from_millis(1));
-        }
+        Disk::open(&folder.0, None).unwrap()
     }
 
     #[test]

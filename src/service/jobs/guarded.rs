@@ -8,9 +8,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T> {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(done)) => Ok(done),
-        Ok(Err(redb::Error::DatabaseAlreadyOpen)) => {
-            Err(io::Error::new(io::ErrorKind::ResourceBusy, "the store is in use by another process"))
-        }
+        Ok(Err(redb::Error::DatabaseAlreadyOpen)) => Err(in_use()),
         Ok(Err(redb::Error::Io(error))) if error.kind() != io::ErrorKind::UnexpectedEof => Err(error),
         // Tables and their types are fixed at creation, so errors about them are damage as well.
         Ok(Err(
@@ -26,4 +24,9 @@ pub fn guarded<T>(work: impl FnOnce() -> Result<T, redb::Error>) -> io::Result<T
         Ok(Err(error)) => Err(io::Error::other(error)),
         Err(_) => Err(io::Error::new(io::ErrorKind::InvalidData, "a page of the database is damaged")),
     }
+}
+
+/// The error for a store that another process uses.
+pub fn in_use() -> io::Error {
+    io::Error::new(io::ErrorKind::ResourceBusy, "the store is in use by another process")
 }

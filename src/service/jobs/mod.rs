@@ -47,6 +47,7 @@ mod spool;
 mod stopping;
 mod store;
 mod tables;
+mod tenancy;
 mod turns;
 mod unsaved;
 mod watched;

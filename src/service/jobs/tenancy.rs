@@ -1,0 +1,82 @@
+//! The exclusive use of a folder by one service.
+//!
+//! The lock of the database belongs to the open file, of which every child process has a copy until it executes its own
+//! program: if the service is killed in that moment, the child holds the lock for some milliseconds more, and a process
+//! that examines the database for a start holds it until it ends. A record lock (`fcntl`) belongs to the process: no child
+//! inherits it, and it ends with the process. So whoever has the record lock knows that no other service uses the folder,
+//! and that the lock of the database, if it is held, is held by a process that is about to end, for which it waits.
+
+use super::files::OWN;
+use super::guarded::in_use;
+use redb::StorageBackend;
+use redb::backends::FileBackend;
+use rustix::fs::{FlockOperation, fcntl_lock};
+use rustix::io::Errno;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io;
+use std::ops::Bound;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+/// The name of the locked file, which stays empty.
+const NAME: &str = "lock";
+
+/// The time between two attempts to lock the database.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// The time after which the wait is logged.
+const LONG: Duration = Duration::from_secs(1);
+
+/// The use of a folder, until it is dropped or the process ends.
+#[derive(Debug)]
+pub struct Tenancy {
+    /// Opened here alone: closing any other descriptor of the file in this process would end the lock.
+    _lock: File,
+}
+
+impl Tenancy {
+    /// Takes the use of `folder`, and waits at most `patience` until the database at `path` is unlocked.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::ResourceBusy`] if another process uses the folder; I/O errors of the disk.
+    pub fn take(folder: &Path, path: &Path, patience: Duration) -> io::Result<Self> {
+        let lock = OpenOptions::new().write(true).create(true).truncate(false).mode(OWN).open(folder.join(NAME))?;
+        match fcntl_lock(&lock, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => {}
+            Err(Errno::AGAIN | Errno::ACCESS) => return Err(in_use()),
+            // A file system without record locks: the lock of the database remains.
+            Err(error) => tracing::debug!(%error, "the folder cannot be locked by itself"),
+        }
+        let begun = Instant::now();
+        let mut is_told = false;
+        while !is_free(path)? {
+            if begun.elapsed() > patience {
+                return Err(in_use());
+            }
+            if begun.elapsed() > LONG && !is_told {
+                is_told = true;
+                tracing::warn!("another process still has the database open; waiting until it ends");
+            }
+            sleep(LOOK);
+        }
+        Ok(Self { _lock: lock })
+    }
+}
+
+/// Whether no process has locked the database at `path`, or there is none.
+fn is_free(path: &Path) -> io::Result<bool> {
+    let file = match OpenOptions::new().read(true).write(true).open(path) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
+        file => file?,
+    };
+    // The database library locks the whole file in one way and its parts in another; both end as the file is closed.
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => return Ok(false),
+        // A file system without this kind of lock.
+        Ok(()) | Err(TryLockError::Error(_)) => {}
+    }
+    let backend = FileBackend::new(file).map_err(io::Error::other)?;
+    Ok(backend.try_lock_range(Bound::Unbounded, Bound::Unbounded).unwrap_or(true))
+}
