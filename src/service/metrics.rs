@@ -43,7 +43,8 @@ pub struct Metrics {
     waiting_bytes: Gauge,
     running: Gauge,
     connections: Gauge,
-    panics: Gauge,
+    panics: Counter,
+    store_seconds: Histogram,
     unreadable: Gauge,
     damaged: Gauge,
     writable: Gauge,
@@ -84,7 +85,8 @@ impl Default for Metrics {
             waiting_bytes: Gauge::default(),
             running: Gauge::default(),
             connections: Gauge::default(),
-            panics: Gauge::default(),
+            panics: Counter::default(),
+            store_seconds: durations(),
             unreadable: Gauge::default(),
             damaged: Gauge::default(),
             writable: Gauge::default(),
@@ -163,6 +165,12 @@ impl Default for Metrics {
             "unsaved_results",
             "Ended jobs kept in memory until they can be written to the disk",
             metrics.unsaved.clone(),
+        );
+        registry.register_with_unit(
+            "store_write",
+            "Duration of the durable writes of the store, each of a group of changes",
+            Unit::Seconds,
+            metrics.store_seconds.clone(),
         );
         registry.register("store_rebuilds", "Rebuilds of a damaged database since the start", metrics.rebuilds.clone());
         registry.register(
@@ -271,6 +279,11 @@ impl Metrics {
         self.damaged.inc();
     }
 
+    /// The durations of the writes of the store, for its writer.
+    pub fn store_seconds(&self) -> Histogram {
+        self.store_seconds.clone()
+    }
+
     /// Sets the log whose lost lines are counted.
     pub fn count_lost_lines(&self, log: &Log) {
         // Set once: there is one log per process.
@@ -314,7 +327,7 @@ impl Metrics {
         self.writable.set(i64::from(jobs.is_writable()));
         self.unsaved.set(i64::try_from(jobs.unsaved()).unwrap_or(i64::MAX));
         self.rebuilds.inner().fetch_max(jobs.rebuilds(), Relaxed);
-        self.panics.set(i64::try_from(jobs.panics()).unwrap_or(i64::MAX));
+        self.panics.inner().fetch_max(jobs.panics(), Relaxed);
         self.lost_lines.inner().fetch_max(self.log.get().map_or(0, Log::lost), Relaxed);
         let mut text = String::new();
         // Writing to a string cannot fail.

@@ -1,6 +1,7 @@
 //! The metrics of the service.
 
 use crate::harness::{Call, DECAY, Gate, Site, halving, one_worker};
+use crate::process::{Folder, Server};
 use dvi::solution::{Failure, Status, ViCounts};
 use std::sync::Arc;
 
@@ -42,7 +43,7 @@ async fn solves_are_counted_by_problem_and_ending() {
     assert_eq!(value(text, "dvi_vi_solves_total{problem=\"dvi\"}"), 360.0);
     assert_eq!(value(text, "dvi_solve_seconds_count{problem=\"dvi\"}"), 4.0);
     assert_eq!(value(text, "dvi_wait_seconds_count"), 4.0);
-    assert_eq!(value(text, "dvi_panics"), 1.0);
+    assert_eq!(value(text, "dvi_panics_total"), 1.0);
     assert_eq!(value(text, "dvi_answers_total{status=\"200\"}"), 3.0);
     assert_eq!(value(text, "dvi_answers_total{status=\"500\"}"), 1.0);
     assert!(text.ends_with("# EOF\n"), "{text}");
@@ -153,6 +154,20 @@ async fn requests_are_timed_by_route_and_refusals_counted_by_reason() {
     assert!(value(&text, "dvi_kept_bytes") > DECAY.len() as f64);
     assert_eq!(value(&text, "dvi_store_writable"), 1.0);
     assert!(text.contains(&format!("dvi_build_info{{version=\"{}\"}} 1", env!("CARGO_PKG_VERSION"))), "{text}");
+}
+
+#[test]
+fn durable_writes_are_timed() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let count = || value(&server.get("/metrics").body, "dvi_store_write_seconds_count");
+    let before = count();
+    for _ in 0..3 {
+        server.reaches(&server.accept(DECAY), &["successful"]);
+    }
+    // Each job was written before its admission was confirmed.
+    assert!(count() >= before + 3.0, "{before} and {}", count());
+    assert!(value(&server.get("/metrics").body, "dvi_store_write_seconds_sum") > 0.0);
 }
 
 #[tokio::test]

@@ -30,6 +30,7 @@ use super::tenancy::Tenancy;
 use super::writer::{Unwritable, WriteSlot, Writer};
 use super::{JobId, Record, Results, is_damage};
 use crate::digest::Digest;
+use crate::metrics::Metrics;
 use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::fs::Permissions;
@@ -71,12 +72,12 @@ impl Disk {
     ///
     /// # Errors
     /// Another process uses the folder, or the disk reports an I/O error.
-    pub fn open(folder: &Path, program: Option<&OsStr>) -> io::Result<(Self, Found)> {
-        Self::recover(folder, program)
+    pub fn open(folder: &Path, program: Option<&OsStr>, metrics: &Metrics) -> io::Result<(Self, Found)> {
+        Self::recover(folder, program, metrics)
             .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", folder.display())))
     }
 
-    fn recover(folder: &Path, program: Option<&OsStr>) -> io::Result<(Self, Found)> {
+    fn recover(folder: &Path, program: Option<&OsStr>, metrics: &Metrics) -> io::Result<(Self, Found)> {
         files::create(folder)?;
         let path = folder.join("jobs.redb");
         let tenancy = Tenancy::take(folder, &path, apart::patience(&path)?)?;
@@ -139,7 +140,7 @@ impl Disk {
             let why = if start == 0 { "the database is new" } else { "no job has them" };
             tracing::error!(orphaned, "{orphaned} results are set aside in {orphans}: {why}");
         }
-        let writer = Writer::start(Arc::clone(&database), Arc::clone(&files), reserve)?;
+        let writer = Writer::start(Arc::clone(&database), Arc::clone(&files), reserve, metrics.store_seconds())?;
         let found = Found { records, unreadable: unreadable.len(), damaged: damaged.into_iter().collect(), orphaned };
         Ok((Self { database, files, marks, writer, _tenancy: tenancy }, found))
     }
@@ -308,7 +309,7 @@ mod tests {
 
     /// Opens the folder as the next process does, once the writer thread of the last one has ended.
     fn open(folder: &Folder) -> (Disk, Found) {
-        Disk::open(&folder.0, None).unwrap()
+        Disk::open(&folder.0, None, &Metrics::default()).unwrap()
     }
 
     #[test]

@@ -60,7 +60,7 @@ impl Store {
         let Some(folder) = folder else {
             return Ok((Self { index, disk: None, damaged: HashSet::new(), unsaved }, Vec::new()));
         };
-        let (disk, Found { records, unreadable, damaged, orphaned }) = Disk::open(folder, program)?;
+        let (disk, Found { records, unreadable, damaged, orphaned }) = Disk::open(folder, program, metrics)?;
         metrics.found(unreadable, damaged.len(), orphaned);
         let (mut waiting, mut past) = (Vec::new(), Vec::new());
         for (id, mut record) in records {

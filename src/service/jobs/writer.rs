@@ -10,11 +10,13 @@ use super::change::Change;
 use super::database::Database;
 use super::files::Files;
 use super::reserve::Reserve;
+use prometheus_client::metrics::histogram::Histogram;
 use std::io;
 use std::mem::take;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
+use std::time::Instant;
 use thiserror::Error;
 use tokio::sync::mpsc::{OwnedPermit, Receiver, Sender, channel};
 use tokio::sync::oneshot;
@@ -74,15 +76,16 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Starts the thread.
+    /// Starts the thread, which adds the duration of each of its writes to `seconds`.
     ///
     /// # Errors
     /// The system provides no thread.
-    pub fn start(database: Arc<Database>, files: Arc<Files>, reserve: Reserve) -> io::Result<Self> {
+    pub fn start(database: Arc<Database>, files: Arc<Files>, reserve: Reserve, seconds: Histogram) -> io::Result<Self> {
         let (sender, changes) = channel(WAITING);
         let failed = Arc::new(AtomicBool::new(reserve.hold().is_err()));
         let (told, freed) = (Arc::clone(&failed), false);
-        let mut scribe = Scribe { database: Arc::clone(&database), files, reserve, failed: told, freed, wanted: 0 };
+        let mut scribe =
+            Scribe { database: Arc::clone(&database), files, reserve, seconds, failed: told, freed, wanted: 0 };
         thread::Builder::new().name("dvi-store".to_owned()).spawn(move || scribe.write(changes))?;
         Ok(Self { changes: sender, failed, database })
     }
@@ -106,6 +109,7 @@ struct Scribe {
     database: Arc<Database>,
     files: Arc<Files>,
     reserve: Reserve,
+    seconds: Histogram,
     failed: Arc<AtomicBool>,
     /// Jobs have been deleted since the reserve was freed.
     freed: bool,
@@ -144,7 +148,7 @@ impl Scribe {
         }
         let had_failed = self.failed.load(Relaxed);
         if !had_failed || self.hold() {
-            match self.database.apply(changes) {
+            match self.apply(changes) {
                 Ok(()) => {
                     if self.failed.swap(false, Relaxed) {
                         tracing::info!("the store can be written again");
@@ -161,7 +165,7 @@ impl Scribe {
         let small: Vec<_> = changes.iter().filter(|change| change.is_small()).collect();
         let written = !small.is_empty() && {
             self.reserve.release();
-            let written = self.database.apply(small.iter().copied());
+            let written = self.apply(small.iter().copied());
             if let Err(error) = &written {
                 tracing::error!(%error, "nor can jobs be deleted");
             }
@@ -170,6 +174,14 @@ impl Scribe {
         self.freed |= written && small.iter().any(|change| !change.forgotten.is_empty());
         let made = |change: &Change| if written && change.is_small() { Ok(()) } else { Err(Unwritable) };
         changes.iter().map(made).collect()
+    }
+
+    /// Makes the changes in one transaction, and adds its duration to the metrics.
+    fn apply<'a>(&self, changes: impl IntoIterator<Item = &'a Change> + Clone) -> io::Result<()> {
+        let begun = Instant::now();
+        let written = self.database.apply(changes);
+        self.seconds.observe(begun.elapsed().as_secs_f64());
+        written
     }
 
     /// Restores the reserve, for which the database may have to be compacted; returns whether there is room for it and
