@@ -65,7 +65,8 @@ slice continues if a worker is free; otherwise it starts again when one becomes 
 then.
 
 A job that was accepted with 202 is on the disk. The next start of the service runs the jobs that have not ended;
-a job that was the only one running at two crashes of the service is set aside.
+a job that was the only one running when the service ended, twice for lack of memory or sixteen times for any reason,
+is set aside. Jobs that were running when it ended run alone for their first 10 s.
 
 SIGTERM or Ctrl-C: no more jobs are accepted; running jobs have the grace time to end,
 then they are stopped, and the next start runs them again. A second signal stops them at once.

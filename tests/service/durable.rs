@@ -116,6 +116,23 @@ fn a_job_that_ran_alone_at_many_kills_is_set_aside_and_another_is_not() {
 }
 
 #[test]
+fn a_long_job_that_starts_again_after_a_kill_does_not_hold_up_the_others() {
+    let folder = Folder::new();
+    let many = ["--workers", "3", "--express", "0"];
+    let server = Server::start(&folder, &many);
+    let suspects = [server.accept(&oscillator(ENDLESS)), server.accept(&oscillator(ENDLESS))];
+    suspects.iter().for_each(|path| drop(server.reaches(path, &["running"])));
+    server.kill();
+    let server = Server::start(&folder, &many);
+    server.reaches(&suspects[0], &["running"]);
+    // Long enough that it needs a worker: within the 30 s for which it waits, it is solved beside the suspects.
+    let answer =
+        server.send("POST", "/solve", "", &DECAY.replace("{\"end\":1}", "{\"end\":1},\"method\":{\"step\":1e-5}"));
+    assert_eq!(answer.status, 200, "{}", answer.body);
+    suspects.iter().for_each(|path| drop(server.reaches(path, &["running"])));
+}
+
+#[test]
 fn a_job_that_was_cancelled_or_deleted_stays_so_after_a_kill() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1", "--express", "0"]);

@@ -101,7 +101,7 @@ pub struct Jobs {
     /// Wakes a relief worker, since a job may need relief.
     relief: Notify,
     store: Store,
-    /// Jobs that were running when an earlier process died are suspects: a suspect takes the write lock and runs alone.
+    /// Jobs that were running when an earlier process died are suspects: see [`Jobs::apart`].
     suspects: RwLock<()>,
     idle: Notify,
     /// Wakes supervisors that wait for a worker, since they are to end.

@@ -19,7 +19,12 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
 use tokio::select;
+use tokio::time::timeout;
 use tracing::Instrument;
+
+/// The time for which a suspect runs alone, and for which it waits until it does: in both together the others wait less
+/// than the 30 s for which a client waits by default.
+const ALONE: Duration = Duration::from_secs(10);
 
 /// What a worker is to solve.
 #[derive(Clone, Copy)]
@@ -112,18 +117,32 @@ impl Jobs {
         }
     }
 
+    /// Does the `work` of a job beside others, unless the job is a suspect. A suspect runs alone at first, so that the next
+    /// death of the process is evidence against it; but not for long, so that the others are not held up by a job that
+    /// may be innocent.
+    pub(super) async fn apart<T>(&self, is_suspect: bool, work: impl Future<Output = T>) -> T {
+        let mut work = pin!(work);
+        if is_suspect && let Ok(alone) = timeout(ALONE, self.suspects.write()).await {
+            match timeout(ALONE, &mut work).await {
+                Ok(done) => return done,
+                Err(_) => {
+                    let _beside_others = alone.downgrade();
+                    return work.await;
+                }
+            }
+        }
+        // Not a suspect, or one for which the others have not ended in time.
+        let _beside_others = self.suspects.read().await;
+        work.await
+    }
+
     async fn see_through(&self, place: usize, supervisor: &mut Supervisor, job: &Arc<Job>, lane: Lane) {
         let (begun, lane) = (Instant::now(), LaneCell::of(lane));
         let mut origin = Origin::of(Some(job.id.to_string()), &job.context);
         let span = origin.span();
         origin.join(&span);
-        let outcome = if job.crashes > 0 {
-            let _alone = self.suspects.write().await;
-            self.attempt(place, supervisor, job, &origin, &lane).instrument(span).await
-        } else {
-            let _beside_others = self.suspects.read().await;
-            self.attempt(place, supervisor, job, &origin, &lane).instrument(span).await
-        };
+        let attempt = self.attempt(place, supervisor, job, &origin, &lane).instrument(span);
+        let outcome = self.apart(job.crashes > 0, attempt).await;
         let waits = matches!(outcome, Outcome::Waits);
         match outcome {
             Outcome::Ended(ended) => {
