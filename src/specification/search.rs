@@ -266,10 +266,13 @@ impl ContinueRequest {
 
 impl PartialSchema for Period {
     fn schema() -> RefOr<Schema> {
+        let phase = ObjectBuilder::new()
+            .schema_type(Type::String)
+            .description(Some("The state that keeps its initial value, which fixes the phase of the orbit."));
         let free = ObjectBuilder::new()
             .schema_type(Type::Object)
             .property("free", Expression::schema())
-            .property("phase", ObjectBuilder::new().schema_type(Type::String))
+            .property("phase", phase)
             .required("free")
             .required("phase")
             .additional_properties(Some(AdditionalProperties::FreeForm(false)));

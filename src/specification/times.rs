@@ -30,8 +30,15 @@ impl PartialSchema for Times {
                 .required(key)
                 .additional_properties(Some(AdditionalProperties::FreeForm(false)))
         };
-        let count = ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(2)).maximum(Some(2_000_000));
-        let every = ObjectBuilder::new().schema_type(Type::Number).exclusive_minimum(Some(0.0));
+        let count = ObjectBuilder::new()
+            .schema_type(Type::Integer)
+            .minimum(Some(2))
+            .maximum(Some(2_000_000))
+            .description(Some("A number of equally spaced times, including start and end."));
+        let every = ObjectBuilder::new()
+            .schema_type(Type::Number)
+            .exclusive_minimum(Some(0.0))
+            .description(Some("An interval: its multiples from the start, and the end."));
         OneOfBuilder::new()
             .item(ObjectBuilder::new().schema_type(Type::String).enum_values(Some(["steps"])))
             .item(rule("count", count))

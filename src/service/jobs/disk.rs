@@ -285,7 +285,6 @@ mod tests {
     use super::super::spool::Backing;
     use super::*;
     use crate::digest::Fingerprint;
-    use std::thread;
     use std::time::{Duration, Instant};
 
     /// A temporary folder, removed when it is dropped.
