@@ -9,6 +9,7 @@ use super::is_damage;
 use super::overlay::Overlay;
 use super::salvage::Source;
 use super::tables;
+use super::tenancy::patiently;
 use redb::Builder;
 use rustix::process::{Resource, Rlimit, setrlimit};
 use std::ffi::OsStr;
@@ -38,7 +39,9 @@ pub fn is_sound(folder: &Path) -> bool {
     // The exit code is report enough: no core file.
     let _ = setrlimit(Resource::Core, Rlimit { current: Some(0), maximum: Some(0) });
     let Ok(overlay) = Overlay::open(&folder.join("jobs.redb")) else { return true };
-    let redb = match guarded(|| Ok(Builder::new().create_with_backend(overlay.clone())?)) {
+    let open = || guarded(|| Ok(Builder::new().create_with_backend(overlay.clone())?));
+    // Less than the time limit of this process.
+    let redb = match patiently(START / 2, open) {
         Ok(redb) => redb,
         Err(error) => return !is_damage(&error),
     };

@@ -26,7 +26,7 @@ use super::marks::Marks;
 use super::reserve::Reserve;
 use super::results::Long;
 use super::tables::FORMAT;
-use super::tenancy::Tenancy;
+use super::tenancy::{Tenancy, patiently};
 use super::writer::{Unwritable, WriteSlot, Writer};
 use super::{JobId, Record, Results, is_damage};
 use crate::digest::Digest;
@@ -80,11 +80,12 @@ impl Disk {
     fn recover(folder: &Path, program: Option<&OsStr>, metrics: &Metrics) -> io::Result<(Self, Found)> {
         files::create(folder)?;
         let path = folder.join("jobs.redb");
-        let tenancy = Tenancy::take(folder, &path, apart::patience(&path)?)?;
+        let patience = apart::patience(&path)?;
+        let tenancy = Tenancy::take(folder, &path, patience)?;
         let is_healed = program.map_or(Ok(false), |program| apart::heal(program, folder))?;
         let files = Arc::new(Files::open(folder.join("results"))?);
         let reserve = Reserve::at(folder.join("reserve"));
-        let open = || Database::in_file(&path, &|id| files.put_beside(id));
+        let open = || patiently(patience, || Database::in_file(&path, &|id| files.put_beside(id)));
         // On a full disk, the reserve may be just the room that the opening takes.
         let (database, format) = open().or_else(|error| {
             if error.kind() != io::ErrorKind::StorageFull {

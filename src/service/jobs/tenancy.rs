@@ -49,19 +49,29 @@ impl Tenancy {
             // A file system without record locks: the lock of the database remains.
             Err(error) => tracing::debug!(%error, "the folder cannot be locked by itself"),
         }
-        let begun = Instant::now();
-        let mut is_told = false;
-        while !is_free(path)? {
-            if begun.elapsed() > patience {
-                return Err(in_use());
-            }
-            if begun.elapsed() > LONG && !is_told {
-                is_told = true;
-                tracing::warn!("another process still has the database open; waiting until it ends");
-            }
-            sleep(LOOK);
-        }
+        patiently(patience, || if is_free(path)? { Ok(()) } else { Err(in_use()) })?;
         Ok(Self { _lock: lock })
+    }
+}
+
+/// Opens a database of which this process or its parent has the [`Tenancy`]: while it is in use, it is tried again for at
+/// most `patience`. A process that examined it for a start that was killed may open it at any moment before it ends.
+///
+/// # Errors
+/// Those of `open`.
+pub fn patiently<T>(patience: Duration, mut open: impl FnMut() -> io::Result<T>) -> io::Result<T> {
+    let begun = Instant::now();
+    let mut is_told = false;
+    loop {
+        match open() {
+            Err(error) if error.kind() == io::ErrorKind::ResourceBusy && begun.elapsed() < patience => {}
+            opened => return opened,
+        }
+        if begun.elapsed() > LONG && !is_told {
+            is_told = true;
+            tracing::warn!("another process still has the database open; waiting until it ends");
+        }
+        sleep(LOOK);
     }
 }
 
@@ -79,4 +89,28 @@ fn is_free(path: &Path) -> io::Result<bool> {
     }
     let backend = FileBackend::new(file).map_err(io::Error::other)?;
     Ok(backend.try_lock_range(Bound::Unbounded, Bound::Unbounded).unwrap_or(true))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_database_in_use_is_opened_once_it_is_free_and_other_errors_are_told_at_once() {
+        let (mut attempts, minute) = (0, Duration::from_secs(60));
+        let mut opened = |free: u32, error: fn() -> io::Error| {
+            attempts = 0;
+            let opened = patiently(minute, || {
+                attempts += 1;
+                if attempts < free { Err(error()) } else { Ok(()) }
+            });
+            (attempts, opened.is_ok())
+        };
+        assert_eq!(opened(20, in_use), (20, true));
+        assert_eq!(opened(20, || io::ErrorKind::StorageFull.into()), (1, false));
+        assert_eq!(
+            patiently(Duration::ZERO, || Err::<(), _>(in_use())).unwrap_err().kind(),
+            io::ErrorKind::ResourceBusy
+        );
+    }
 }
