@@ -127,7 +127,11 @@ pub fn run(arguments: Arguments) -> ExitCode {
 }
 
 fn serve(options: Options, log: &Log) -> io::Result<()> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().thread_name("dvi-http").enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .thread_name("dvi-http")
+        .max_blocking_threads(blocking_threads(options.workers.get()))
+        .enable_all()
+        .build()?;
     runtime.block_on(async {
         let listener = bind(options.listen).await?;
         let (address, workers) = (listener.local_addr()?, options.workers);
@@ -145,6 +149,13 @@ fn serve(options: Options, log: &Log) -> io::Result<()> {
     // A thread still busy with an abandoned specification must not delay the exit.
     runtime.shutdown_background();
     Ok(())
+}
+
+/// The number of threads that read and write responses and wait for the ends of dead workers. Each keeps some memory of
+/// its own between two tasks, so that their number bounds the memory of many slow readers; what they do does not wait
+/// for clients.
+fn blocking_threads(workers: usize) -> usize {
+    4 + 2 * workers.min(usize::from(u16::MAX))
 }
 
 /// Binds the address. One that is in use is tried again for a moment: a child process of a service that was just killed
