@@ -114,7 +114,7 @@ pub(super) struct Unseen {
     spent: f64,
     /// Whether functions of the states were left undecided in the last step.
     is_open: bool,
-    /// Fraction of the last step at which a variation begins that its stages miss.
+    /// Fraction of the last step at which a variation begins that its stages miss; one if no part of it counts by itself.
     pub seen: f64,
 }
 

@@ -250,3 +250,16 @@ fn a_sliding_variable_has_its_value_at_outputs_whatever_its_coefficient_does() {
     let off = t.iter().zip(s).filter(|(t, _)| **t > 1.0).map(|(t, s)| (s * (2.0 + (t - 50.0).powi(2)) - 1.0).abs());
     assert!(off.fold(0.0, f64::max) < 1e-9);
 }
+
+#[test]
+fn a_pulse_of_a_free_variable_is_integrated_at_every_tolerance() {
+    // y' = z with z = exp(-(t - 50)^2): the tails of the pulse count only together.
+    for digits in 4..=11 {
+        let solution = solve(&json!({"problem": {"dvi": {"states": {"y": {"initial": 0, "rate": "z"}},
+            "variables": {"z": {"inequality": "z - exp(-(t - 50)^2)"}}, "set": [{"free": ["z"]}]}},
+            "time": {"end": 100}, "output": {"times": [0, 50, 53, 100]}, "method": {"rtol": 10_f64.powi(-digits)}}));
+        assert_trusted(&solution);
+        let off = (last(&solution, "y") - PI.sqrt()).abs();
+        assert!(off < 50.0 * 10_f64.powi(-digits), "rtol 1e-{digits}: {off:e}");
+    }
+}

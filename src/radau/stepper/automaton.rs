@@ -298,8 +298,8 @@ impl Automaton for Radau<'_> {
         let first = self.counts.accepted == 0;
         let seen = self.unseen.seen;
         self.shrink(h, RejectionCause::Error, |controller| match is_missed {
-            // Cut the step where the missed variation begins.
-            true if seen >= LEAST => controller.cut(seen * h),
+            // Cut the step where the missed variation begins; if only the sum over its parts counts, it begins nowhere.
+            true if (LEAST..1.0).contains(&seen) => controller.cut(seen * h),
             true => controller.miss(s, h, error.min(1e10), iterations, most),
             false => controller.reject(s, h, error.min(1e10), iterations, most, first),
         })?;
