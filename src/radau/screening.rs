@@ -40,7 +40,8 @@ const SHORTEST: f64 = 1.0 / MOST_PARTS as f64;
 /// Least fraction of a step that is worth a step of its own, if screening proves no more and hidden constraints
 /// determine variables.
 pub(super) const LEAST: f64 = 0.1;
-/// Fraction of a step that is tried next if the equations of the face vary between the stages by more than these show.
+/// Fraction of a step that is tried next if the equations of the face vary between the stages by more than these show:
+/// two halvings, since each attempt solves the stages anew.
 pub(super) const UNRESOLVED: f64 = 0.25;
 /// Number of halvings towards the beginning of a step, in the search for a point at which a monitor was still positive.
 const RISES: i32 = 6;
@@ -255,20 +256,19 @@ impl Radau<'_> {
         }
         let tableau = self.tableau();
         let (t, begin, evaluations) = (self.clock.t, self.y.clone(), self.system.work.rates);
-        let mut at = |theta: f64| {
-            if along == Along::Polynomial {
-                self.polynomial_at(theta);
+        let mut at = |theta: f64| -> Vec<f64> {
+            if along == Along::Time {
+                self.system.evaluate(t + theta * h, &begin);
+                return self.system.values.clone();
             }
-            let y = if along == Along::Polynomial { &self.switching.scratch } else { &begin };
+            self.polynomial_at(theta);
+            let y = &self.switching.scratch;
             self.system.evaluate(t + theta * h, y);
-            let linear = |row: usize| -> f64 {
-                self.system.entries_of_row(row).map(|(j, value)| value * (y[j] - begin[j])).sum()
-            };
-            rows.iter()
-                .map(|&row| self.system.values[row] - if along == Along::Polynomial { linear(row) } else { 0.0 })
-                .collect()
+            // Linear terms follow the polynomials, whatever these do.
+            let linear = |row: usize| self.system.slope(row - n, |j| y[j] - begin[j]);
+            rows.iter().map(|&row| self.system.values[row] - linear(row)).collect()
         };
-        let at_begin: Vec<f64> = at(0.0);
+        let at_begin = at(0.0);
         let at_nodes: Vec<Vec<f64>> = tableau.c.iter().map(|&node| at(node)).collect();
         let mut weights = vec![0.0; tableau.stages()];
         let is_unresolved = tableau.middles().any(|theta| {

@@ -181,7 +181,8 @@ pub fn integrate_convolution(
     }
 }
 
-/// The share of the progress of a run with half as many steps as were given: each step takes in all earlier ones.
+/// The share of the progress of a run with half as many steps as were given: a quarter of the work of the run itself, since
+/// each step takes in all earlier ones.
 const HALF_AS_MANY: f64 = 0.2;
 
 /// Records what a run with steps of a given size differs by from one with half as many, `before`.

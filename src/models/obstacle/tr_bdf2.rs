@@ -196,12 +196,12 @@ impl<'c> TrBdf2<'c> {
         if let Err(why) = self.solve(1, D * h, next)? {
             return Ok(Attempt::Unsolved(why));
         }
-        let size = self.settings.atol + self.settings.rtol * self.largest(h);
+        let largest = self.largest(h);
+        let size = self.settings.atol + self.settings.rtol * largest;
         if self.settings.step.is_some() {
             // With a fixed step size, hidden motion is compared with the tolerance `FIXED` instead of `rtol`.
             let size = FIXED / self.settings.rtol * size;
             self.counts.unproven += u64::from(self.hidden_error(h, next, size)? > size);
-            let largest = self.largest(h);
             self.counts.given_steps += if largest > 0.0 { self.error(h) / largest } else { 0.0 };
             return Ok(Attempt::Made(0.0));
         }

@@ -154,21 +154,17 @@ impl Automaton for Radau<'_> {
         let violated = step.violated && self.is_violated_within(h, None);
         let between = if violated || self.stage_vi.is_none() { None } else { Some(self.screen_step(h)) };
         let violation = between.and_then(Between::violation).filter(|_| self.switching.locates());
-        if let Some(Between::ProvenUpTo(theta)) = between
-            && self.settings.step.is_none()
-            && self.switching.locates()
-        {
-            attempts.is_proven_part = true;
-            return Ok(Screened::Shorter(theta * h));
-        }
-        if between == Some(Between::Unresolved)
-            && attempts.searches > 0
-            && self.settings.step.is_none()
-            && self.switching.locates()
-        {
-            attempts.searches -= 1;
-            attempts.missed = between;
-            return Ok(Screened::Shorter(UNRESOLVED * h));
+        match between {
+            Some(Between::ProvenUpTo(theta)) if self.may_shorten() => {
+                attempts.is_proven_part = true;
+                return Ok(Screened::Shorter(theta * h));
+            }
+            Some(Between::Unresolved) if self.may_shorten() && attempts.searches > 0 => {
+                attempts.searches -= 1;
+                attempts.missed = between;
+                return Ok(Screened::Shorter(UNRESOLVED * h));
+            }
+            _ => {}
         }
         if !violated && violation.is_none() {
             step.between = between;
@@ -197,7 +193,6 @@ impl Automaton for Radau<'_> {
             attempts.proven = first.1;
             located = self.locate_switch(size, Some(first.0))?;
         }
-        let searches = self.settings.step.is_none() && self.switching.locates();
         Ok(match located {
             EventTime::At { h, between } => {
                 Located::Ends(Trial { between: Some(between), ..Trial::on_face(h, step.iterations) }, Some(AtSwitch))
@@ -209,7 +204,7 @@ impl Automaton for Radau<'_> {
             }
             EventTime::Nowhere if !step.is_followed => Located::Retry(0.5 * size),
             // The step is proven up to shortly before the violation.
-            EventTime::Nowhere if attempts.proven >= LEAST && searches => {
+            EventTime::Nowhere if attempts.proven >= LEAST && self.may_shorten() => {
                 attempts.is_proven_part = true;
                 Located::Retry(std::mem::take(&mut attempts.proven) * size)
             }
@@ -238,8 +233,7 @@ impl Automaton for Radau<'_> {
                 // it, unless switches accumulate, where the whole accumulation is assessed instead.
                 let ends_on_face = self.system.face.is_same(&self.switching.before);
                 let is_one_face = ends_on_face && self.stage_vi.as_ref().is_some_and(|vi| vi.is_one_face);
-                let is_alone = self.switching.locates() && self.accumulations() == 0;
-                let is_screened = ends_on_face && is_alone && self.settings.step.is_none();
+                let is_screened = ends_on_face && self.may_shorten() && self.accumulations() == 0;
                 let between = attempts.missed.or_else(|| is_screened.then(|| self.screen_step(h)));
                 if is_screened
                     && let Some(part) = between.and_then(Between::part_before)
@@ -329,6 +323,11 @@ impl Automaton for Radau<'_> {
 }
 
 impl Radau<'_> {
+    /// Whether a step may be shortened to find an event in it.
+    fn may_shorten(&self) -> bool {
+        self.settings.step.is_none() && self.switching.locates()
+    }
+
     /// Newton's method on the present face.
     pub(crate) fn newton(&mut self, h: f64) -> Newton {
         let tableau = self.tableau();

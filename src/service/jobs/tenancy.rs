@@ -1,7 +1,7 @@
 //! The exclusive use of a folder by one service.
 //!
-//! The lock of the database belongs to the open file, of which every child process has a copy until it executes its own
-//! program: if the service is killed in that moment, the child holds the lock for some milliseconds more, and a process
+//! The lock of the database belongs to the open file, and every child process has a copy of that file until it executes its
+//! own program: if the service is killed in that moment, the child holds the lock for some milliseconds more, and a process
 //! that examines the database for a start holds it until it ends. A record lock (`fcntl`) belongs to the process: no child
 //! inherits it, and it ends with the process. So whoever has the record lock knows that no other service uses the folder,
 //! and that the lock of the database, if it is held, is held by a process that is about to end, for which it waits.
@@ -54,8 +54,8 @@ impl Tenancy {
     }
 }
 
-/// Opens a database of which this process or its parent has the [`Tenancy`]: while it is in use, it is tried again for at
-/// most `patience`. A process that examined it for a start that was killed may open it at any moment before it ends.
+/// Opens a database in a folder whose [`Tenancy`] this process or its parent has: while the database is in use, it is tried
+/// again for at most `patience`. A process that examined it for a start that was killed may open it at any moment before it ends.
 ///
 /// # Errors
 /// Those of `open`.
@@ -75,7 +75,7 @@ pub fn patiently<T>(patience: Duration, mut open: impl FnMut() -> io::Result<T>)
     }
 }
 
-/// Whether no process has locked the database at `path`, or there is none.
+/// Whether the database at `path` is unlocked, or there is no database.
 fn is_free(path: &Path) -> io::Result<bool> {
     let file = match OpenOptions::new().read(true).write(true).open(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(true),
