@@ -38,6 +38,12 @@ impl Radau<'_> {
             self.system.evaluate(t, scratch);
         }
         monitors(&mut self.system, &self.control, scratch, out);
+        // Derivatives elsewhere say nothing about the noise of a monitor that is small here.
+        let may_be_violated = |monitor: &Monitor| monitor.value < 0.0 && !monitor.is_violated();
+        if out.iter().any(may_be_violated) && self.system.exchange_derivatives(t, scratch) {
+            monitors(&mut self.system, &self.control, scratch, out);
+            self.system.restore_derivatives();
+        }
     }
 
     /// Evaluates the collocation polynomial of the present step into `switching.scratch`.

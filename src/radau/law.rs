@@ -10,7 +10,8 @@
 //! does not depend on the units: below one, the law holds for values within the tolerances.
 
 use super::screening::ALLOWED;
-use super::stepper::{Extent, Radau};
+use super::stepper::Radau;
+use super::uncertainties::Uncertainties;
 use numerics::Interval;
 
 /// The variable with the largest residual of its law.
@@ -47,6 +48,9 @@ impl Radau<'_> {
         }
         let n = self.system.states;
         let mut near: Option<Vec<Interval>> = None;
+        let uncertainties = self.uncertainties(self.last.h);
+        let slopes = self.slopes_near(t, y, &uncertainties.errors);
+        let slope = |at: usize| slopes[at];
         let mut keep = |variable: usize, excess: f64| {
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
             if excess > worst.excess {
@@ -57,7 +61,7 @@ impl Radau<'_> {
             if self.system.set.block_of(k).is_some() {
                 continue;
             }
-            let [of_z, of_g] = self.uncertainties(k, self.last.h);
+            let [of_z, of_g] = uncertainties.of(&self.system, k, slope);
             let (z, g) = (y[n + k], self.system.values[n + k]);
             let (below, above) = (z - self.system.set.lower[k], self.system.set.upper[k] - z);
             let of = |g: f64| natural_map(below / of_z, above / of_z, g / of_g);
@@ -72,7 +76,7 @@ impl Radau<'_> {
         }
         for b in 0..self.system.set.blocks().len() {
             let members = &self.system.set.blocks()[b].members;
-            let of_members = members.iter().map(|&k| self.uncertainties(k, self.last.h));
+            let of_members = members.iter().map(|&k| uncertainties.of(&self.system, k, slope));
             let [of_z, of_g] = of_members.fold([0.0_f64; 2], |most, of| [most[0].max(of[0]), most[1].max(of[1])]);
             let first = members[0];
             let defect = self.system.defect_of_block(b, &y[n..], of_z / of_g);
@@ -96,6 +100,24 @@ impl Radau<'_> {
         values
     }
 
+    /// Largest magnitudes of the derivatives at `t` over all unknowns within `errors` of `y`; those of the last
+    /// differentiation if these are constant, and for derivatives that cannot be enclosed.
+    fn slopes_near(&mut self, t: f64, y: &[f64], errors: &[f64]) -> Vec<f64> {
+        let mut slopes: Vec<f64> = self.system.derivatives.iter().map(|slope| slope.abs()).collect();
+        if self.system.constant_jacobian() {
+            return slopes;
+        }
+        let ranges: Vec<Interval> =
+            y.iter().zip(errors).map(|(y, error)| Interval::new(y - error, y + error)).collect();
+        let mut jacobian = vec![Interval::LINE; slopes.len()];
+        let mut by_time = vec![Interval::LINE; self.system.unknowns - self.system.states];
+        if self.system.problem().enclose_derivatives(Interval::point(t), &ranges, &mut jacobian, &mut by_time) {
+            let sizes = jacobian.iter().map(|slope| slope.size());
+            slopes.iter_mut().zip(sizes).filter(|(_, size)| size.is_finite()).for_each(|(slope, size)| *slope = size);
+        }
+        slopes
+    }
+
     /// Uncertainty of unknown `j` under the tolerances; for a variable, which has no absolute tolerance, relative to
     /// its largest value.
     pub(super) fn uncertainty(&self, j: usize) -> f64 {
@@ -103,22 +125,27 @@ impl Radau<'_> {
         atol + self.settings.rtol * self.extent.largest[j]
     }
 
-    /// Uncertainties of variable `k` and of its `G` under the tolerances: errors of the states, the tolerance of the
-    /// VI, and for the variable also a change that affects no state over the longest step so far. The weights must be
-    /// those of a step of size `h`, or of a shorter step that finds a face behind it.
-    pub(super) fn uncertainties(&self, k: usize, h: f64) -> [f64; 2] {
-        let Self { system, settings, extent: Extent { largest, .. }, .. } = self;
-        let n = system.states;
-        let error = |j: usize| self.uncertainty(j);
-        let [terms, by_errors] = system.terms(k, |j| [largest[j], error(j)]);
-        let of_g = (settings.vi_tolerance * terms).max(by_errors);
-        let effect = self.control.weight[n + k] * self.orders.last().tolerance.factor;
-        let without_effect = if effect > 0.0 { h / (effect * self.extent.longest.max(h)) } else { 0.0 };
-        // An error of the states shifts the root of `G` as well.
-        let own = system.entries_of_variable(k).find(|&(j, _)| j == n + k).map_or(0.0, |(_, value)| value.abs());
-        let of_root = if own > 0.0 { by_errors / own } else { 0.0 };
-        let of_z = (error(n + k) + system.terms_of_bounds(k, error)).max(without_effect).max(of_root);
-        [of_z, of_g].map(|of| of.max(f64::MIN_POSITIVE))
+    /// Uncertainties under the tolerances. The weights must be those of a step of size `h`, or of a shorter step that
+    /// finds a face behind it.
+    pub(super) fn uncertainties(&self, h: f64) -> Uncertainties {
+        let Self { system, settings, extent, control, .. } = self;
+        let longest = extent.longest.max(h);
+        let factor = self.orders.last().tolerance.factor;
+        let without_effect = control.weight[system.states..].iter().map(|weight| match weight * factor {
+            effect if effect > 0.0 => h / (effect * longest),
+            _ => 0.0,
+        });
+        Uncertainties {
+            errors: (0..system.unknowns).map(|j| self.uncertainty(j)).collect(),
+            largest: extent.largest.clone(),
+            without_effect: without_effect.collect(),
+            vi_tolerance: settings.vi_tolerance,
+        }
+    }
+
+    /// The uncertainties of variable `k` and of its `G`, by the current derivatives.
+    pub(super) fn uncertainties_of(&self, k: usize, h: f64) -> [f64; 2] {
+        self.uncertainties(h).of(&self.system, k, |at| self.system.derivatives[at].abs())
     }
 }
 

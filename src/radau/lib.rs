@@ -46,6 +46,7 @@ mod switches;
 mod system;
 mod tableau;
 mod tangents;
+mod uncertainties;
 mod unseen;
 mod work;
 

@@ -31,7 +31,14 @@ impl NewtonControl {
     /// Noise level of `G_k` at `y`: the tolerance of the VI, the rounding of time, or the effect of an error of the
     /// states that Newton's method accepts, whichever is largest.
     pub fn noise_of_g(&self, system: &System<'_>, k: usize, y: &[f64]) -> f64 {
-        let [terms, passed] = system.terms(k, |j| [self.size[j].max(y[j].abs()), self.passed(system, j)]);
+        self.noise_of_g_by(system, k, y, |at| system.derivatives[at].abs())
+    }
+
+    /// As [`Self::noise_of_g`], where `slope` returns the magnitude of the derivative that is stored at a place of the
+    /// Jacobian.
+    pub fn noise_of_g_by(&self, system: &System<'_>, k: usize, y: &[f64], slope: impl Fn(usize) -> f64) -> f64 {
+        let row = system.states + k;
+        let [terms, passed] = system.terms_by(row, slope, |j| [self.size[j].max(y[j].abs()), self.passed(system, j)]);
         (self.vi_tolerance * terms).max(passed).max(self.by_time[k]).max(UNDERFLOW)
     }
 

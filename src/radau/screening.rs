@@ -8,6 +8,7 @@
 
 mod block_monitors;
 pub(super) mod contraction;
+mod limits;
 mod monitors;
 mod on_face;
 pub(super) mod part;
@@ -20,6 +21,7 @@ use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
 use super::tableau::interpolation_error;
+use limits::{Limits, is_curved};
 use monitors::{Enclosure, Found};
 use on_face::{OnFace, Told};
 use part::Part;
@@ -107,15 +109,11 @@ enum Along {
     Polynomial,
 }
 
-/// Limits of a block whose monitors are left out.
-const LEFT_OUT: [f64; 2] = [f64::INFINITY; 2];
-
 /// Workspace of the screening.
 #[derive(Debug, Default)]
 pub(super) struct Screening {
     watched: Vec<Watched>,
-    /// Limits of the distances and of the multipliers of each block, below which they count as zero.
-    of_blocks: Vec<[f64; 2]>,
+    limits: Limits,
     enclosure: Enclosure,
     /// Parts still to be examined, as a stack: the earliest is last.
     left: Vec<Part>,
@@ -138,13 +136,10 @@ impl Radau<'_> {
     }
 
     fn screen_parts(&mut self, h: f64, screening: &mut Screening) -> Between {
-        let Screening { watched, of_blocks, enclosure, left, spare } = screening;
-        of_blocks.clear();
-        for block in self.system.set.blocks() {
-            let sum = |sum: [f64; 2], of: [f64; 2]| [sum[0].max(of[0]), sum[1] + of[1]];
-            of_blocks.push(block.members.iter().map(|&k| self.limits(k, h)).fold([0.0; 2], sum));
-        }
-        watch(&self.system, |k| self.limits(k, h), watched);
+        let Screening { watched, limits, enclosure, left, spare } = screening;
+        watch(&self.system, watched);
+        limits.start(&self.system, &self.control, self.uncertainties(h), &self.y);
+        let has_blocks = self.system.set.has_blocks();
         spare.append(left);
         let mut whole = spare.pop().unwrap_or_default();
         let s = self.tableau().stages();
@@ -155,13 +150,13 @@ impl Radau<'_> {
         let told = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() }.told();
         // On curved faces monitors are evaluated from the polynomials of their variables, which may violate hidden
         // constraints.
-        let is_proof = of_blocks.is_empty() || told != Told::InPart;
+        let is_proof = !has_blocks || told != Told::InPart;
         let are_told = told != Told::InPart || watched.is_empty();
         let mut parts = 0;
         let (mut most, mut least) = if are_told { (MOST_PARTS, SHORTEST) } else { (MOST_HIDDEN, LEAST) };
         // Result for the monitors that hidden constraints enter, once these monitors are given up.
         let mut given_up = None;
-        while !(watched.is_empty() && of_blocks.is_empty())
+        while (has_blocks || !watched.is_empty())
             && let Some(mut part) = left.pop()
         {
             parts += 1;
@@ -172,7 +167,7 @@ impl Radau<'_> {
                 let Self { system, control, switching, consistent, .. } = self;
                 let Switching { inside, constraints, .. } = switching;
                 let mut on = OnFace { system, control, inside, constraints, consistent: consistent.as_mut() };
-                match enclosure.prove(&mut on, &part, span, watched, of_blocks) {
+                match enclosure.prove(&mut on, &part, span, watched, limits) {
                     Found::Proven => {}
                     Found::Unproven { may_fail } if parts < most => {
                         if may_fail && self.is_violated_at(part.middle(), h) {
@@ -203,7 +198,7 @@ impl Radau<'_> {
                         continue;
                     }
                     // Boxes alone are too wide for the curved monitors of blocks; flat monitors are still to be proven.
-                    _ if self.leave_out_curved(of_blocks) => {
+                    _ if limits.leave_out_curved(&self.system) => {
                         given_up.get_or_insert(Between::Undecided);
                         (most, least) = (parts + MOST_PARTS, SHORTEST);
                         left.push(part);
@@ -218,22 +213,8 @@ impl Radau<'_> {
         given_up.unwrap_or(if is_proof { Between::Proven } else { Between::Undecided })
     }
 
-    /// Leaves blocks on curved faces out of the proof; returns whether one of them was not left out before.
-    fn leave_out_curved(&self, of_blocks: &mut [[f64; 2]]) -> bool {
-        let blocks = self.system.set.blocks().iter().zip(&self.system.face.blocks);
-        let mut is_new = false;
-        for ((block, face), limits) in blocks.zip(of_blocks) {
-            if !block.shape.is_flat(face) && !self.system.face.holds(&block.members) {
-                is_new |= *limits != LEFT_OUT;
-                *limits = LEFT_OUT;
-            }
-        }
-        is_new
-    }
-
     fn are_monitors_flat(&self) -> bool {
-        let mut blocks = self.system.set.blocks().iter().zip(&self.system.face.blocks);
-        blocks.all(|(block, face)| block.shape.is_flat(face) || self.system.face.holds(&block.members))
+        (0..self.system.set.blocks().len()).all(|b| !is_curved(&self.system, b))
     }
 
     /// Whether rows vary by more than the stages of a step of size `h` show: at the midpoints between the stages they
@@ -284,14 +265,6 @@ impl Radau<'_> {
         // Evidence is not part of the method: do not count its evaluations.
         self.system.work.rates = evaluations;
         is_unresolved
-    }
-
-    /// Limits of variable `k` and of its `G` over a step of size `h`, below which they count as zero.
-    fn limits(&self, k: usize, h: f64) -> [f64; 2] {
-        let [of_z, of_g] = self.uncertainties(k, h);
-        let noise =
-            [self.control.noise_of_z(&self.system, k, &self.y), self.control.noise_of_g(&self.system, k, &self.y)];
-        [of_z.max(noise[0]), of_g.max(noise[1])]
     }
 
     /// Whether a monitor is violated at `theta` of the step of size `h`, whose stages are solved.

@@ -69,6 +69,8 @@ pub struct System<'p> {
     row_starts: Vec<usize>,
     /// Nonzeros of the Jacobian as of the last evaluation.
     pub derivatives: Vec<f64>,
+    /// Derivatives that stand aside while others take their place.
+    exchanged: Vec<f64>,
     /// Counters.
     pub work: Work,
 }
@@ -138,6 +140,7 @@ impl<'p> System<'p> {
             recent: (unknowns > n).then(|| Recent::new(unknowns, rows)),
             row_starts,
             derivatives: vec![0.0; nonzeros],
+            exchanged: Vec::new(),
             work: Work::default(),
         })
     }

@@ -183,8 +183,8 @@ impl Radau<'_> {
                 let mass = self.system.mass_diagonal[row].abs();
                 self.uncertainty(row) / h * if mass == 0.0 { 1.0 } else { mass }
             }
-            row if row < unknowns => self.uncertainties(row - n, h)[1],
-            row => self.uncertainties(self.system.variable_of_bound(row - unknowns), h)[0],
+            row if row < unknowns => self.uncertainties_of(row - n, h)[1],
+            row => self.uncertainties_of(self.system.variable_of_bound(row - unknowns), h)[0],
         };
         let [first, middle, last] = &seen;
         is_enclosed
@@ -267,12 +267,12 @@ impl Radau<'_> {
         let of_bound = |p: usize| {
             let at = self.system.unknowns + p;
             self.system.equations_of_bound(p).into_iter().map(move |(equation, factor)| {
-                let allowed = self.uncertainties(equation - n, h)[0] / factor.abs();
+                let allowed = self.uncertainties_of(equation - n, h)[0] / factor.abs();
                 Row { at, equation, factor, allowed, has_feature: has_feature(at) }
             })
         };
         let bounds = (0..self.system.bounds()).flat_map(of_bound);
-        let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties(k, h)[1]))).chain(bounds);
+        let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties_of(k, h)[1]))).chain(bounds);
         rows.filter(|row| self.is_fast(h) || row.has_feature).collect()
     }
 

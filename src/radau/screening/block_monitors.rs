@@ -3,7 +3,7 @@
 //! slopes of the monitors; in the interior of curved sets and at their vertices, the slopes of `z` and `G`. Curved
 //! faces have the box alone.
 
-use super::LEFT_OUT;
+use super::limits::Limits;
 use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
@@ -48,9 +48,9 @@ pub(super) struct Over<'a> {
 
 impl BlockMonitors {
     /// Marks all blocks as open, except those left out; returns whether none is open.
-    pub fn leave_open(&mut self, limits: &[[f64; 2]]) -> bool {
+    pub fn leave_open(&mut self, system: &System<'_>, limits: &Limits) -> bool {
         self.open.clear();
-        self.open.extend((0..limits.len()).filter(|&b| limits[b] != LEFT_OUT));
+        self.open.extend((0..system.set.blocks().len()).filter(|&b| !limits.is_left_out(b)));
         self.open.is_empty()
     }
 
@@ -62,14 +62,14 @@ impl BlockMonitors {
         unknowns: &[Interval],
         rows: &[Interval],
         errors: &[f64],
-        limits: &[[f64; 2]],
+        limits: &Limits,
     ) -> bool {
         self.take_face(system);
         let n = system.states;
         let error = |j: usize| errors.get(j).copied().unwrap_or(0.0);
         let ball = |error: f64| Interval::new(-error, error);
         self.open.clear();
-        for (b, limits) in limits.iter().enumerate() {
+        for b in 0..system.set.blocks().len() {
             let (block, face) = (&system.set.blocks()[b], &system.face.blocks[b]);
             let Self { z, g, .. } = self;
             z.clear();
@@ -77,8 +77,8 @@ impl BlockMonitors {
             g.clear();
             let of_g = |k: usize| ball(system.terms(k, |j| [error(j)])[0]);
             g.extend(block.members.iter().map(|&k| rows[n + k] + of_g(k)));
-            let [of_z, of_g] = *limits;
-            let is_proven = *limits == LEFT_OUT
+            let [of_z, of_g] = limits.of_block(system, b);
+            let is_proven = limits.is_left_out(b)
                 || system.face.holds(&block.members)
                 || match block.shape.is_flat(face) {
                     true => self.moving[b].iter().all(|(monitor, _)| {
@@ -86,7 +86,7 @@ impl BlockMonitors {
                         let range = monitor.range(&self.z, &self.g);
                         range.defined && range.lo + limit >= 0.0
                     }),
-                    false => self.is_curved_proven(block, face, system.radius(b, rows), *limits),
+                    false => self.is_curved_proven(block, face, system.radius(b, rows), [of_z, of_g]),
                 };
             if !is_proven {
                 self.open.push(b);
@@ -96,13 +96,13 @@ impl BlockMonitors {
     }
 
     /// Whether no monitor of the open blocks falls below minus its limit, by the slopes.
-    pub fn are_proven_by_slopes(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>, limits: &[[f64; 2]]) -> bool {
+    pub fn are_proven_by_slopes(&mut self, on: &mut OnFace<'_, '_>, over: &Over<'_>, limits: &Limits) -> bool {
         self.take_face(on.system);
         self.reduce(on, over);
         let system = &*on.system;
         let moving = std::mem::take(&mut self.moving);
         let mut open = std::mem::take(&mut self.open);
-        open.retain(|&b| !self.is_proven_by_slopes(system, b, &moving[b], over, limits[b]));
+        open.retain(|&b| !self.is_proven_by_slopes(system, b, &moving[b], over, limits.of_block(system, b)));
         let are_proven = open.is_empty();
         (self.moving, self.open) = (moving, open);
         are_proven

@@ -29,6 +29,7 @@
 
 use super::MOST_PARTS;
 use super::block_monitors::{BlockMonitors, Over};
+use super::limits::Limits;
 use super::on_face::{OnFace, Told};
 use super::part::Part;
 use super::point::Point;
@@ -90,15 +91,14 @@ pub(super) enum Found {
 }
 
 impl Enclosure {
-    /// Attempts to prove that no monitor falls below minus its limit over a part that begins at `t` and takes `h`;
-    /// `limits` are those of blocks.
+    /// Attempts to prove that no monitor falls below minus its limit over a part that begins at `t` and takes `h`.
     pub fn prove(
         &mut self,
         on: &mut OnFace<'_, '_>,
         part: &Part,
         (t, h): (f64, f64),
         watched: &[Watched],
-        limits: &[[f64; 2]],
+        limits: &mut Limits,
     ) -> Found {
         let times = Interval::new(t.next_down(), (t + h).next_up());
         let told = on.told();
@@ -115,17 +115,21 @@ impl Enclosure {
         part.values(0.5, &mut self.middle.y);
         // Where derivatives vary, errors are those over the box.
         let is_linear = on.system.constant_jacobian();
-        let mut are_rows_known = false;
+        let mut are_rows_known = !is_linear && self.enclose_rows(on.system, times);
+        if !is_linear {
+            let known = are_rows_known.then_some((&self.rows.jacobian[..], &self.rows.by_time[..]));
+            limits.follow(on.system, on.control, &self.ranges, known);
+        }
+        let limits = &*limits;
         self.is_wide = false;
         if told == Told::ByEquations {
-            are_rows_known = !is_linear && self.enclose_rows(on.system, times);
             self.find_errors(on, false, are_rows_known);
         }
         let system = &*on.system;
         // The errors of variables that hidden constraints determine in part are not known: use their polynomials.
         let errors: &[f64] = if told == Told::ByEquations { &self.errors } else { &[] };
         let mut are_blocks_proven = match told {
-            Told::ByHiddenConstraints => self.of_blocks.leave_open(limits),
+            Told::ByHiddenConstraints => self.of_blocks.leave_open(system, limits),
             _ => self.of_blocks.are_proven_by_box(system, &self.ranges, &self.values, errors, limits),
         };
         let by_slopes = !are_blocks_proven && told != Told::InPart;
@@ -134,7 +138,8 @@ impl Enclosure {
         left.extend((0..watched.len()).filter(|&at| {
             // Variables that only hidden constraints determine are bounded by the slopes.
             told != Told::ByEquations || {
-                let lower = self.lower_end(system, &watched[at]) - self.error_of(system, &watched[at]);
+                let monitor = &watched[at];
+                let lower = self.lower_end(system, monitor) + limits.of(monitor) - self.error_of(system, monitor);
                 lower < 0.0 || lower.is_nan()
             }
         }));
@@ -143,7 +148,7 @@ impl Enclosure {
         if !left.is_empty() || by_slopes {
             are_rows_known = are_rows_known || self.enclose_rows(on.system, times);
             may_fail = !(are_rows_known && self.know_middle(on, told, part, (t, h))) || {
-                let may_fail = self.may_fail(on, told, part, (t, h), watched, &mut left);
+                let may_fail = self.may_fail(on, told, part, (t, h), (watched, limits), &mut left);
                 if by_slopes {
                     let Self { of_blocks, rows, middle, values, errors, .. } = self;
                     let over = Over { told, slopes: rows, middle, rows: values, errors, part, h };
@@ -202,7 +207,7 @@ impl Enclosure {
         told: Told,
         part: &Part,
         (t, h): (f64, f64),
-        watched: &[Watched],
+        (watched, limits): (&[Watched], &Limits),
         left: &mut Vec<usize>,
     ) -> bool {
         let n = on.system.states;
@@ -253,7 +258,7 @@ impl Enclosure {
             // A negative value within the rounding error of a monitor is no event; slopes do not include the motion of
             // a bound.
             let moved = monitor.bound(system, &self.values).width();
-            let allowed = moved + error + rounding - monitor.limit.max(2.0 * rounding);
+            let allowed = moved + error + rounding - limits.of(monitor).max(2.0 * rounding);
             let mut is_proven = middle - 0.5 * slope.size() >= allowed;
             // If the slope has one sign, the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };
@@ -272,7 +277,7 @@ impl Enclosure {
                     Activity::Inactive => self.ranges[n + monitor.variable].width(),
                     _ => 0.0,
                 };
-                error > MOST_PARTS as f64 * (middle + monitor.limit).abs().max(elsewhere)
+                error > MOST_PARTS as f64 * (middle + limits.of(monitor)).abs().max(elsewhere)
             };
             !is_proven
         });
@@ -374,7 +379,7 @@ impl Enclosure {
         }
     }
 
-    /// Lower bound of a monitor over the box, plus its limit; NaN if the monitor is not defined on the whole box.
+    /// Lower bound of a monitor over the box; NaN if the monitor is not defined on the whole box.
     fn lower_end(&self, system: &System<'_>, monitor: &Watched) -> f64 {
         let (n, k) = (system.states, monitor.variable);
         let value = match monitor.place {
@@ -383,7 +388,7 @@ impl Enclosure {
             _ if monitor.upper => monitor.bound(system, &self.values) - self.ranges[n + k],
             _ => self.ranges[n + k] - monitor.bound(system, &self.values),
         };
-        if value.defined { value.lo + monitor.limit } else { f64::NAN }
+        if value.defined { value.lo } else { f64::NAN }
     }
 
     /// Effect of the errors of the unknowns on a monitor over the box.

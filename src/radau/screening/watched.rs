@@ -13,8 +13,6 @@ pub(super) struct Watched {
     pub place: Activity,
     /// For a free variable: whether the monitor is the distance to the upper bound, rather than to the lower one.
     pub upper: bool,
-    /// Magnitude below which the monitor counts as zero.
-    pub limit: f64,
 }
 
 impl Watched {
@@ -75,19 +73,18 @@ impl Combination {
     }
 }
 
-/// Writes the monitors of the face, except those of blocks, to `out`. Each may fall to `-limit`; `limits` returns the
-/// limit of a variable and that of its `G`.
-pub(super) fn watch(system: &System<'_>, limits: impl Fn(usize) -> [f64; 2], out: &mut Vec<Watched>) {
+/// Writes the monitors of the face, except those of blocks, to `out`.
+pub(super) fn watch(system: &System<'_>, out: &mut Vec<Watched>) {
     out.clear();
     for &k in &system.intervals {
         let place = system.face.places[k];
-        let watched = |upper: bool, limit: f64| Watched { variable: k, place, upper, limit };
+        let watched = |upper: bool| Watched { variable: k, place, upper };
         match place {
-            Activity::AtLower | Activity::AtUpper => out.push(watched(false, limits(k)[1])),
+            Activity::AtLower | Activity::AtUpper => out.push(watched(false)),
             Activity::Inactive => {
                 let ends = [(false, system.set.lower[k]), (true, system.set.upper[k])];
                 let finite = ends.into_iter().filter(|(_, end)| end.is_finite());
-                out.extend(finite.map(|(upper, _)| watched(upper, limits(k)[0])));
+                out.extend(finite.map(|(upper, _)| watched(upper)));
             }
             Activity::Fixed | Activity::Boundary(_) | Activity::Vertex => {}
         }

@@ -18,6 +18,26 @@ impl System<'_> {
         self.derivatives.iter().all(|value| value.is_finite()) || self.differentiate_beside(t, y)
     }
 
+    /// Exchanges the derivatives of the last differentiation for those at `(t, y)`, until [`Self::restore_derivatives`];
+    /// returns false, and changes nothing, if these are constant or not finite.
+    pub fn exchange_derivatives(&mut self, t: f64, y: &[f64]) -> bool {
+        if self.structure.constant_jacobian {
+            return false;
+        }
+        self.exchanged.resize(self.derivatives.len(), 0.0);
+        self.problem.jacobian(t, y, &mut self.exchanged);
+        let are_finite = self.exchanged.iter().all(|value| value.is_finite());
+        if are_finite {
+            std::mem::swap(&mut self.derivatives, &mut self.exchanged);
+        }
+        are_finite
+    }
+
+    /// Undoes [`Self::exchange_derivatives`].
+    pub fn restore_derivatives(&mut self) {
+        std::mem::swap(&mut self.derivatives, &mut self.exchanged);
+    }
+
     fn differentiate_beside(&mut self, t: f64, y: &[f64]) -> bool {
         [1.0, -1.0].into_iter().any(|side| {
             let mut beside = y.to_vec();
@@ -98,20 +118,36 @@ impl System<'_> {
 
     /// `sum_j |dr/dy_j| size_j` for several sizes, where `r` is a row of `F`, `G` or the moving bounds.
     pub fn terms_of_row<const N: usize>(&self, row: usize, sizes: impl Fn(usize) -> [f64; N]) -> [f64; N] {
+        self.terms_by(row, |at| self.derivatives[at].abs(), sizes)
+    }
+
+    /// As [`Self::terms_of_row`], where `slope` returns the magnitude of the derivative at an index among all nonzeros.
+    pub fn terms_by<const N: usize>(
+        &self,
+        row: usize,
+        slope: impl Fn(usize) -> f64,
+        sizes: impl Fn(usize) -> [f64; N],
+    ) -> [f64; N] {
         let mut sums = [0.0; N];
-        for (j, value) in self.entries_of_row(row) {
+        for (at, j) in self.places_of_row(row) {
+            let slope = slope(at);
             for (sum, size) in sums.iter_mut().zip(sizes(j)) {
-                *sum += value.abs() * size;
+                *sum += slope * size;
             }
         }
         sums
     }
 
+    /// The rows of the moving bounds of variable `k`.
+    pub fn rows_of_bounds(&self, k: usize) -> impl Iterator<Item = usize> {
+        let moving = self.structure.moving.iter().enumerate().filter(move |(_, moving)| moving.variable == k);
+        moving.map(|(p, _)| self.unknowns + p)
+    }
+
     /// `sum_j |dl_k/dy_j| size_j` of a moving lower bound `l_k` of variable `k`, plus the corresponding sum of its
     /// moving upper bound.
     pub fn terms_of_bounds(&self, k: usize, size: impl Fn(usize) -> f64) -> f64 {
-        let bounds = self.structure.moving.iter().enumerate().filter(|(_, moving)| moving.variable == k);
-        bounds.map(|(p, _)| self.terms_of_row(self.unknowns + p, |j| [size(j)])[0]).sum()
+        self.rows_of_bounds(k).map(|row| self.terms_of_row(row, |j| [size(j)])[0]).sum()
     }
 
     /// Writes `-dPhi/dy` on the face in the storage layout, from the current derivatives.

@@ -1,0 +1,127 @@
+//! Magnitudes below which monitors count as zero over a part of a step.
+//!
+//! A monitor may be negative as far as errors of the unknowns within their tolerances can change it: by the sum of these
+//! errors times its derivatives *over the part*. Derivatives at another place say nothing about a monitor that varies
+//! slowly where it is near zero, as `u^2 - c` does. Where a derivative `g` varies over the part, errors `e` reach values
+//! of it up to the least one plus their share of its variation,
+//!
+//! ```text
+//! min |g| + (max |g| - min |g|) min(1, e / w),    w the variation of the unknowns over the part,
+//! ```
+//!
+//! which is its magnitude over a part no wider than the errors.
+
+use super::watched::Watched;
+use crate::face::Activity;
+use crate::newton_control::NewtonControl;
+use crate::system::System;
+use crate::uncertainties::Uncertainties;
+use numerics::Interval;
+
+/// Limits of a block whose monitors are left out.
+const LEFT_OUT: [f64; 2] = [f64::INFINITY; 2];
+
+/// Limits of the monitors over the part examined last.
+#[derive(Debug, Default)]
+pub(super) struct Limits {
+    uncertainties: Uncertainties,
+    /// The unknowns at the beginning of the step.
+    begin: Vec<f64>,
+    /// Limits of each variable and of its `G`.
+    of_variables: Vec<[f64; 2]>,
+    /// Blocks whose monitors are left out of the proof.
+    left_out: Vec<bool>,
+    /// Magnitudes of the derivatives over the part.
+    slopes: Vec<f64>,
+}
+
+impl Limits {
+    /// Starts a step at the unknowns `y`, with the derivatives of the last differentiation and no block left out.
+    pub fn start(&mut self, system: &System<'_>, control: &NewtonControl, uncertainties: Uncertainties, y: &[f64]) {
+        self.uncertainties = uncertainties;
+        self.begin.clear();
+        self.begin.extend_from_slice(y);
+        self.left_out.clear();
+        self.left_out.resize(system.set.blocks().len(), false);
+        self.slopes.clear();
+        self.slopes.extend(system.derivatives.iter().map(|slope| slope.abs()));
+        self.update(system, control);
+    }
+
+    /// Moves on to a part over which the unknowns, the derivatives and those with respect to time lie in these ranges;
+    /// `None` if the derivatives are not known.
+    pub fn follow(
+        &mut self,
+        system: &System<'_>,
+        control: &NewtonControl,
+        ranges: &[Interval],
+        derivatives: Option<(&[Interval], &[Interval])>,
+    ) {
+        match derivatives {
+            None => self.slopes.fill(0.0),
+            Some((jacobian, by_time)) => {
+                for row in system.states..system.values.len() {
+                    // Time has no error.
+                    let is_still = by_time.get(row - system.states).is_none_or(|slope| *slope == Interval::point(0.0));
+                    let share = |j: usize| (self.uncertainties.errors[j] / ranges[j].width()).min(1.0);
+                    let shares = system.places_of_row(row).filter(|&(_, j)| ranges[j].width() > 0.0);
+                    let share = shares.fold(f64::from(u8::from(is_still)), |least, (_, j)| least.min(share(j)));
+                    for (at, _) in system.places_of_row(row) {
+                        let (least, most) = jacobian[at].magnitudes();
+                        let is_known = jacobian[at].defined && most.is_finite();
+                        self.slopes[at] = if is_known { least + share * (most - least) } else { least };
+                    }
+                }
+            }
+        }
+        self.update(system, control);
+    }
+
+    fn update(&mut self, system: &System<'_>, control: &NewtonControl) {
+        let slope = |at: usize| self.slopes[at];
+        let limits = (0..system.unknowns - system.states).map(|k| {
+            let [of_z, of_g] = self.uncertainties.of(system, k, slope);
+            let noise =
+                [control.noise_of_z(system, k, &self.begin), control.noise_of_g_by(system, k, &self.begin, slope)];
+            [of_z.max(noise[0]), of_g.max(noise[1])]
+        });
+        self.of_variables.clear();
+        self.of_variables.extend(limits);
+    }
+
+    /// The limit of a monitor.
+    pub fn of(&self, monitor: &Watched) -> f64 {
+        let [of_z, of_g] = self.of_variables[monitor.variable];
+        if monitor.place == Activity::Inactive { of_z } else { of_g }
+    }
+
+    /// The limits of the distances and of the multipliers of block `b`.
+    pub fn of_block(&self, system: &System<'_>, b: usize) -> [f64; 2] {
+        if self.left_out[b] {
+            return LEFT_OUT;
+        }
+        let members = system.set.blocks()[b].members.iter().map(|&k| self.of_variables[k]);
+        members.fold([0.0; 2], |sum, of| [sum[0].max(of[0]), sum[1] + of[1]])
+    }
+
+    /// Leaves blocks out of the proof whose monitors are curved on the face; returns whether one of them was not left out
+    /// before.
+    pub fn leave_out_curved(&mut self, system: &System<'_>) -> bool {
+        let mut is_new = false;
+        for (b, left_out) in self.left_out.iter_mut().enumerate() {
+            is_new |= is_curved(system, b) && !std::mem::replace(left_out, true);
+        }
+        is_new
+    }
+
+    /// Whether block `b` is left out of the proof.
+    pub fn is_left_out(&self, b: usize) -> bool {
+        self.left_out[b]
+    }
+}
+
+/// Whether the monitors of block `b` are curved on the face.
+pub(super) fn is_curved(system: &System<'_>, b: usize) -> bool {
+    let (block, face) = (&system.set.blocks()[b], &system.face.blocks[b]);
+    !block.shape.is_flat(face) && !system.face.holds(&block.members)
+}

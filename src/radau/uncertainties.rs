@@ -1,0 +1,34 @@
+//! Uncertainties of the variables and of `G` if every unknown is known to its tolerance.
+
+use super::system::System;
+
+/// Errors of the unknowns that the tolerances allow, and what they make of the variables and of `G`.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Uncertainties {
+    /// Error of each unknown under the tolerances; of a variable, which has no absolute tolerance, relative to its
+    /// largest value.
+    pub errors: Vec<f64>,
+    /// The largest size of each unknown in the run so far.
+    pub largest: Vec<f64>,
+    /// Change of each variable that affects no state over the longest step so far.
+    pub without_effect: Vec<f64>,
+    /// The tolerance of the VI, relative to the magnitude of the terms of `G`.
+    pub vi_tolerance: f64,
+}
+
+impl Uncertainties {
+    /// Uncertainties of variable `k` and of its `G`, where `slope` returns the magnitude of the derivative that is stored
+    /// at a place of the Jacobian.
+    pub fn of(&self, system: &System<'_>, k: usize, slope: impl Fn(usize) -> f64) -> [f64; 2] {
+        let own = system.states + k;
+        let [terms, by_errors] = system.terms_by(own, &slope, |j| [self.largest[j], self.errors[j]]);
+        let of_g = (self.vi_tolerance * terms).max(by_errors);
+        // An error of the states shifts the root of `G` as well.
+        let by_itself = system.places_of_row(own).find(|&(_, j)| j == own).map_or(0.0, |(at, _)| slope(at));
+        let of_root = if by_itself > 0.0 { by_errors / by_itself } else { 0.0 };
+        let of_bounds: f64 =
+            system.rows_of_bounds(k).map(|row| system.terms_by(row, &slope, |j| [self.errors[j]])[0]).sum();
+        let of_z = (self.errors[own] + of_bounds).max(self.without_effect[k]).max(of_root);
+        [of_z, of_g].map(|of| of.max(f64::MIN_POSITIVE))
+    }
+}
