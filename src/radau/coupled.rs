@@ -8,6 +8,9 @@ const ALLOWED: f64 = 1.0;
 /// A step four times shorter must reduce that change to this fraction or less; otherwise the states jump.
 const GAIN: f64 = 0.5;
 
+/// Distance, relative to that of the first stage, from which variables are extrapolated to that stage.
+const BESIDE: f64 = 1e-4;
+
 /// Maximum number of attempts, each four times shorter, for which Newton's method cannot follow the face, before the
 /// face is abandoned.
 const MOST_UNFOLLOWED: u32 = 4;
@@ -60,30 +63,44 @@ impl Radau<'_> {
             return None;
         }
         let (n, unknowns) = (self.system.states, self.system.unknowns);
-        // The variables at the beginning of the step that are consistent with the states on the face before the switch.
-        let mut begin = self.y.clone();
-        std::mem::swap(&mut self.system.face, &mut self.switching.before);
-        if let Some(consistent) = &mut self.consistent {
-            consistent.solve(&mut self.system, &self.control, self.clock.t, &mut begin);
-        }
-        // On a face that has ended they may lie outside `K`; the solution does not.
-        self.system.project(&mut begin);
-        std::mem::swap(&mut self.system.face, &mut self.switching.before);
+        let begin = self.variables_before(h);
         let mut worst = 0.0_f64;
         for state in (0..n).filter(|&state| self.system.mass_diagonal[state] != 0.0) {
-            let rate = |increments: Option<&[f64]>| -> f64 {
-                let along = self.system.entries_of_row(state).filter(|&(j, _)| j >= n);
-                along.map(|(j, value)| value * increments.map_or(begin[j], |z| self.y[j] + z[j])).sum()
-            };
-            let rates =
-                (0..self.tableau().stages()).map(|i| rate(Some(&self.stages.z[i * unknowns..(i + 1) * unknowns])));
-            let (lo, hi) = rates.fold((rate(None), rate(None)), |(lo, hi), rate| (lo.min(rate), hi.max(rate)));
+            let along = || self.system.entries_of_row(state).filter(|&(j, _)| j >= n);
+            let at_begin = begin.iter().map(|y| along().map(|(j, value)| value * y[j]).sum::<f64>());
+            let increments = self.stages.z[..self.tableau().stages() * unknowns].chunks_exact(unknowns);
+            let at_stages = increments.map(|z| along().map(|(j, value)| value * (self.y[j] + z[j])).sum::<f64>());
+            let rates = at_begin.chain(at_stages);
+            let (lo, hi) =
+                rates.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), rate| (lo.min(rate), hi.max(rate)));
             let allowed =
                 self.settings.atol[state] + self.settings.rtol * self.extent.largest[state].max(self.y[state].abs());
             let mass = self.system.mass_diagonal[state].abs();
             worst = worst.max(h * (hi - lo) / (mass * allowed.max(f64::MIN_POSITIVE)));
         }
         Some(worst)
+    }
+
+    /// Variables that are consistent with the states on the face before the switch: at the beginning of a step of size `h`,
+    /// halfway to its first stage, and at that stage if they went on as they begin. On a face that has just begun they may
+    /// grow before the first stage, and be back at zero there.
+    fn variables_before(&mut self, h: f64) -> [Vec<f64>; 3] {
+        let first = self.tableau().c[0];
+        std::mem::swap(&mut self.system.face, &mut self.switching.before);
+        let mut on_face = |theta: f64| {
+            self.polynomial_at(theta);
+            let mut y = self.switching.scratch.clone();
+            if let Some(consistent) = &mut self.consistent {
+                consistent.solve(&mut self.system, &self.control, self.clock.t + theta * h, &mut y);
+            }
+            y
+        };
+        let (mut begin, mut halfway, mut further) = (on_face(0.0), on_face(0.5 * first), on_face(BESIDE * first));
+        further.iter_mut().zip(&begin).for_each(|(further, begin)| *further = begin + (*further - begin) / BESIDE);
+        // On a face that has ended they may lie outside `K`; the solution does not.
+        [&mut begin, &mut halfway, &mut further].into_iter().for_each(|y| self.system.project(y));
+        std::mem::swap(&mut self.system.face, &mut self.switching.before);
+        [begin, halfway, further]
     }
 
     /// Largest change of a state, in tolerances, if the switch within the last step were anywhere else in it; `None` if

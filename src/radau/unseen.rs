@@ -16,7 +16,6 @@
 
 mod bounds;
 
-use super::face::Activity;
 use super::screening::part::Part;
 use super::stepper::Radau;
 use super::tableau::{MOST_STAGES, interpolation_error};
@@ -257,22 +256,36 @@ impl Radau<'_> {
     fn rows_compared(&self, h: f64) -> Vec<Row> {
         let n = self.system.states;
         let has_feature = |at: usize| self.system.features.binary_search(&at).is_ok();
-        let row =
-            |at: usize, allowed: f64| Row { at, equation: at, factor: 1.0, allowed, has_feature: has_feature(at) };
         let rates = (0..n).map(|at| {
             let mass = if self.system.mass_diagonal[at] != 0.0 { self.system.mass_diagonal[at].abs() } else { 1.0 };
-            row(at, mass * self.uncertainty(at) / h)
+            let allowed = mass * self.uncertainty(at) / h;
+            Row { at, equation: at, factor: 1.0, allowed, has_feature: has_feature(at) }
         });
-        let inside = (0..self.system.unknowns - n).filter(|&k| self.system.face.places[k] == Activity::Inactive);
+        let uncertainties = self.uncertainties(h);
+        let slope = |at: usize| self.system.derivatives[at].abs();
+        // A variable whose change affects no state within the tolerances is not known better than that.
+        let allowed_of_row = |k: usize| {
+            let [of_z, of_g] = uncertainties.of(&self.system, k, slope);
+            let by_itself = self.system.places_of_row(n + k).find(|&(_, j)| j == n + k);
+            of_g.max(by_itself.map_or(0.0, |(at, _)| slope(at) * of_z))
+        };
+        let of_equation = |k: usize| {
+            let of_row = |(l, factor): (usize, f64)| {
+                let allowed = allowed_of_row(l) / factor.abs();
+                Row { at: n + l, equation: n + k, factor, allowed, has_feature: has_feature(n + l) }
+            };
+            self.system.rows_of_equation(k).map(of_row).collect::<Vec<Row>>()
+        };
+        let equations = (0..self.system.unknowns - n).filter(|&k| self.system.has_equation(k)).flat_map(of_equation);
         let of_bound = |p: usize| {
             let at = self.system.unknowns + p;
-            self.system.equations_of_bound(p).into_iter().map(move |(equation, factor)| {
-                let allowed = self.uncertainties_of(equation - n, h)[0] / factor.abs();
-                Row { at, equation, factor, allowed, has_feature: has_feature(at) }
-            })
+            self.system.equations_of_bound(p).into_iter().map(move |(equation, factor)| (at, equation, factor))
         };
-        let bounds = (0..self.system.bounds()).flat_map(of_bound);
-        let rows = rates.chain(inside.map(|k| row(n + k, self.uncertainties_of(k, h)[1]))).chain(bounds);
+        let bounds = (0..self.system.bounds()).flat_map(of_bound).map(|(at, equation, factor)| {
+            let allowed = uncertainties.of(&self.system, equation - n, slope)[0] / factor.abs();
+            Row { at, equation, factor, allowed, has_feature: has_feature(at) }
+        });
+        let rows = rates.chain(equations).chain(bounds);
         rows.filter(|row| self.is_fast(h) || row.has_feature).collect()
     }
 
