@@ -108,6 +108,8 @@ pub(super) struct Unseen {
     variations: Vec<(f64, f64)>,
     /// Largest slope of each unknown over a part.
     slopes: Vec<f64>,
+    /// Errors of the states, in tolerances, for a unit error of the mean of each equation, where this is known.
+    effects: Vec<Option<f64>>,
     /// Number of parts enclosed in the last step, and in all steps in which nothing was found.
     looked: f64,
     spent: f64,
@@ -220,6 +222,7 @@ impl Radau<'_> {
     /// The means over the step of the deviations of rows from the polynomial through their values at the stages; `None`
     /// if no examination is necessary, or the rows cannot be enclosed.
     fn missed_means(&mut self, h: f64, end: f64, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
+        self.find_effects(h);
         let rows = self.rows_compared(h);
         // If the examination of functions of the states is not affordable, only the dependence on time is examined.
         let is_affordable = room.spent <= FREE + SHARE * self.system.work.rates as f64;
@@ -252,6 +255,26 @@ impl Radau<'_> {
         self.missed_in_parts(&samples, whole, room)
     }
 
+    /// Computes the errors of the states, in tolerances, that a unit error of the mean of an equation makes over a step of
+    /// size `h`, for the equations with features of variables that enter no rate: they act through other variables.
+    fn find_effects(&mut self, h: f64) {
+        let (n, unknowns) = (self.system.states, self.system.unknowns);
+        let mut effects = std::mem::take(&mut self.unseen.effects);
+        effects.clear();
+        for k in 0..unknowns - n {
+            let has_feature = |l: usize| self.system.features.binary_search(&(n + l)).is_ok();
+            let acts_through_others = self.control.weight[n + k] == 0.0
+                && self.system.has_equation(k)
+                && self.system.rows_of_equation(k).any(|(l, _)| has_feature(l));
+            effects.push(acts_through_others.then(|| {
+                let mut unit = vec![0.0; unknowns];
+                unit[n + k] = 1.0;
+                self.made_of(h, unit)
+            }));
+        }
+        self.unseen.effects = effects;
+    }
+
     /// The rows to be examined, with the admissible errors of their means over a step of size `h`.
     fn rows_compared(&self, h: f64) -> Vec<Row> {
         let n = self.system.states;
@@ -263,15 +286,17 @@ impl Radau<'_> {
         });
         let uncertainties = self.uncertainties(h);
         let slope = |at: usize| self.system.derivatives[at].abs();
+        let effects = &self.unseen.effects;
         // A variable whose change affects no state within the tolerances is not known better than that.
-        let allowed_of_row = |k: usize| {
-            let [of_z, of_g] = uncertainties.of(&self.system, k, slope);
-            let by_itself = self.system.places_of_row(n + k).find(|&(_, j)| j == n + k);
-            of_g.max(by_itself.map_or(0.0, |(at, _)| slope(at) * of_z))
+        let of_variable = |l: usize, k: usize| {
+            let [of_z, of_g] = uncertainties.of(&self.system, l, slope);
+            let by_itself = self.system.places_of_row(n + l).find(|&(_, j)| j == n + l);
+            let directly = by_itself.map_or(0.0, |(at, _)| slope(at) * of_z);
+            of_g.max(directly).max(effects[k].map_or(0.0, |effect| 1.0 / effect))
         };
         let of_equation = |k: usize| {
             let of_row = |(l, factor): (usize, f64)| {
-                let allowed = allowed_of_row(l) / factor.abs();
+                let allowed = of_variable(l, k) / factor.abs();
                 Row { at: n + l, equation: n + k, factor, allowed, has_feature: has_feature(n + l) }
             };
             self.system.rows_of_equation(k).map(of_row).collect::<Vec<Row>>()

@@ -1,15 +1,10 @@
 //! Magnitudes below which monitors count as zero over a part of a step.
 //!
-//! A monitor may be negative as far as errors of the unknowns within their tolerances can change it: by the sum of these
-//! errors times its derivatives *over the part*. Derivatives at another place say nothing about a monitor that varies
-//! slowly where it is near zero, as `u^2 - c` does. Where a derivative `g` varies over the part, errors `e` reach values
-//! of it up to the least one plus their share of its variation,
-//!
-//! ```text
-//! min |g| + (max |g| - min |g|) min(1, e / w),    w the variation of the unknowns over the part,
-//! ```
-//!
-//! which is its magnitude over a part no wider than the errors.
+//! A monitor may be negative as far as errors of the unknowns within their tolerances can change its least value: to first
+//! order by the sum of these errors times the derivatives *at the time of that value*, since the time itself does not
+//! matter there (envelope theorem). Derivatives at another place say nothing: `u^2 - c` varies slowly where it is least,
+//! and a state that runs through a band shorter than its tolerance passes it, whatever its error. Over a part, the least
+//! magnitudes of the derivatives are used.
 
 use super::watched::Watched;
 use crate::face::Activity;
@@ -31,7 +26,7 @@ pub(super) struct Limits {
     of_variables: Vec<[f64; 2]>,
     /// Blocks whose monitors are left out of the proof.
     left_out: Vec<bool>,
-    /// Magnitudes of the derivatives over the part.
+    /// Least magnitudes of the derivatives over the part.
     slopes: Vec<f64>,
 }
 
@@ -48,30 +43,13 @@ impl Limits {
         self.update(system, control);
     }
 
-    /// Moves on to a part over which the unknowns, the derivatives and those with respect to time lie in these ranges;
-    /// `None` if the derivatives are not known.
-    pub fn follow(
-        &mut self,
-        system: &System<'_>,
-        control: &NewtonControl,
-        ranges: &[Interval],
-        derivatives: Option<(&[Interval], &[Interval])>,
-    ) {
+    /// Moves on to a part over which the derivatives lie in these ranges; `None` if they are not known.
+    pub fn follow(&mut self, system: &System<'_>, control: &NewtonControl, derivatives: Option<&[Interval]>) {
         match derivatives {
             None => self.slopes.fill(0.0),
-            Some((jacobian, by_time)) => {
-                for row in system.states..system.values.len() {
-                    // Time has no error.
-                    let is_still = by_time.get(row - system.states).is_none_or(|slope| *slope == Interval::point(0.0));
-                    let share = |j: usize| (self.uncertainties.errors[j] / ranges[j].width()).min(1.0);
-                    let shares = system.places_of_row(row).filter(|&(_, j)| ranges[j].width() > 0.0);
-                    let share = shares.fold(f64::from(u8::from(is_still)), |least, (_, j)| least.min(share(j)));
-                    for (at, _) in system.places_of_row(row) {
-                        let (least, most) = jacobian[at].magnitudes();
-                        let is_known = jacobian[at].defined && most.is_finite();
-                        self.slopes[at] = if is_known { least + share * (most - least) } else { least };
-                    }
-                }
+            Some(jacobian) => {
+                let least = jacobian.iter().map(|slope| slope.magnitudes().0);
+                self.slopes.iter_mut().zip(least).for_each(|(slope, least)| *slope = least);
             }
         }
         self.update(system, control);

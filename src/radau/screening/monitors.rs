@@ -117,8 +117,7 @@ impl Enclosure {
         let is_linear = on.system.constant_jacobian();
         let mut are_rows_known = !is_linear && self.enclose_rows(on.system, times);
         if !is_linear {
-            let known = are_rows_known.then_some((&self.rows.jacobian[..], &self.rows.by_time[..]));
-            limits.follow(on.system, on.control, &self.ranges, known);
+            limits.follow(on.system, on.control, are_rows_known.then_some(&self.rows.jacobian));
         }
         let limits = &*limits;
         self.is_wide = false;
