@@ -11,6 +11,22 @@ use super::screening::Between;
 use super::stages::combine;
 use super::tableau::{MOST_STAGES, Tableau};
 
+/// Estimated errors of the states over a step whose size is given; all empty if it is not.
+#[derive(Clone, Debug, Default)]
+pub struct GivenStep {
+    /// Errors at the end, raised to [`Radau::error_power`].
+    ///
+    /// [`Radau::error_power`]: super::stepper::Radau::error_power
+    pub at_end: Vec<f64>,
+    /// Errors between the ends, where also transients count that are over at the end.
+    pub within: Vec<f64>,
+    /// Errors at the end from variations of the rates that the stages miss; empty if there are none.
+    pub missed: Vec<f64>,
+    /// Whether functions of time vary within the step, coupled over its stages, by more than its ends and its middle
+    /// show.
+    pub is_blind: bool,
+}
+
 /// The last accepted step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Step {
@@ -35,11 +51,8 @@ pub(super) struct Step {
     pub screened: Option<Between>,
     /// Largest change of a state, in tolerances, by a switch within the step that was not located.
     pub unlocated: Option<f64>,
-    /// Estimated errors of the states over a step whose size is given, raised to [`Radau::error_power`]; empty if the size
-    /// is not given.
-    ///
-    /// [`Radau::error_power`]: super::stepper::Radau::error_power
-    pub given_step_errors: Vec<f64>,
+    /// Evidence of the error of a step whose size is given.
+    pub given: GivenStep,
     /// Whether the step was repeated, with derivatives at its beginning.
     pub is_remade: bool,
     basis: Vec<f64>,

@@ -51,6 +51,7 @@ mod unseen;
 mod work;
 
 pub use conditions::{AlgebraicStability, Conditions, Order, PositiveDiagonal, Vanishing};
+pub use dense_output::GivenStep;
 pub use face::{ActiveFace, Activity};
 pub use footprint::{MOST_BYTES, run_numbers};
 pub use law::Excess;

@@ -120,6 +120,11 @@ pub(super) struct Unseen {
 }
 
 impl Unseen {
+    /// Charges the search of the last step to the allowance.
+    pub fn charge(&mut self) {
+        self.spent += self.looked;
+    }
+
     fn resize(&mut self, unknowns: usize, variables: usize, rows: usize, derivatives: usize) {
         self.y.resize(unknowns, Interval::LINE);
         self.values.resize(rows, Interval::LINE);
@@ -131,13 +136,25 @@ impl Unseen {
 }
 
 impl Radau<'_> {
-    /// Error of the states from the variations of the rows that the stages of the step of size `h` miss, in units of
-    /// their tolerances; zero if the rows neither depend on time nor have features, or cannot be enclosed.
+    /// Largest error of a state from what the stages of the step of size `h` miss, in units of its tolerance.
     pub(super) fn missed(&mut self, h: f64) -> f64 {
+        let errors = self.missed_errors(h);
+        let of_state = |(j, error): (usize, &f64)| error / self.uncertainty(j).max(f64::MIN_POSITIVE);
+        let missed = errors.map_or(0.0, |errors| errors.iter().enumerate().map(of_state).fold(0.0, f64::max));
+        if missed <= 1.0 {
+            self.unseen.charge();
+        }
+        missed
+    }
+
+    /// Errors of the states from the variations of the rows that the stages of the step of size `h` miss; `None` if there
+    /// are none, if the rows neither depend on time nor have features, or if they cannot be enclosed.
+    pub(super) fn missed_errors(&mut self, h: f64) -> Option<Vec<f64>> {
         let rounding = self.clock.rounding(h);
         self.unseen.is_open = false;
+        self.unseen.looked = 0.0;
         if h <= 4.0 * rounding || !self.is_fast(h) && self.system.features.is_empty() {
-            return 0.0;
+            return None;
         }
         let evaluations = self.system.work.rates;
         let mut room = std::mem::take(&mut self.unseen);
@@ -151,9 +168,7 @@ impl Radau<'_> {
         // Evidence is not part of the method: do not count its evaluations.
         self.system.work.rates = evaluations;
         let means = means.filter(|means| means.iter().any(|mean| *mean != 0.0));
-        let missed = means.map_or(0.0, |means| self.made_of(h, means));
-        self.unseen.spent += if missed > 1.0 { 0.0 } else { self.unseen.looked };
-        missed
+        means.map(|means| self.made_of(h, means))
     }
 
     /// Whether the stages of the last step are known to show how functions of the states vary between them.
@@ -200,8 +215,8 @@ impl Radau<'_> {
         self.system.pace * h > SHOWN_PHASE
     }
 
-    /// Largest error of a state, in units of its tolerance, for errors `means` of the means of the rates over a step.
-    fn made_of(&mut self, h: f64, mut means: Vec<f64>) -> f64 {
+    /// Errors of the states, for errors `means` of the means of the rates over a step.
+    fn made_of(&mut self, h: f64, mut means: Vec<f64>) -> Vec<f64> {
         match self.tableau().gamma {
             Some(gamma) if self.factors.solve_real(&mut means) => {
                 means.iter_mut().for_each(|mean| *mean *= gamma);
@@ -215,8 +230,9 @@ impl Radau<'_> {
             }
             _ => means.iter_mut().for_each(|mean| *mean *= h),
         }
-        let states = 0..self.system.states;
-        states.map(|j| means[j].abs() / self.uncertainty(j).max(f64::MIN_POSITIVE)).fold(0.0, f64::max)
+        means.truncate(self.system.states);
+        means.iter_mut().for_each(|mean| *mean = mean.abs());
+        means
     }
 
     /// The means over the step of the deviations of rows from the polynomial through their values at the stages; `None`

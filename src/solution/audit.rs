@@ -3,10 +3,10 @@
 
 use super::{CheckCode, Checks, Plan, Screening};
 use hybrid::OneStep;
-use radau::{ALLOWED, End, Excess, Radau, Screened};
+use radau::{ALLOWED, End, Excess, GivenStep, Radau, Screened};
 
 /// A state whose maximum is below this multiple of its absolute tolerance is hardly distinguishable from zero.
-const SMALL: f64 = 10.0;
+pub(super) const SMALL: f64 = 10.0;
 
 /// Largest error of a run with steps of a given size, relative to the largest values of the states: three digits, as
 /// for the other checks of such runs, which have no tolerance.
@@ -38,10 +38,84 @@ pub(super) struct Audit<'p> {
     open: u32,
     /// Number of steps in which rates may vary between the stages more than their values there show.
     hidden: u32,
-    /// Sum of the estimated errors of each state over steps of a given size, raised to the power that gives them the order
-    /// of the method.
-    given_steps: Vec<f64>,
+    given_steps: GivenSteps,
+    /// Whether values between the ends of steps are in use all along the run.
+    is_dense: bool,
     checks: Checks,
+}
+
+/// Evidence of the error of steps of a given size, for each state.
+#[derive(Default)]
+pub(super) struct GivenSteps {
+    /// Sum of the estimated errors at the ends of steps, raised to the power that gives them the order of the method.
+    at_ends: Vec<f64>,
+    /// Largest estimated error at a time within a step whose values are in use.
+    within: Vec<f64>,
+    /// Sum of the errors from variations that the stages miss.
+    missed: Vec<f64>,
+    /// Number of steps coupled over their stages within which data vary unseen.
+    blind: u32,
+}
+
+impl GivenSteps {
+    pub fn add(&mut self, step: &GivenStep) {
+        let Self { at_ends, missed, within, blind } = self;
+        for (sums, errors) in [(at_ends, &step.at_end), (missed, &step.missed)] {
+            sums.resize(step.at_end.len(), 0.0);
+            sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
+        }
+        within.resize(step.at_end.len(), 0.0);
+        *blind += u32::from(step.is_blind);
+    }
+
+    /// Notes that values within the step are in use.
+    pub fn use_within(&mut self, step: &GivenStep) {
+        self.within.resize(step.within.len(), 0.0);
+        // NaN counts as larger than any error.
+        let worse = |error: f64, most: f64| error > most || error.is_nan();
+        let errors = self.within.iter_mut().zip(&step.within);
+        errors.filter(|(most, error)| worse(**error, **most)).for_each(|(most, error)| *most = *error);
+    }
+
+    /// Records the largest errors relative to the largest values of the states.
+    fn judge(&self, radau: &Radau<'_>, checks: &mut Checks) {
+        let largest = &radau.largest()[..self.at_ends.len()];
+        self.judge_by(largest, &radau.held_at_zero(), radau.error_power(), checks);
+    }
+
+    /// Records the largest errors relative to the `largest` values of the states, apart from those that are `zero`; errors
+    /// at the ends of steps are raised to `power`.
+    pub fn judge_by(&self, largest: &[f64], zero: &[bool], power: f64, checks: &mut Checks) {
+        let rounding = rounding_of(largest);
+        let worst = |errors: &[f64], power: f64| {
+            let states = (0..largest.len()).filter(|&state| errors[state] != 0.0 && !zero[state]);
+            let relative = states.map(|state| errors[state] / largest[state].max(rounding).powf(power));
+            // NaN is not trusted.
+            relative.fold(0.0, |most: f64, error| if error > most || error.is_nan() { error } else { most })
+        };
+        record_given_steps(worst(&self.at_ends, power), checks);
+        let within = worst(&self.within, 1.0);
+        checks.record(CheckCode::LocalError, within, GIVEN_STEPS, || {
+            format!(
+                "the steps have the size that `method` gives, and values between their ends are estimated to be off by up to \
+                 {within:.1e} of the largest values of the states; give outputs at the ends of steps, a smaller `step`, or none"
+            )
+        });
+        let missed = worst(&self.missed, 1.0);
+        checks.record(CheckCode::LocalError, missed, GIVEN_STEPS, || {
+            format!(
+                "the steps have the size that `method` gives, and their stages miss variations of the rates between them \
+                 that are worth {missed:.1e} of the largest values of the states; give a smaller `step`, or none"
+            )
+        });
+        let blind = self.blind;
+        checks.record(CheckCode::EventsUnproven, f64::from(blind), 0.0, || {
+            format!(
+                "within {blind} steps of the size that `method` gives a variable switches, and data vary by more than \
+                 the ends and the middle of the step show; give a smaller `step`, or none"
+            )
+        });
+    }
 }
 
 impl<'p> Audit<'p> {
@@ -52,7 +126,11 @@ impl<'p> Audit<'p> {
             screening: Screening::default(),
             open: 0,
             hidden: 0,
-            given_steps: Vec::new(),
+            given_steps: GivenSteps::default(),
+            is_dense: plan.statistics
+                || plan.interpolants.is_some()
+                || plan.reducers.as_ref().is_some_and(|reducers| reducers.is_dense())
+                || plan.observables.is_followed(),
             checks: Checks::default(),
         }
     }
@@ -68,9 +146,10 @@ impl<'p> Audit<'p> {
         if let Some(distance) = radau.unlocated_switch() {
             self.record_unlocated(t, distance, radau.accumulations() > 0);
         }
-        let errors = radau.given_step_errors();
-        self.given_steps.resize(errors.len(), 0.0);
-        self.given_steps.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
+        self.given_steps.add(radau.given_step());
+        if self.is_dense {
+            self.given_steps.use_within(radau.given_step());
+        }
         if self.has_kinks
             && let Some((state, defect)) = radau.defect()
         {
@@ -136,7 +215,10 @@ impl<'p> Audit<'p> {
         let t = match radau.end_at(t) {
             Some(End::After) => return,
             Some(End::Before) => radau.begin(),
-            None => t,
+            None => {
+                self.given_steps.use_within(radau.given_step());
+                t
+            }
         };
         if let Some(found) = radau.law_excess(t, y) {
             self.record_excess(CheckCode::ConstraintResidual, found, t);
@@ -160,14 +242,9 @@ impl<'p> Audit<'p> {
 
     /// Completes the measurements of a run with the given absolute tolerances.
     pub fn finish(&mut self, radau: &Radau<'_>, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
-        self.look_for_small_states(radau.largest(), atol);
-        if !self.given_steps.is_empty() {
-            let power = radau.error_power();
-            let rounding = rounding_of(&radau.largest()[..atol.len()]);
-            let sizes = radau.largest().iter().map(|largest| largest.max(rounding).powf(power));
-            let relative =
-                self.given_steps.iter().zip(sizes).filter(|(sum, _)| **sum != 0.0).map(|(sum, size)| sum / size);
-            record_given_steps(relative.fold(0.0, f64::max), &mut self.checks);
+        self.look_for_small_states(radau, atol);
+        if !self.given_steps.at_ends.is_empty() {
+            self.given_steps.judge(radau, &mut self.checks);
         }
         let Screening { proven, undecided, missed } = self.screening;
         if undecided > 0 {
@@ -194,18 +271,25 @@ impl<'p> Audit<'p> {
     }
 
     /// Records the state that is smallest relative to its absolute tolerance.
-    fn look_for_small_states(&mut self, largest: &[f64], atol: &[f64]) {
-        let states = &largest[..atol.len()];
-        let rounding = rounding_of(states);
-        for ((name, atol), &largest) in self.plan.names.iter().zip(atol).zip(states) {
-            if largest > rounding {
-                self.checks.record(CheckCode::LocalError, SMALL * atol / largest, 1.0, || {
-                    format!(
-                        "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an \
-                         `atol` far below the values of interest"
-                    )
-                });
-            }
+    fn look_for_small_states(&mut self, radau: &Radau<'_>, atol: &[f64]) {
+        let largest = radau.largest();
+        for state in states_above_zero(radau, atol) {
+            let (name, atol, largest) = (&self.plan.names[state], atol[state], largest[state]);
+            self.checks.record(CheckCode::LocalError, SMALL * atol / largest, 1.0, || {
+                format!(
+                    "`{name}` was never larger than {largest:e}, with an absolute tolerance of {atol:e}: give an `atol` far \
+                     below the values of interest"
+                )
+            });
         }
     }
+}
+
+/// The states that were at some time larger than rounding errors of zero.
+pub(super) fn states_above_zero(radau: &Radau<'_>, atol: &[f64]) -> Vec<usize> {
+    let states = &radau.largest()[..atol.len()];
+    let rounding = rounding_of(states);
+    let is_small = |state: usize| states[state] < SMALL * atol[state];
+    let zero = if (0..states.len()).any(is_small) { radau.held_at_zero() } else { vec![false; states.len()] };
+    (0..states.len()).filter(|&state| states[state] > rounding && !zero[state]).collect()
 }

@@ -1,6 +1,6 @@
 //! Integration of a differential variational inequality by Radau IIA: failures, switches and evidence by name.
 
-use super::audit::Audit;
+use super::audit::{Audit, SMALL, states_above_zero};
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::sensitivities::Followed;
@@ -201,7 +201,7 @@ impl Stepper for RadauRun<'_> {
 
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
-        warn_of_small_states(self.plan, self.atol, self.radau.largest(), diagnostics);
+        warn_of_small_states(self.plan, self.atol, &self.radau, diagnostics);
         diagnostics.screening = self.audit.finish(&self.radau, self.atol, &mut diagnostics.checks);
         if let Some(balance) = &self.balance {
             diagnostics.energy = Some(balance.energy);
@@ -376,16 +376,13 @@ pub fn describe(structure: &Structure, settings: &Settings, analysis: &Analysis)
     diagnostics
 }
 
-/// A state whose maximum is below this multiple of its absolute tolerance is hardly distinguishable from zero.
-const SMALL: f64 = 10.0;
-
 /// Warns of states whose absolute tolerance leaves hardly a correct digit.
-fn warn_of_small_states(plan: &Plan, atol: &[f64], largest: &[f64], diagnostics: &mut Diagnostics) {
-    // A state this small is rounding of zero.
-    let rounding = 1e-12 * largest.iter().copied().fold(0.0, f64::max);
-    let states = plan.names.iter().zip(atol).zip(largest);
-    let small = states.filter(|((_, atol), largest)| **largest > rounding && **largest < SMALL * **atol);
-    if let Some(((name, atol), largest)) = small.min_by(|a, b| (a.1 / a.0.1).total_cmp(&(b.1 / b.0.1))) {
+fn warn_of_small_states(plan: &Plan, atol: &[f64], radau: &Radau<'_>, diagnostics: &mut Diagnostics) {
+    let largest = radau.largest();
+    let states =
+        states_above_zero(radau, atol).into_iter().map(|state| (&plan.names[state], atol[state], largest[state]));
+    let small = states.filter(|(_, atol, largest)| *largest < SMALL * atol);
+    if let Some((name, atol, largest)) = small.min_by(|a, b| (a.2 / a.1).total_cmp(&(b.2 / b.1))) {
         diagnostics.warnings.push(Warning {
             code: "below_tolerance",
             message: format!(

@@ -51,7 +51,7 @@ pub(super) struct Estimates {
 }
 
 /// Rounding error of a rate, relative to its terms: each term errs by a unit or two, and the errors cancel in part.
-const ROUNDING: f64 = 4.0 * f64::EPSILON;
+pub(super) const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 impl Estimates {
     pub fn new(unknowns: usize) -> Self {
@@ -90,8 +90,18 @@ impl Radau<'_> {
         self.system.work.rates = evaluations;
         let power = self.error_power();
         let error = |e: &f64| if is_finite { e.abs().powf(power) } else { f64::INFINITY };
-        self.last.given_step_errors.clear();
-        self.last.given_step_errors.extend(self.estimates.error[..self.system.states].iter().map(error));
+        let given = &mut self.last.given;
+        given.at_end.clear();
+        given.at_end.extend(self.estimates.error[..self.system.states].iter().map(error));
+        if !is_finite {
+            given.within.clear();
+            given.within.resize(self.system.states, f64::INFINITY);
+        }
+        (self.last.given.missed, self.last.given.is_blind) = match coupled {
+            true => (Vec::new(), self.switching.locates() && self.varies_unseen(h)),
+            false => (self.missed_errors(h).unwrap_or_default(), false),
+        };
+        self.unseen.charge();
     }
 
     /// The power to which embedded estimates are raised so that they have the order of the result.
@@ -154,6 +164,11 @@ impl Radau<'_> {
             }
             if !factors.solve_real(&mut self.estimates.error) {
                 return f64::INFINITY;
+            }
+            if pass == 0 && self.settings.step.is_some() {
+                let within = &mut self.last.given.within;
+                within.clear();
+                within.extend(self.estimates.error[..states].iter().map(|error| error.abs()));
             }
             error = rms(&self.estimates.error[..states], &self.control.weight);
             if error < 1.0 || !(self.counts.accepted == 0 || self.controller.rejected) {

@@ -1,8 +1,10 @@
 //! State of a stepper as reported between steps: time, values, evidence, counters.
 
-use super::Radau;
+use super::estimate::ROUNDING;
+use super::{Extent, Radau};
 use crate::consistent_variables::inequality;
-use crate::face::ActiveFace;
+use crate::dense_output::GivenStep;
+use crate::face::{ActiveFace, Activity};
 use crate::tableau::Tableau;
 use crate::work::Work;
 use problem::{ConvexSet, Dvi, FaceEquations};
@@ -203,10 +205,42 @@ impl Radau<'_> {
         self.system.equations_for_z(&self.y)
     }
 
-    /// The estimated errors of the states over the last step, raised to [`Radau::error_power`]; empty unless the size of
-    /// steps is given.
-    pub fn given_step_errors(&self) -> &[f64] {
-        &self.last.given_step_errors
+    /// Evidence of the error of the last step, if the size of steps is given.
+    pub fn given_step(&self) -> &GivenStep {
+        &self.last.given
+    }
+
+    /// For each state, whether active inequalities hold it at zero: it was never larger than the rounding errors of its
+    /// steps. They hold the states of an inequality `G_k = 0` of the present face, those in the rate of a held state in which
+    /// no variable occurs, and those whose rates consist of states at zero.
+    pub fn held_at_zero(&self) -> Vec<bool> {
+        let Self { system, extent: Extent { longest, largest }, .. } = self;
+        let n = system.states;
+        let nonzero = |row: usize| system.entries_of_row(row).filter(|(_, value)| *value != 0.0).map(|(j, _)| j);
+        let active = system.bounded.iter().filter(|&&k| system.face.places[k] == Activity::Inactive);
+        let mut found: Vec<usize> = active.flat_map(|&k| nonzero(n + k)).filter(|j| *j < n).collect();
+        let mut held = vec![false; n];
+        while let Some(state) = found.pop() {
+            if !std::mem::replace(&mut held[state], true) && nonzero(state).all(|j| j < n) {
+                found.extend(nonzero(state));
+            }
+        }
+        // How far the terms of its rate could move a state in the whole run.
+        let way = |state: usize| {
+            let mass = system.mass_diagonal[state].abs();
+            let terms = system.terms_of_row(state, |j| [largest[j]])[0];
+            self.counts.accepted as f64 * longest * terms / if mass == 0.0 { 1.0 } else { mass }
+        };
+        let mut zero: Vec<bool> = (0..n).map(|j| held[j] && largest[j] <= ROUNDING * way(j)).collect();
+        let follows = |j: usize, zero: &[bool]| {
+            !zero[j] && nonzero(j).next().is_some() && nonzero(j).all(|i| i < n && zero[i]) && largest[j] <= way(j)
+        };
+        while zero.contains(&true)
+            && let Some(next) = (0..n).find(|&j| follows(j, &zero))
+        {
+            zero[next] = true;
+        }
+        zero
     }
 
     /// Whether the stages of the last step were solved on one face.

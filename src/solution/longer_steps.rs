@@ -1,0 +1,150 @@
+//! Evidence of the error of time stepping over impacts: a second run with steps twice as long, made beside the first at half
+//! its cost.
+//!
+//! For a method of first order the difference of the two runs is the error of the first. Positions are continuous and are
+//! compared at every common time. Velocities jump, at times that differ from run to run by up to a step, and are
+//! compared in the mean over time. Each quantity is relative to its largest value over the run; one that is never
+//! larger than what the forces of a single step would make of it is relative to that, since no step resolves less.
+
+use super::audit::GIVEN_STEPS;
+use super::run::Plan;
+use super::{CheckCode, Checks};
+use std::ops::Range;
+
+/// A part of the largest value of all quantities of a kind below which a quantity is rounding of zero.
+const ROUNDING: f64 = 1e-12;
+
+/// The number of moving bodies up to which rigid bodies are compared. What many bodies that collide with each other do one by
+/// one is not reproducible: each collision multiplies a difference several times, so that some tens of collisions in a
+/// row make one of rounding as large as a body. Such runs are also the long ones.
+pub(super) const MOST_BODIES: usize = 100;
+
+/// Whether a quantity is continuous in time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Position,
+    Velocity,
+}
+
+/// A quantity of a run, and its distance from that of the run with longer steps.
+#[derive(Clone, Debug)]
+struct Quantity {
+    name: String,
+    kind: Kind,
+    /// Whether the answer contains it.
+    is_kept: bool,
+    /// Its largest value so far.
+    size: f64,
+    /// Largest distance of a position; integral of that of a velocity.
+    distance: f64,
+}
+
+/// The comparison of a run with one whose steps are twice as long.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Comparison {
+    quantities: Vec<Quantity>,
+    /// The time over which velocities were compared.
+    compared: f64,
+    /// Why the other run came to an end.
+    failed: Option<String>,
+}
+
+impl Comparison {
+    /// Prepares a comparison of quantities, each with its name and its states. If the answer contains some states only, these
+    /// are judged: what nobody asks for, such as the spin of a light link, may be far less accurate.
+    pub fn new(quantities: impl IntoIterator<Item = (String, Kind, Range<usize>)>, plan: &Plan) -> Self {
+        let Plan { fields, initial, observables, reducers, .. } = plan;
+        let has_states = fields.iter().any(|field| *field < initial.len());
+        let has_others = !observables.names.is_empty() || !observables.monitors.is_empty() || reducers.is_some();
+        let keeps_all = has_others || !has_states;
+        let quantity = |(name, kind, states): (String, Kind, Range<usize>)| {
+            let is_kept = keeps_all || fields.iter().any(|field| states.contains(field));
+            Quantity { name, kind, is_kept, size: 0.0, distance: 0.0 }
+        };
+        Self { quantities: quantities.into_iter().map(quantity).collect(), compared: 0.0, failed: None }
+    }
+
+    /// Notes a value of quantity `k` that the run had, or that a step could have made.
+    pub fn meet(&mut self, k: usize, size: f64) {
+        let known = &mut self.quantities[k].size;
+        *known = known.max(size);
+    }
+
+    /// Lets quantities be measured in one unit, as the coordinates of two bodies along the line on which they meet: none of them
+    /// counts as smaller than the others.
+    pub fn share_units(&mut self, groups: &[Vec<usize>]) {
+        // A size passes through one group a round.
+        for _ in groups {
+            for group in groups {
+                let largest = group.iter().map(|&k| self.quantities[k].size).fold(0.0, f64::max);
+                group.iter().for_each(|&k| self.meet(k, largest));
+            }
+        }
+    }
+
+    /// Notes that velocities are compared over a further time `h`.
+    pub fn pass(&mut self, h: f64) {
+        self.compared += h;
+    }
+
+    /// Notes the distance of quantity `k`; that of a velocity is its mean over a time `h`.
+    pub fn differ(&mut self, k: usize, distance: f64, h: f64) {
+        let Quantity { kind, distance: known, .. } = &mut self.quantities[k];
+        *known = match kind {
+            // NaN is not less than any distance.
+            Kind::Position if distance <= *known => *known,
+            Kind::Position => distance,
+            Kind::Velocity => *known + distance * h,
+        };
+    }
+
+    /// Notes that the run with longer steps failed.
+    pub fn fail(&mut self, why: String) {
+        self.failed = Some(why);
+    }
+
+    /// Whether the run with longer steps goes on.
+    pub fn goes_on(&self) -> bool {
+        self.failed.is_none()
+    }
+
+    /// Records the largest distance relative to the size of its quantity.
+    pub fn judge(&self, is_default: bool, checks: &mut Checks) {
+        let size = match is_default {
+            true => "the steps have the default size",
+            false => "the steps have the size that `method` gives",
+        };
+        if let Some(why) = &self.failed {
+            checks.record(CheckCode::LocalError, f64::INFINITY, GIVEN_STEPS, || {
+                format!("{size}, and a run with steps twice as long, which would show what they are worth, failed: {why}; give a smaller `step`")
+            });
+            return;
+        }
+        let largest = |kind: Kind| {
+            let of_kind = self.quantities.iter().filter(|quantity| quantity.kind == kind);
+            of_kind.map(|quantity| quantity.size).fold(0.0, f64::max)
+        };
+        let floors = [Kind::Position, Kind::Velocity].map(|kind| ROUNDING * largest(kind));
+        for Quantity { name, kind, size: own, distance, .. } in self.quantities.iter().filter(|of| of.is_kept) {
+            let (floor, over, when) = match kind {
+                Kind::Position => (floors[0], 1.0, "differs by up to"),
+                Kind::Velocity => (floors[1], self.compared, "differs in the mean over time by"),
+            };
+            if *distance == 0.0 || over == 0.0 {
+                continue;
+            }
+            let relative = distance / over / own.max(floor);
+            checks.record(CheckCode::LocalError, relative, GIVEN_STEPS, || {
+                format!(
+                    "{size}; with steps twice as long {name} {when} {relative:.1e} of its largest value, and the error is \
+                     estimated to be as large; give a smaller `step`"
+                )
+            });
+        }
+    }
+}
+
+/// Says that steps over impacts were not compared with longer ones, and why.
+pub(super) fn not_compared(checks: &mut Checks, why: &str) {
+    checks.caveat("error_not_estimated", format!("what the steps are worth was not estimated: {why}"));
+}
