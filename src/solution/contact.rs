@@ -286,6 +286,7 @@ impl<'p> LongerSteps<'p> {
             let kick = run.step.kicks[k].abs();
             self.comparison.meet(k, q[k].abs().max(h * kick));
             self.comparison.meet(n + k, v[k].abs().max(kick));
+            self.comparison.strike(k, v[k] - run.last.v[k] - run.step.kicks[k], kick, h);
         }
         while self.comparison.goes_on() && self.stepper.state.t < *t && !self.stepper.is_done() {
             if let Err(error) = self.stepper.advance(control) {

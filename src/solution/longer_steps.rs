@@ -1,10 +1,14 @@
 //! Evidence of the error of time stepping over impacts: a second run with steps twice as long, made beside the first at half
 //! its cost.
 //!
-//! For a method of first order the difference of the two runs is the error of the first. Positions are continuous and are
-//! compared at every common time. Velocities jump, at times that differ from run to run by up to a step, and are
-//! compared in the mean over time. Each quantity is relative to its largest value over the run; one that is never
-//! larger than what the forces of a single step would make of it is relative to that, since no step resolves less.
+//! For a method of first order the difference of the two runs is the error of the first, on the average: an impact happens at
+//! any point of its step, and where both runs move it to the same time, they do not differ. So an impact also counts by
+//! what it may be off, a whole step. Impacts add up like independent errors; what they have in common, the runs show.
+//!
+//! Positions are continuous and are compared at every common time. Velocities jump, at times that differ from run to run
+//! by up to a step, and are compared in the mean over time. Each quantity is relative to its largest value over the run;
+//! one that is never larger than what the forces of a single step would make of it is relative to that, since no step
+//! resolves less.
 
 use super::audit::GIVEN_STEPS;
 use super::run::Plan;
@@ -37,6 +41,8 @@ struct Quantity {
     size: f64,
     /// Largest distance of a position; integral of that of a velocity.
     distance: f64,
+    /// Sum of the squares of what impacts, each off by a step, change of a position.
+    impacts: f64,
 }
 
 /// The comparison of a run with one whose steps are twice as long.
@@ -59,7 +65,7 @@ impl Comparison {
         let keeps_all = has_others || !has_states;
         let quantity = |(name, kind, states): (String, Kind, Range<usize>)| {
             let is_kept = keeps_all || fields.iter().any(|field| states.contains(field));
-            Quantity { name, kind, is_kept, size: 0.0, distance: 0.0 }
+            Quantity { name, kind, is_kept, size: 0.0, distance: 0.0, impacts: 0.0 }
         };
         Self { quantities: quantities.into_iter().map(quantity).collect(), compared: 0.0, failed: None }
     }
@@ -98,6 +104,12 @@ impl Comparison {
         };
     }
 
+    /// Notes that contacts change the velocity of position `k` in a step of length `h`, at some point of it, where forces would
+    /// change it by `kick`. What contacts carry throughout the step is no larger than these, and is not displaced in time.
+    pub fn strike(&mut self, k: usize, change: f64, kick: f64, h: f64) {
+        self.quantities[k].impacts += (h * (change.abs() - kick.abs()).max(0.0)).powi(2);
+    }
+
     /// Notes that the run with longer steps failed.
     pub fn fail(&mut self, why: String) {
         self.failed = Some(why);
@@ -125,14 +137,22 @@ impl Comparison {
             of_kind.map(|quantity| quantity.size).fold(0.0, f64::max)
         };
         let floors = [Kind::Position, Kind::Velocity].map(|kind| ROUNDING * largest(kind));
-        for Quantity { name, kind, size: own, distance, .. } in self.quantities.iter().filter(|of| of.is_kept) {
+        for Quantity { name, kind, size: own, distance, impacts, .. } in self.quantities.iter().filter(|of| of.is_kept)
+        {
             let (floor, over, when) = match kind {
                 Kind::Position => (floors[0], 1.0, "differs by up to"),
                 Kind::Velocity => (floors[1], self.compared, "differs in the mean over time by"),
             };
-            if *distance == 0.0 || over == 0.0 {
+            if own.max(floor) == 0.0 || over == 0.0 {
                 continue;
             }
+            let by_impacts = impacts.sqrt() / own.max(floor);
+            checks.record(CheckCode::LocalError, by_impacts, GIVEN_STEPS, || {
+                format!(
+                    "{size}, and impacts, each of which is off by up to a step, move {name} by {by_impacts:.1e} of its largest \
+                     value; give a smaller `step`"
+                )
+            });
             let relative = distance / over / own.max(floor);
             checks.record(CheckCode::LocalError, relative, GIVEN_STEPS, || {
                 format!(

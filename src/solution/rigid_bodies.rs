@@ -112,16 +112,26 @@ impl<'a> LongerSteps<'a> {
     }
 
     /// Compares the end of the last step of a run, of length `length`, with this one.
-    fn follow(&mut self, run: &MoreauStepping<'_>, t: f64, length: f64, course: &Course<'_>) {
+    fn follow(&mut self, (starts, run): (&[Motion], &MoreauStepping<'_>), t: f64, length: f64, course: &Course<'_>) {
         let Course { scene, plan, h, control } = course;
         let kick = length * scene.gravity.norm();
         let reaches = scene.bodies.iter().filter(|body| !body.fixed).map(|body| body.collider.reach());
-        for (i, (motion, reach)) in run.ends.iter().zip(reaches).enumerate() {
+        for (i, ((motion, before), reach)) in run.ends.iter().zip(starts).zip(reaches).enumerate() {
             self.comparison.meet(4 * i, motion.pose.translation.vector.norm().max(reach));
             // Quaternions are of length one, and differ by half the angle.
             self.comparison.meet(4 * i + 1, 1.0);
             self.comparison.meet(4 * i + 2, motion.velocity.norm().max(kick));
             self.comparison.meet(4 * i + 3, motion.omega.norm().max(kick / reach));
+            if run.pushed[i] {
+                let change = motion.velocity - before.velocity - length * scene.gravity;
+                self.comparison.strike(4 * i, change.norm(), kick, length);
+                self.comparison.strike(
+                    4 * i + 1,
+                    0.5 * (motion.omega - before.omega).norm(),
+                    0.5 * kick / reach,
+                    length,
+                );
+            }
         }
         while self.comparison.goes_on() && self.t < t {
             let next = self.end_of_next(plan, *h);
@@ -348,7 +358,7 @@ impl Stepper for RigidBodyRun<'_> {
         stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))?;
         if let Some(longer) = &mut self.longer {
             let course = Course { scene: self.scene, plan: self.plan, h: self.h, control: self.control };
-            longer.follow(&self.simulation, self.t, self.t - self.before, &course);
+            longer.follow((&self.starts, &self.simulation), self.t, self.t - self.before, &course);
         }
         Ok(())
     }
