@@ -32,6 +32,14 @@ impl Backing {
         Self::Memory(Arc::new(bytes))
     }
 
+    /// The number of bytes in memory.
+    pub fn resident(&self) -> usize {
+        match self {
+            Self::Memory(bytes) => bytes.len(),
+            Self::Scratch(_) | Self::File(_) => 0,
+        }
+    }
+
     /// Opens the results for reading at any offset; also returns their length in bytes.
     ///
     /// # Errors
