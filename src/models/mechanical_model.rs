@@ -23,6 +23,8 @@ pub struct MechanicalModel {
     pub warnings: Vec<Warning>,
     /// Whether forces, masses, gaps, joints or slips have kinks or jumps in coordinates or velocities.
     pub has_kinks: bool,
+    /// Whether the initial state was moved to an admissible one, so that it is not a function of the parameters.
+    pub is_start_moved: bool,
     /// The parameters, with the contact coefficients that depend on them; `None` if the problem has no parameters or if
     /// they were folded into constants.
     pub parameters: Option<(Parameters, Vec<ContactCoefficient>)>,
@@ -77,6 +79,7 @@ impl MechanicalModel {
             initial,
             warnings,
             has_kinks: false,
+            is_start_moved: false,
             parameters: None,
             system,
         }

@@ -38,6 +38,19 @@ impl fmt::Display for NotContinuable {
     }
 }
 
+/// Requests whose answer is not determined by the states at its end, each with the reason.
+const NO_END: [(&str, &str); 5] = [
+    ("sweep", "a sweep has many runs, each with its own end"),
+    ("fit", "a fit is of all its data at once: solve on with its estimates as parameters"),
+    ("periodic", "a periodic orbit is closed, and ends where it began: solve on from its start without `periodic`"),
+    ("steady_state", "a steady state has no time to go on in"),
+    (
+        "sensitivities",
+        "its derivatives are with respect to its own start, and the states at its end do not determine how they go on: \
+         solve from the start with a later `time.end`",
+    ),
+];
+
 /// Returns the specification that continues a run of `document` from `start` to `end`; `last` maps a column of the
 /// trajectory to its final value, which is the value at the new start.
 ///
@@ -50,17 +63,14 @@ pub fn continued(
     last: impl Fn(&str) -> Option<f64>,
 ) -> Result<Vec<u8>, NotContinuable> {
     let mut json: Json = serde_json::from_slice(document).map_err(|_| NotContinuable::Unreadable)?;
-    if json.member("sweep").is_some() {
-        return Err(NotContinuable::Problem("a sweep has many runs, each with its own end"));
+    for (key, why) in NO_END {
+        if json.member(key).is_some() {
+            return Err(NotContinuable::Problem(why));
+        }
     }
     robot::write_out(&mut json, &mut Errors::default());
     robot::forget(&mut json);
     vectors::write_out(&mut json, &mut Errors::default());
-    if json.member("fit").is_some() {
-        return Err(NotContinuable::Problem(
-            "a fit is of all its data at once: solve on with its estimates as parameters",
-        ));
-    }
     let last = |name: &str| last(name).and_then(number).ok_or_else(|| NotContinuable::Column(name.to_owned()));
     let (name, problem) = json.member("problem").and_then(Json::only_member).ok_or(NotContinuable::Unreadable)?;
     problem.write_lists(match name {

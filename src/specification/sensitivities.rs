@@ -53,7 +53,14 @@ impl SensitivitiesRequest {
         let by = places(&self.to, parameters.iter().chain(&initial), &place.key("to"), &mut found);
         let by: Vec<By> =
             by.into_iter().map(|at| at.checked_sub(parameters.len()).map_or(By::Parameter(at), By::Initial)).collect();
-        if model.mechanical().is_some() {
+        let is_start_moved = model.mechanical().is_some_and(|motion| motion.is_start_moved);
+        if is_start_moved && by.iter().any(|by| matches!(by, By::Parameter(_))) {
+            let detail = "the start is found by moving bodies apart, and its derivatives with respect to parameters are not known";
+            let error = SpecificationError::new(place.key("to").to_string(), "conflict", detail);
+            found.push(error.expected(
+                "an initial state that satisfies gaps and joints, without `\"interpenetration\": \"resolve\"`",
+            ));
+        } else if model.mechanical().is_some() {
             self.check_structure(model, &by, &place.key("to"), &mut found);
         }
         let of_names = place.key("of");

@@ -5,6 +5,7 @@ use axum::http::StatusCode;
 use dvi::service::jobs::Solver;
 use dvi::solution::Status;
 use serde_json::{Value, json};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
@@ -195,9 +196,15 @@ async fn what_its_states_do_not_determine_is_refused_with_the_reason() {
         let example = dvi::specification::EXAMPLES.iter().find(|example| example.name == name).unwrap();
         serde_json::from_str::<Value>(example.text).unwrap()
     };
-    for (name, reason) in
-        [("memory_abel", "its whole past"), ("string_obstacle", "in space"), ("diode_bridge_netlist", "netlist")]
-    {
+    for (name, reason) in [
+        ("memory_abel", "its whole past"),
+        ("string_obstacle", "in space"),
+        ("diode_bridge_netlist", "netlist"),
+        ("bouncing_ball_slopes", "its derivatives"),
+        ("shaken_ball_branch", "a periodic orbit"),
+        ("belt_fit", "a fit"),
+        ("braess", "a static problem"),
+    ] {
         let (path, _) = solved(&site, &example(name)).await;
         let reply = post(&site, &format!("{path}/continue"), r#"{"end": 1e6}"#).await;
         let problem = reply.problem(409, "not-continuable");
@@ -207,4 +214,47 @@ async fn what_its_states_do_not_determine_is_refused_with_the_reason() {
     let (path, _) = solved(&site, &two).await;
     let problem = post(&site, &format!("{path}/continue"), r#"{"end": 2}"#).await.problem(409, "not-continuable");
     assert!(problem["detail"].as_str().unwrap().contains("leave out `w`"), "{problem}");
+}
+
+/// The example with a hundredth of its horizon, and all its fields; as it is, if it is no run over time.
+fn shortened(text: &str) -> Value {
+    let mut document: Value = serde_json::from_str(text).unwrap();
+    if ["sweep", "fit", "periodic"].iter().any(|key| document.get(key).is_some()) {
+        return document;
+    }
+    let start = document.pointer("/time/start").map_or(0.0, |start| start.as_f64().unwrap());
+    if let Some(end) = document.pointer_mut("/time/end") {
+        *end = json!(start + (end.as_f64().unwrap() - start) / 100.0);
+    }
+    document.as_object_mut().unwrap().remove("output");
+    document.as_object_mut().unwrap().remove("study");
+    document
+}
+
+#[tokio::test]
+async fn every_example_is_continued_or_refused_with_one_reason() {
+    let site = Site::new(one_worker(), Arc::new(dvi::solve));
+    let mut continued = BTreeSet::new();
+    for example in dvi::specification::EXAMPLES {
+        let (path, status) = solved(&site, &shortened(example.text)).await;
+        assert_eq!(status["status"], "successful", "{}: {status}", example.name);
+        let reply = post(&site, &format!("{path}/continue"), r#"{"end": 1e15}"#).await;
+        if reply.status == StatusCode::ACCEPTED {
+            continued.insert(example.name);
+            Call::new("DELETE", reply.header("location")).send(&site).await;
+            continue;
+        }
+        let problem = reply.problem(409, "not-continuable");
+        assert!(problem.get("errors").is_none(), "{}: {problem}", example.name);
+        let told = problem["detail"].as_str().unwrap();
+        assert!(
+            told.starts_with("the job cannot be continued: ") && !told.contains("empty"),
+            "{}: {told}",
+            example.name
+        );
+    }
+    assert!(continued.len() > 25, "{continued:?}");
+    for never in ["bounce_slope", "bouncing_ball_slopes", "torn_off", "shaken_ball_branch", "buck_orbit", "belt_fit"] {
+        assert!(!continued.contains(never), "{never}");
+    }
 }

@@ -157,6 +157,46 @@ async fn the_type_of_every_problem_can_be_looked_up() {
     site.get("/problems/none").await.problem(404, "no-such-problem");
 }
 
+/// The addresses of pages of codes that are named in `text`.
+fn addresses(text: &str) -> BTreeSet<String> {
+    let is_part = |c: char| c.is_ascii_lowercase() || c == '_' || c == '-';
+    let words = text.split("/problems/").skip(1).map(|rest| rest.split(|c| !is_part(c)).next().unwrap());
+    words.filter(|word| !word.is_empty()).map(|word| format!("/problems/{word}")).collect()
+}
+
+#[tokio::test]
+async fn every_page_of_a_code_that_is_named_anywhere_is_there_in_every_form() {
+    let site = Site::new(one_worker(), instant());
+    let mut texts = Vec::new();
+    sources(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"), &mut texts);
+    let said = codes_of_sources(&texts).into_iter().map(str::to_owned);
+    let told = pages().iter().map(|page| page.code.to_owned());
+    let refusals = Kind::ALL.iter().map(|kind| kind.slug().to_owned());
+    let checks = CheckCode::ALL.into_iter().map(|code| code.name().to_owned());
+    let mut all: BTreeSet<String> =
+        said.chain(told).chain(refusals).chain(checks).map(|code| format!("/problems/{code}")).collect();
+    all.extend(addresses(&dvi::service::http::description().to_string()));
+    let guide = site.get("/docs").await;
+    let chapters = guide.text().split(" href=\"").skip(1).filter_map(|rest| rest.split(['"', '#']).next());
+    let chapters: BTreeSet<&str> = chapters.filter(|href| href.starts_with("/docs/")).collect();
+    assert!(chapters.len() > 5, "{chapters:?}");
+    for page in chapters.into_iter().chain(["/", "/problems", "/docs"]) {
+        let page = Call::new("GET", page).header("accept", "text/html").send(&site).await;
+        all.extend(addresses(page.text()));
+    }
+    for page in pages() {
+        let Page { meaning, why, remedy, example, .. } = page;
+        [meaning, why, remedy, example].into_iter().for_each(|text| all.extend(addresses(text)));
+    }
+    assert!(all.len() > 200, "{}", all.len());
+    for address in all {
+        for accept in ["application/json", "text/html", "text/plain"] {
+            let page = Call::new("GET", &address).header("accept", accept).send(&site).await;
+            assert_eq!(page.status.as_u16(), 200, "{address} as {accept}");
+        }
+    }
+}
+
 #[tokio::test]
 async fn a_page_comes_in_the_form_that_is_asked_for() {
     let site = Site::new(one_worker(), instant());

@@ -1,13 +1,16 @@
 //! Results in every representation, in part, compressed, and with conditional requests.
 
 use crate::harness::{Call, DECAY, Reply, Site, halving, one_worker};
+use crate::process::{Folder, Server};
 use arrow_array::cast::AsArray;
 use arrow_array::types::Float64Type;
 use arrow_ipc::reader::StreamReader;
 use axum::http::StatusCode;
 use dvi::problem::{Event, EventKind};
 use dvi::solution::{Field, Status};
-use std::io::Read;
+use serde_json::{Value, json};
+use std::io::{Read, Write};
+use std::net::TcpStream;
 use std::sync::Arc;
 
 /// A service all of whose solutions are `t = 0, 1, .., n - 1`, `x = t^2` and `i(R1,a) = -t`.
@@ -133,4 +136,63 @@ async fn a_stream_of_events_is_not_compressed() {
     let (site, _) = squares(10).await;
     let call = Call::solve(DECAY).header("accept", "text/event-stream").header("accept-encoding", "gzip");
     assert!(!call.send(&site).await.headers.contains_key("content-encoding"));
+}
+
+/// Clients that take a long result a piece at a time: 24 of them take little more memory than the service allows for all
+/// responses, and far less than one whole response.
+#[test]
+fn slow_readers_of_a_long_result_take_bounded_memory() {
+    const READERS: usize = 24;
+    const ANSWERS_MIB: u64 = 8;
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--answers-mib", &ANSWERS_MIB.to_string(), "--workers", "1"]);
+    let states: serde_json::Map<String, Value> =
+        (0..10).map(|k| (format!("x{k}"), json!({"initial": 1, "rate": format!("-x{k}")}))).collect();
+    let document = json!({
+        "problem": {"dvi": {"states": states}}, "time": {"end": 1}, "output": {"times": {"count": 400_000}},
+    });
+    let path = server.accept(&document.to_string());
+    server.reaches(&path, &["successful"]);
+    for (accept, query, whole_mib) in [("application/json", "", 60)] {
+        let before = server.resident_kib() >> 10;
+        let ask = |_| {
+            let mut stream = TcpStream::connect(&server.address).unwrap();
+            write!(stream, "GET {path}/results{query} HTTP/1.0\r\nhost: localhost\r\naccept: {accept}\r\n\r\n")
+                .unwrap();
+            stream
+        };
+        let mut readers: Vec<TcpStream> = (0..READERS).map(ask).collect();
+        let (mut piece, mut most) = ([0; 4096], 0);
+        for _ in 0..20 {
+            for reader in &mut readers {
+                assert!(reader.read(&mut piece).unwrap() > 0);
+            }
+            most = most.max(server.resident_kib() >> 10);
+        }
+        println!("{accept} {query}: {most} MiB at most, {before} before");
+        // No whole response stands in memory beside what is allowed for all of them, not even one.
+        assert!(most < before + ANSWERS_MIB + whole_mib, "{most} MiB, {before} before");
+    }
+}
+
+#[test]
+fn what_was_waited_for_takes_an_eighth_of_what_is_kept_and_nothing_from_the_disk() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--kept-mib", "8", "--workers", "1"]);
+    let stored = server.accept(DECAY);
+    server.reaches(&stored, &["successful"]);
+    let solve = |k: u32| {
+        let document = DECAY
+            .replace("-x", &format!("-{k}*x"))
+            .replace("{\"end\":1}}", "{\"end\":1},\"output\":{\"times\":{\"count\":1001}}}");
+        let answer = server.send("POST", "/solve", "", &document);
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        let link = answer.header("link");
+        (link[1..].split('>').next().unwrap().to_owned(), answer.body.len())
+    };
+    let solved: Vec<(String, usize)> = (1..=60).map(solve).collect();
+    let is_known = |path: &str| server.get(path).status == 200;
+    let bytes: usize = solved.iter().filter(|(path, _)| is_known(path)).map(|(_, bytes)| bytes).sum();
+    assert!((1 << 19..=1 << 20).contains(&bytes), "{bytes} bytes");
+    assert!(!is_known(&solved[0].0) && is_known(&solved[59].0) && is_known(&stored));
 }

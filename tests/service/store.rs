@@ -32,7 +32,7 @@ fn a_store_is_left_alone_while_it_is_in_use_and_what_is_damaged_is_named() {
     let before = fs::read(&database).unwrap();
     let whole = check(&folder);
     assert_eq!((whole.status.code(), fs::read(&database).unwrap() == before), (Some(0), true), "{whole:?}");
-    for line in ["  jobs        2, of which 2 have ended\n", "  damaged     0\n", "  format      3\n"] {
+    for line in ["  jobs        2, of which 2 have ended\n", "  damaged     0\n", "  format      4\n"] {
         assert!(told(&whole.stdout).contains(line), "{whole:?}");
     }
 

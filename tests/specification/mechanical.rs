@@ -35,6 +35,18 @@ fn the_system_to_break_is_right() {
 }
 
 #[test]
+fn derivatives_of_a_start_that_is_found_are_refused_once() {
+    let mut problem = json!({"problem": {"mechanical": {
+        "parameters": {"h": 1, "g": 9.81, "e": 0.6}, "coordinates": {"y": {"initial": "h"}}, "mass": [[1]],
+        "potential": "g*y", "contacts": [{"name": "floor", "gap": "y", "restitution": "e"}],
+        "interpenetration": "resolve"}},
+        "time": {"end": 1}, "method": {"impacts": "locate"}, "sensitivities": {"to": ["h", "g", "e"]}});
+    assert_errors(&problem, &[("/sensitivities/to", "conflict", "the start is found by moving bodies apart")]);
+    problem["sensitivities"] = json!({"to": ["y.initial"]});
+    Specification::from_json(problem.to_string().as_bytes()).unwrap();
+}
+
+#[test]
 fn a_mass_that_is_none_is_refused() {
     for mass in [json!(0), json!(-1)] {
         refused("parameters/m", mass, &[("mass", "mass_not_positive", "entry (0, 0)")]);

@@ -107,7 +107,13 @@ pub async fn continue_job(
     let (id, large) = (job.id, results.bytes() + document.len() > SHORT);
     let read = run_blocking(&shared, job.client, large, move || last_row(&results)).await?;
     let (start, ends) = match read {
-        Ok(last) => last.ok_or_else(|| refused(id, "its trajectory is empty"))?,
+        Ok(Some(last)) => last,
+        Ok(None) => {
+            // What has no trajectory has a reason for it, unless it was stopped before its first step.
+            let why =
+                continued(&document, end, end, |_| None).err().filter(|why| matches!(why, NotContinuable::Problem(_)));
+            return Err(refused(id, &why.map_or_else(|| "its trajectory is empty".to_owned(), |why| why.to_string())));
+        }
         Err(error) => {
             shared.jobs.found(&job, &error).await;
             return Err(unreadable(id, &error));
@@ -122,7 +128,7 @@ pub async fn continue_job(
         continued(&document, start, end, last).map_err(|why: NotContinuable| refused(id, &why.to_string()))
     };
     let document = run_blocking(&shared, job.client, large, work).await??;
-    successor(&shared, &job, document.into(), key).await
+    successor(&shared, &job, document.into(), key).await.map_err(|problem| no_start(id, problem))
 }
 
 /// The last time of a trajectory, and the values of its fields at that time; `None` if the trajectory is empty.
@@ -144,6 +150,18 @@ fn ended(job: &Job) -> HandlerResult<Arc<Ended>> {
 
 fn refused(job: JobId, why: &str) -> Box<Problem> {
     Problem::new(Kind::NotContinuable, format!("the job cannot be continued: {why}")).of_job(job)
+}
+
+/// The errors of a document that nobody wrote: the states at the end are no start of it.
+fn no_start(job: JobId, problem: Box<Problem>) -> Box<Problem> {
+    match problem.errors() {
+        [] => problem,
+        [error, rest @ ..] => {
+            let more = if rest.is_empty() { String::new() } else { format!(" (and {} more)", rest.len()) };
+            let Finding { pointer, detail, .. } = error;
+            refused(job, &format!("its end is no start of the same specification: {pointer}: {detail}{more}"))
+        }
+    }
 }
 
 fn wrong(pointer: &str, code: &'static str, detail: &impl ToString) -> Box<Problem> {

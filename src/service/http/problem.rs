@@ -207,6 +207,11 @@ impl Problem {
         &self.detail
     }
 
+    /// The errors of a specification.
+    pub fn errors(&self) -> &[Finding] {
+        &self.errors
+    }
+
     /// Names the job that the problem concerns.
     pub fn of_job(mut self: Box<Self>, id: JobId) -> Box<Self> {
         self.instance = Some(address(format_args!("/jobs/{id}")));

@@ -182,6 +182,14 @@ impl Ended {
         }
     }
 
+    /// The size of what stands in memory of the results, in bytes.
+    pub fn resident(&self) -> usize {
+        match &self.held {
+            Some(Held::Memory(results)) => results.resident(),
+            _ => 0,
+        }
+    }
+
     /// The size of the results, in bytes.
     pub fn bytes(&self) -> usize {
         match &self.held {

@@ -1,5 +1,6 @@
 //! The index of jobs that clients may ask for: all unfinished jobs, and the latest ended ones, bounded in number, size
-//! and age. The job that ended first is forgotten first; the latest is kept whatever its size.
+//! and age. The job that ended first is forgotten first; the latest is kept whatever its size. What stands in memory has
+//! a bound of its own, beyond which the first of these is forgotten, and none of those on the disk.
 
 use super::Client;
 use super::idempotency::Key;
@@ -20,6 +21,15 @@ pub struct Retention {
     pub age: Duration,
 }
 
+/// The size of an ended job, in bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Size {
+    /// Of its specification and results.
+    pub bytes: usize,
+    /// Of these, what stands in memory; 0 for a job on the disk.
+    pub resident: usize,
+}
+
 /// An idempotency key was used before with a different document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Mismatch;
@@ -28,6 +38,8 @@ pub struct Mismatch;
 #[derive(Debug)]
 pub struct Index {
     retention: Retention,
+    /// The bytes of ended jobs in memory.
+    most_resident: usize,
     held: Mutex<Held>,
 }
 
@@ -35,22 +47,27 @@ pub struct Index {
 struct Held {
     jobs: HashMap<JobId, Arc<Job>>,
     keys: HashMap<(Client, String), Arc<Job>>,
-    /// The ended jobs, in order of their ends.
-    ended: VecDeque<Past>,
+    /// The ended jobs on the disk and those in memory, each in order of their ends.
+    ended: [VecDeque<Past>; 2],
     bytes: usize,
+    resident: usize,
 }
+
+/// The places in [`Held::ended`].
+const ON_DISK: usize = 0;
+const IN_MEMORY: usize = 1;
 
 #[derive(Debug)]
 struct Past {
     id: JobId,
     finished: Timestamp,
-    bytes: usize,
+    size: Size,
 }
 
 impl Index {
-    /// An empty index.
-    pub fn new(retention: Retention) -> Self {
-        Self { retention, held: Mutex::default() }
+    /// An empty index, which keeps ended jobs of at most `most_resident` bytes in memory.
+    pub fn new(retention: Retention, most_resident: usize) -> Self {
+        Self { retention, most_resident, held: Mutex::default() }
     }
 
     /// Adds a job that has just been admitted, or returns the earlier job with the same key.
@@ -85,7 +102,7 @@ impl Index {
     /// The number of ended jobs, and their bytes.
     pub fn kept(&self) -> (usize, usize) {
         let held = self.lock();
-        (held.ended.len(), held.bytes)
+        (held.count(), held.bytes)
     }
 
     /// All jobs, in no particular order.
@@ -93,17 +110,22 @@ impl Index {
         self.lock().jobs.values().map(Arc::clone).collect()
     }
 
-    /// Counts a job as ended, with its size in `bytes`, and returns the jobs that are forgotten to make room.
-    pub fn keep(&self, id: JobId, finished: Timestamp, bytes: usize) -> Vec<Arc<Job>> {
+    /// Counts a job as ended, with its size, and returns the jobs that are forgotten to make room.
+    pub fn keep(&self, id: JobId, finished: Timestamp, size: Size) -> Vec<Arc<Job>> {
         let mut held = self.lock();
         if !held.jobs.contains_key(&id) {
             return Vec::new();
         }
-        held.ended.push_back(Past { id, finished, bytes });
-        held.bytes += bytes;
+        held.ended[if size.resident > 0 { IN_MEMORY } else { ON_DISK }].push_back(Past { id, finished, size });
+        held.bytes += size.bytes;
+        held.resident += size.resident;
         let mut forgotten = Vec::new();
-        while held.ended.len() > 1 && (held.ended.len() > self.retention.jobs || held.bytes > self.retention.bytes) {
-            forgotten.extend(held.forget_oldest());
+        while held.ended[IN_MEMORY].len() > 1 && held.resident > self.most_resident {
+            forgotten.extend(held.forget_first(IN_MEMORY));
+        }
+        while held.count() > 1 && (held.count() > self.retention.jobs || held.bytes > self.retention.bytes) {
+            let Some((place, _)) = held.oldest() else { break };
+            forgotten.extend(held.forget_first(place));
         }
         forgotten
     }
@@ -115,8 +137,8 @@ impl Index {
         let is_old = |past: &Past| {
             now.duration_since(past.finished).try_into().is_ok_and(|age: Duration| age > self.retention.age)
         };
-        while held.ended.front().is_some_and(is_old) {
-            forgotten.extend(held.forget_oldest());
+        while let Some((place, _)) = held.oldest().filter(|(_, past)| is_old(past)) {
+            forgotten.extend(held.forget_first(place));
         }
         forgotten
     }
@@ -124,11 +146,15 @@ impl Index {
     /// Forgets a job, whether it has ended or not.
     pub fn forget(&self, id: JobId) {
         let mut held = self.lock();
-        if held.take(id).is_some()
-            && let Some(index) = held.ended.iter().position(|past| past.id == id)
-            && let Some(past) = held.ended.remove(index)
-        {
-            held.bytes -= past.bytes;
+        if held.take(id).is_none() {
+            return;
+        }
+        for place in [ON_DISK, IN_MEMORY] {
+            if let Some(index) = held.ended[place].iter().position(|past| past.id == id)
+                && let Some(past) = held.ended[place].remove(index)
+            {
+                held.count_out(past.size);
+            }
         }
     }
 
@@ -143,10 +169,26 @@ impl Held {
         if job.key.as_ref() == Some(key) { Ok(Some(Arc::clone(job))) } else { Err(Mismatch) }
     }
 
-    fn forget_oldest(&mut self) -> Option<Arc<Job>> {
-        let past = self.ended.pop_front()?;
-        self.bytes -= past.bytes;
+    /// The number of ended jobs.
+    fn count(&self) -> usize {
+        self.ended.iter().map(VecDeque::len).sum()
+    }
+
+    /// The job that ended first, with its place.
+    fn oldest(&self) -> Option<(usize, &Past)> {
+        let first = |place: usize| self.ended[place].front().map(|past| (place, past));
+        [ON_DISK, IN_MEMORY].into_iter().filter_map(first).min_by_key(|(_, past)| past.finished)
+    }
+
+    fn forget_first(&mut self, place: usize) -> Option<Arc<Job>> {
+        let past = self.ended[place].pop_front()?;
+        self.count_out(past.size);
         self.take(past.id)
+    }
+
+    fn count_out(&mut self, size: Size) {
+        self.bytes -= size.bytes;
+        self.resident -= size.resident;
     }
 
     fn take(&mut self, id: JobId) -> Option<Arc<Job>> {

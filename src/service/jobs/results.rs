@@ -174,6 +174,14 @@ impl Results {
         }
     }
 
+    /// The size of what stands in memory, in bytes.
+    pub fn resident(&self) -> usize {
+        match self {
+            Self::Text(text) => text.json.len(),
+            Self::Columns(long) => long.backing.resident(),
+        }
+    }
+
     /// The size of the results as JSON, in bytes.
     pub fn bytes(&self) -> usize {
         match self {

@@ -3,9 +3,11 @@
 //! in memory.
 
 use super::files::OWN;
+use rustix::fs::{Advice, fadvise};
 use solution::columnar::Source;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
+use std::num::NonZeroU64;
 use std::os::unix::fs::{FileExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,6 +30,14 @@ impl Backing {
     /// In memory.
     pub fn memory(bytes: Vec<u8>) -> Self {
         Self::Memory(Arc::new(bytes))
+    }
+
+    /// The number of bytes in memory.
+    pub fn resident(&self) -> usize {
+        match self {
+            Self::Memory(bytes) => bytes.len(),
+            Self::Scratch(_) | Self::File(_) => 0,
+        }
     }
 
     /// Opens the results for reading at any offset; also returns their length in bytes.
@@ -83,6 +93,13 @@ struct OnDisk(File);
 impl Source for OnDisk {
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()> {
         self.0.read_exact_at(bytes, offset)
+    }
+
+    fn fetch(&self, offset: u64, length: u64) {
+        // Without a length, the system would fetch all up to the end of the file.
+        let Some(length) = NonZeroU64::new(length) else { return };
+        // A hint: without it, the reads are slower and no less right.
+        let _ = fadvise(&self.0, offset, Some(length), Advice::WillNeed);
     }
 }
 

@@ -11,7 +11,7 @@ use super::change::Change;
 use super::chunks::Chunks;
 use super::disk::{Disk, Found};
 use super::ended::{Ended, Ending, Held};
-use super::index::{Index, Retention};
+use super::index::{Index, Retention, Size};
 use super::job::{Halt, Job, JobId, Lifecycle, Persistence, State};
 use super::marks::Marks;
 use super::row_log::RowLog;
@@ -29,6 +29,10 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use tokio::task::spawn_blocking;
+
+/// The part of the bytes of ended jobs that may stand in memory where others are on a disk, as a divisor: those in memory
+/// have been sent to their clients, and are kept in case these ask again.
+const RESIDENT: usize = 8;
 
 /// The store of all jobs.
 #[derive(Debug)]
@@ -55,7 +59,8 @@ impl Store {
         unsaved: usize,
         metrics: &Metrics,
     ) -> io::Result<(Self, Vec<Arc<Job>>)> {
-        let index = Arc::new(Index::new(retention));
+        let most_resident = if folder.is_some() { retention.bytes / RESIDENT } else { retention.bytes };
+        let index = Arc::new(Index::new(retention, most_resident));
         let unsaved = Arc::new(Unsaved::new(unsaved));
         let Some(folder) = folder else {
             return Ok((Self { index, disk: None, damaged: HashSet::new(), unsaved }, Vec::new()));
@@ -97,7 +102,7 @@ impl Store {
         past.sort_by_key(|(finished, ..)| *finished);
         let mut forgotten = Vec::new();
         for (finished, bytes, job) in past {
-            forgotten.extend(index.keep(job.id, finished, job.document_bytes + bytes));
+            forgotten.extend(index.keep(job.id, finished, Size { bytes: job.document_bytes + bytes, resident: 0 }));
         }
         forgotten.extend(index.expire(Timestamp::now()));
         disk.erase(forgotten.iter().map(|job| job.id).collect())?;
@@ -199,7 +204,7 @@ impl Store {
     pub async fn conclude(&self, job: &Arc<Job>, ended: Ended) {
         let outcome = match (self.conclude_in_memory(job, ended), &self.disk) {
             (Err(ended), Some(disk)) => {
-                let forgotten = self.keep(job, &ended);
+                let forgotten = self.keep(job, &ended, 0);
                 self.conclude_on_disk(disk, job, *ended).await;
                 forgotten
             }
@@ -216,7 +221,7 @@ impl Store {
             return Err(Box::new(ended));
         }
         // Before anyone is woken, so that the store is within its bounds when the end is seen.
-        let forgotten = self.keep(job, &ended);
+        let forgotten = self.keep(job, &ended, job.document_bytes + ended.resident());
         lifecycle.finish(ended);
         drop(lifecycle);
         job.wake();
@@ -271,7 +276,7 @@ impl Store {
             match &mut lifecycle.state {
                 State::Accepted(_) => {
                     let ended = Ended::unsolved(Ending::Dismissed);
-                    forgotten = self.keep(job, &ended);
+                    forgotten = self.keep(job, &ended, 0);
                     record = record.ended(&ended);
                     lifecycle.finish(ended);
                 }
@@ -404,8 +409,9 @@ impl Store {
         lifecycle.state = State::Ended(Arc::new(damaged));
     }
 
-    fn keep(&self, job: &Job, ended: &Ended) -> Vec<Arc<Job>> {
-        self.index.keep(job.id, ended.finished, job.document_bytes + ended.bytes())
+    /// Counts a job as ended, of which `resident` bytes stand in memory.
+    fn keep(&self, job: &Job, ended: &Ended, resident: usize) -> Vec<Arc<Job>> {
+        self.index.keep(job.id, ended.finished, Size { bytes: job.document_bytes + ended.bytes(), resident })
     }
 
     /// Removes jobs, no longer in the index, from the disk.

@@ -4,7 +4,8 @@
 //! |---|---|---|
 //! | 1 | 0.1 | rows as JSON; no table `format` |
 //! | 2 | | rows behind a digest, with the digests of specifications and results in them; long results as JSON |
-//! | 3 | | long results as columns |
+//! | 3 | | long results as columns, in chunks |
+//! | 4 | | long results as columns, in blocks; those in chunks stay as they are |
 //!
 //! A store of an earlier format is converted in one transaction when it is opened. A store of a later format is
 //! refused. Versions that do not know the table `format` refuse a later store as well, since the type of its rows has
@@ -17,7 +18,7 @@ use redb::{Database, ReadableDatabase, ReadableTable, TableDefinition, TableHand
 use serde_json::json;
 
 /// The present format.
-pub const FORMAT: u64 = 3;
+pub const FORMAT: u64 = 4;
 
 /// The rows of jobs, sealed with digests.
 pub const JOBS: TableDefinition<'_, u128, Sealed> = TableDefinition::new("jobs");

@@ -1,12 +1,15 @@
-//! Trajectories as columns, in memory or on disk: an excerpt reads only the chunks that it needs.
+//! Trajectories as columns, in memory or on disk: an excerpt reads only the blocks that it needs.
 //!
 //! The stored form is
 //!
 //! ```text
-//! columns    the times, then each field: 8 bytes a number, little-endian, in chunks of 1024 rows, the last one shorter
+//! columns    the times, then each field, in blocks of 63 rows, the last one shorter: 8 bytes a number, little-endian, and
+//!            the checksum of the block
 //! members    the table of a sweep, where there is one, in parts of some thousand rows
-//! index      JSON: how many rows, the names, a checksum a chunk, and the solution without its columns
+//! index      JSON: how many rows, the names, and the solution without its columns
 //! ```
+//!
+//! Columns of earlier versions are in chunks of 1024 rows, with their checksums in the index.
 //!
 //! The caller keeps the length and a digest of the index, from which everything else is found.
 
@@ -39,7 +42,7 @@ pub trait Columns: Send + Sync {
     /// Errors of the disk; [`io::ErrorKind::InvalidData`] if the column has changed since it was written.
     fn values(&self, column: usize, rows: Rows) -> io::Result<Vec<f64>>;
 
-    /// Verifies the checksums of the chunks with these rows of these columns, numbered as in [`Columns::values`].
+    /// Verifies the checksums of the blocks with these rows of these columns, numbered as in [`Columns::values`].
     ///
     /// # Errors
     /// As of [`Columns::values`].

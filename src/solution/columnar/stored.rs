@@ -1,6 +1,6 @@
-//! The stored form: written sequentially, read at any place, with every chunk verified against its checksum.
+//! The stored form: written sequentially, read at any place, with every block verified against its checksum.
 
-use super::checksum::checksum;
+use super::checksum::{checksum, checksum_from};
 use super::members::{Members, PartsIndex, StoredMembers, write_parts};
 use super::{Columns, Rows, Skeleton};
 use crate::{Table, Trajectory};
@@ -9,11 +9,26 @@ use std::io::{self, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
-/// Rows per chunk, 8 KiB: the amount read for a single number.
+/// Rows per block: with the checksum behind them 512 bytes, the least amount that is read for a number. A block never
+/// crosses a page of memory, and a block in use is verified by 504 bytes at most beside the number.
+const BLOCK: usize = 63;
+
+/// Rows per chunk in the forms before blocks, 8 KiB.
 const CHUNK: usize = 1024;
 
-/// Bytes per number.
+/// Bytes per number, and per checksum.
 const WIDTH: usize = size_of::<f64>();
+
+/// Bytes that are read at once where blocks are close to one another.
+const RUN: usize = 64 << 10;
+
+/// Distance in bytes between two blocks in use up to which the bytes between are read as well: the size of a page of
+/// memory, which copies about as fast as a further call of the system.
+const CLOSE: usize = 4 << 10;
+
+/// Distance in bytes between two blocks in use up to which all between is fetched from the disk in advance: a disk
+/// transfers it faster than it answers another request.
+const FETCHED: usize = 128 << 10;
 
 /// The index, which describes the bytes before it.
 #[derive(Serialize, Deserialize)]
@@ -22,7 +37,8 @@ struct Index {
     columns: u32,
     rows: usize,
     names: Vec<String>,
-    /// Checksums of the chunks of the times, then of those of each field.
+    /// Checksums of the chunks of the times, then of those of each field, in the forms before blocks.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     checksums: Vec<u64>,
     /// The table of a sweep.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -30,9 +46,58 @@ struct Index {
     skeleton: String,
 }
 
-/// The number of the form, and that of the form without the table of a sweep.
-const FORM: u32 = 2;
-const WITHOUT_MEMBERS: u32 = 1;
+/// The number of the form, and those of the forms in chunks, which are still read: without and with the table of a sweep.
+const FORM: u32 = 3;
+const IN_CHUNKS: [u32; 2] = [1, 2];
+
+/// The arrangement of the numbers of a column.
+enum Layout {
+    /// Chunks of [`CHUNK`] rows, with these checksums in the index.
+    Chunks(Vec<u64>),
+    /// Blocks of [`BLOCK`] rows with a checksum behind each. Its seed is the sum of this one and of the number of the
+    /// block in the file, so that a block of another place or of other results does not pass.
+    Blocks(u64),
+}
+
+impl Layout {
+    /// The seed for the results with this skeleton.
+    fn of(skeleton: &Skeleton) -> Self {
+        Self::Blocks(checksum(skeleton.text().as_bytes()))
+    }
+
+    /// The rows of a block.
+    fn rows(&self) -> usize {
+        match self {
+            Self::Chunks(_) => CHUNK,
+            Self::Blocks(_) => BLOCK,
+        }
+    }
+
+    /// The number of bytes of the checksum behind a block.
+    fn tail(&self) -> usize {
+        match self {
+            Self::Chunks(_) => 0,
+            Self::Blocks(_) => WIDTH,
+        }
+    }
+
+    /// The length of a block in bytes, unless it is the last of its column.
+    fn length(&self) -> usize {
+        self.rows() * WIDTH + self.tail()
+    }
+
+    /// The numbers in the bytes of a block with this number in the file; `None` if they are not as they were written.
+    fn numbers<'b>(&self, number: usize, block: &'b [u8]) -> Option<&'b [[u8; WIDTH]]> {
+        let (bytes, is_intact) = match self {
+            Self::Chunks(checksums) => (block, checksums.get(number) == Some(&checksum(block))),
+            Self::Blocks(seed) => {
+                let (bytes, sum) = block.split_last_chunk::<WIDTH>()?;
+                (bytes, u64::from_le_bytes(*sum) == checksum_from(seed.wrapping_add(number as u64), bytes))
+            }
+        };
+        is_intact.then_some(bytes.as_chunks().0)
+    }
+}
 
 /// Writes `trajectory`, the `table` if it is that of a sweep, and the rest of the solution; gives the bytes of the index,
 /// which are the last that it wrote.
@@ -46,23 +111,27 @@ pub fn write_columns(
     out: &mut impl Write,
 ) -> io::Result<Vec<u8>> {
     let rows = trajectory.t.len();
-    let (mut checksums, mut bytes) = (Vec::new(), Vec::with_capacity(CHUNK * WIDTH));
+    let seed = checksum(skeleton.text().as_bytes());
+    let mut blocks = io::BufWriter::with_capacity(RUN, &mut *out);
+    let (mut number, mut bytes) = (seed, Vec::with_capacity(BLOCK * WIDTH));
     for column in std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values)) {
         if column.len() != rows {
             return Err(io::Error::new(io::ErrorKind::InvalidInput, "columns must have the same length"));
         }
-        for chunk in column.chunks(CHUNK) {
+        for block in column.chunks(BLOCK) {
             bytes.clear();
-            chunk.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
-            checksums.push(checksum(&bytes));
-            out.write_all(&bytes)?;
+            block.iter().for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
+            blocks.write_all(&bytes)?;
+            blocks.write_all(&checksum_from(number, &bytes).to_le_bytes())?;
+            number = number.wrapping_add(1);
         }
     }
+    blocks.flush()?;
+    drop(blocks);
     let names = trajectory.fields.iter().map(|field| field.name.clone()).collect();
     let members = table.map_or(Ok(None), |table| write_parts(table, out))?;
-    let columns = if members.is_some() { FORM } else { WITHOUT_MEMBERS };
-    let index = Index { columns, rows, names, checksums, members, skeleton: skeleton.text().to_owned() };
-    let index = serde_json::to_vec(&index)?;
+    let skeleton = skeleton.text().to_owned();
+    let index = serde_json::to_vec(&Index { columns: FORM, rows, names, checksums: Vec::new(), members, skeleton })?;
     out.write_all(&index)?;
     Ok(index)
 }
@@ -74,6 +143,9 @@ pub trait Source: Send + Sync {
     /// # Errors
     /// Errors of the disk, or too few bytes.
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()>;
+
+    /// Announces that many of `length` bytes from `offset` on will be read soon, each by a request of its own.
+    fn fetch(&self, _offset: u64, _length: u64) {}
 }
 
 impl Source for Vec<u8> {
@@ -90,6 +162,10 @@ impl<S: Source + ?Sized> Source for Arc<S> {
     fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()> {
         (**self).read_at(offset, bytes)
     }
+
+    fn fetch(&self, offset: u64, length: u64) {
+        (**self).fetch(offset, length);
+    }
 }
 
 /// Columns in the stored form.
@@ -97,7 +173,7 @@ pub struct Stored {
     source: Arc<dyn Source>,
     rows: usize,
     names: Vec<String>,
-    checksums: Vec<u64>,
+    layout: Layout,
     members: Option<StoredMembers>,
     skeleton: Skeleton,
 }
@@ -109,20 +185,30 @@ impl Stored {
     /// The bytes are not a valid index.
     pub fn open(source: impl Source + 'static, index: &[u8]) -> io::Result<Self> {
         let Index { columns, rows, names, checksums, members, skeleton } = serde_json::from_slice(index)?;
-        let is_known = [FORM, WITHOUT_MEMBERS].contains(&columns);
-        if !is_known || checksums.len() != (1 + names.len()) * rows.div_ceil(CHUNK) {
-            return Err(io::Error::new(io::ErrorKind::InvalidData, format!("columns of form {columns} are not known")));
-        }
+        let skeleton = Skeleton::of_text(skeleton)?;
+        let layout = match columns {
+            FORM => Layout::of(&skeleton),
+            form if IN_CHUNKS.contains(&form) && checksums.len() == (1 + names.len()) * rows.div_ceil(CHUNK) => {
+                Layout::Chunks(checksums)
+            }
+            form => {
+                return Err(io::Error::new(
+                    io::ErrorKind::InvalidData,
+                    format!("columns of form {form} are not known"),
+                ));
+            }
+        };
         let source: Arc<dyn Source> = Arc::new(source);
-        let start = ((1 + names.len()) * rows * WIDTH) as u64;
-        let members = members.map(|members| StoredMembers::new(Arc::clone(&source), members, start));
-        Ok(Self { source, rows, names, checksums, members, skeleton: Skeleton::of_text(skeleton)? })
+        let mut stored = Self { source, rows, names, layout, members: None, skeleton };
+        let start = stored.start_of(1 + stored.names.len());
+        stored.members = members.map(|members| StoredMembers::new(Arc::clone(&stored.source), members, start));
+        Ok(stored)
     }
 
     /// The table of a sweep in `source`, and the rest of its solution, which has no trajectory.
     pub fn of_members(source: Arc<dyn Source>, index: PartsIndex, skeleton: Skeleton) -> Self {
         let members = Some(StoredMembers::new(Arc::clone(&source), index, 0));
-        Self { source, rows: 0, names: Vec::new(), checksums: Vec::new(), members, skeleton }
+        Self { source, rows: 0, names: Vec::new(), layout: Layout::of(&skeleton), members, skeleton }
     }
 
     /// The bytes of the index, as they stand behind the columns.
@@ -131,9 +217,11 @@ impl Stored {
     /// There are none: the index has a JSON form.
     pub fn index(&self) -> io::Result<Vec<u8>> {
         let members = self.members.as_ref().map(|members| members.index().clone());
-        let columns = if members.is_some() { FORM } else { WITHOUT_MEMBERS };
-        let (names, checksums) = (self.names.clone(), self.checksums.clone());
-        let skeleton = self.skeleton.text().to_owned();
+        let (columns, checksums) = match &self.layout {
+            Layout::Chunks(checksums) => (IN_CHUNKS[usize::from(members.is_some())], checksums.clone()),
+            Layout::Blocks(_) => (FORM, Vec::new()),
+        };
+        let (names, skeleton) = (self.names.clone(), self.skeleton.text().to_owned());
         Ok(serde_json::to_vec(&Index { columns, rows: self.rows, names, checksums, members, skeleton })?)
     }
 
@@ -144,39 +232,65 @@ impl Stored {
 
     /// Number of bytes before the index.
     pub fn bytes(&self) -> u64 {
-        let columns = ((1 + self.names.len()) * self.rows * WIDTH) as u64;
+        let columns = self.start_of(1 + self.names.len());
         self.members.as_ref().map_or(columns, StoredMembers::end)
     }
 
-    /// The rows of a chunk.
-    fn chunk(&self, chunk: usize) -> Range<usize> {
-        let start = chunk * CHUNK;
-        start..(start + CHUNK).min(self.rows)
+    /// The offset of a column in bytes, or the end of the columns.
+    fn start_of(&self, column: usize) -> u64 {
+        let length = self.rows * WIDTH + self.blocks() * self.layout.tail();
+        (column * length) as u64
     }
 
-    /// Reads a chunk of a column into `bytes`.
-    fn read(&self, column: usize, chunk: usize, bytes: &mut Vec<u8>) -> io::Result<()> {
-        let rows = self.chunk(chunk);
-        let written = self.checksums.get(column * self.rows.div_ceil(CHUNK) + chunk);
-        bytes.resize(rows.len() * WIDTH, 0);
-        self.source.read_at(((column * self.rows + rows.start) * WIDTH) as u64, bytes).map_err(cut_off)?;
-        if written == Some(&checksum(bytes)) {
-            Ok(())
-        } else {
-            Err(io::Error::new(io::ErrorKind::InvalidData, "a column has changed since it was written"))
-        }
+    /// The number of blocks of a column.
+    fn blocks(&self) -> usize {
+        self.rows.div_ceil(self.layout.rows())
     }
 
-    /// Calls `visit` for every chunk of a column that contains some of `rows`, with its bytes and these rows relative
-    /// to the chunk.
-    fn visit(&self, column: usize, rows: Rows, mut visit: impl FnMut(&[u8], Rows)) -> io::Result<()> {
+    /// The rows of a block.
+    fn rows_of(&self, block: usize) -> Range<usize> {
+        let start = block * self.layout.rows();
+        start..(start + self.layout.rows()).min(self.rows)
+    }
+
+    /// Reads successive blocks of a column into `bytes`, not yet verified.
+    fn read(&self, column: usize, blocks: Range<usize>, bytes: &mut Vec<u8>) -> io::Result<()> {
+        let rows = self.rows_of(blocks.end.saturating_sub(1)).end - self.rows_of(blocks.start).start;
+        bytes.resize(rows * WIDTH + blocks.len() * self.layout.tail(), 0);
+        self.source
+            .read_at(self.start_of(column) + (blocks.start * self.layout.length()) as u64, bytes)
+            .map_err(cut_off)
+    }
+
+    /// The numbers of a block among the `bytes` of successive ones.
+    fn numbers<'b>(&self, column: usize, block: usize, bytes: &'b [u8], first: usize) -> io::Result<&'b [[u8; WIDTH]]> {
+        let start = (block - first) * self.layout.length();
+        let length = self.rows_of(block).len() * WIDTH + self.layout.tail();
+        let bytes = bytes.get(start..start + length);
+        bytes.and_then(|bytes| self.layout.numbers(column * self.blocks() + block, bytes)).ok_or_else(changed)
+    }
+
+    /// Calls `visit` for every block of a column that contains some of `rows`, with its numbers and these rows relative
+    /// to the block.
+    fn visit(&self, column: usize, rows: Rows, mut visit: impl FnMut(&[[u8; WIDTH]], Rows)) -> io::Result<()> {
         let (mut bytes, mut next, end) = (Vec::new(), rows.first, rows.end.min(self.rows));
+        let distance = rows.every.saturating_mul(WIDTH);
+        let run = if distance <= CLOSE { (RUN / self.layout.length()).max(1) } else { 1 };
+        if (CLOSE..=FETCHED).contains(&distance) && next < end {
+            let [first, last] = [next, end].map(|row| (row / self.layout.rows() * self.layout.length()) as u64);
+            self.source.fetch(self.start_of(column) + first, last - first);
+        }
         while next < end {
-            let chunk = self.chunk(next / CHUNK);
-            self.read(column, next / CHUNK, &mut bytes)?;
-            let within = Rows { first: next - chunk.start, end: end.min(chunk.end) - chunk.start, every: rows.every };
-            visit(&bytes, within);
-            next = next.saturating_add(within.len().saturating_mul(rows.every));
+            let first = next / self.layout.rows();
+            let blocks = first..(first + run).min(end.div_ceil(self.layout.rows()));
+            self.read(column, blocks.clone(), &mut bytes)?;
+            while next < end && next / self.layout.rows() < blocks.end {
+                let block = next / self.layout.rows();
+                let of_block = self.rows_of(block);
+                let within = Rows { first: next - of_block.start, end: end.min(of_block.end) - of_block.start, ..rows };
+                visit(self.numbers(column, block, &bytes, first)?, within);
+                next = next.saturating_add(within.len().saturating_mul(rows.every));
+            }
         }
         Ok(())
     }
@@ -193,8 +307,8 @@ impl Columns for Stored {
 
     fn values(&self, column: usize, rows: Rows) -> io::Result<Vec<f64>> {
         let mut values = Vec::with_capacity(rows.len());
-        self.visit(column, rows, |bytes, within| {
-            let numbers = &bytes.as_chunks::<WIDTH>().0[within.first..within.end];
+        self.visit(column, rows, |numbers, within| {
+            let numbers = numbers.get(within.first..within.end).unwrap_or_default();
             values.extend(numbers.iter().step_by(within.every).map(|number| f64::from_le_bytes(*number)));
         })?;
         Ok(values)
@@ -205,28 +319,34 @@ impl Columns for Stored {
     }
 
     fn partition_point(&self, is_before: &dyn Fn(f64) -> bool) -> io::Result<usize> {
-        let chunks: Vec<usize> = (0..self.rows.div_ceil(CHUNK)).collect();
-        let (mut bytes, mut broken) = (Vec::new(), Ok(()));
-        // The first chunk whose last time does not satisfy `is_before`.
-        let found = chunks.partition_point(|&chunk| match self.read(0, chunk, &mut bytes) {
-            Ok(()) => bytes.as_chunks::<WIDTH>().0.last().is_some_and(|time| is_before(f64::from_le_bytes(*time))),
-            Err(error) => {
-                broken = Err(error);
-                false
+        let mut bytes = Vec::new();
+        let mut times = |block: usize| -> io::Result<Vec<f64>> {
+            self.read(0, block..block + 1, &mut bytes)?;
+            Ok(self.numbers(0, block, &bytes, block)?.iter().map(|time| f64::from_le_bytes(*time)).collect())
+        };
+        // The first block whose last time does not satisfy `is_before`.
+        let (mut found, mut end) = (0, self.blocks());
+        while found < end {
+            let middle = found.midpoint(end);
+            if times(middle)?.last().is_some_and(|time| is_before(*time)) {
+                found = middle + 1;
+            } else {
+                end = middle;
             }
-        });
-        broken?;
-        if found == chunks.len() {
+        }
+        if found == self.blocks() {
             return Ok(self.rows);
         }
-        self.read(0, found, &mut bytes)?;
-        let times = bytes.as_chunks::<WIDTH>().0;
-        Ok(self.chunk(found).start + times.partition_point(|time| is_before(f64::from_le_bytes(*time))))
+        Ok(self.rows_of(found).start + times(found)?.partition_point(|time| is_before(*time)))
     }
 
     fn members(&self) -> Option<&dyn Members> {
         self.members.as_ref().map(|members| members as &dyn Members)
     }
+}
+
+fn changed() -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, "a column has changed since it was written")
 }
 
 /// Reports a file that is too short as invalid data.
@@ -246,6 +366,7 @@ mod tests {
     use crate::{Column, Incomplete, TableProvenance, Values, Words};
     use crate::{Diagnostics, Event, EventKind, Excerpt, Field, Solution, Status, Verdict, Version};
     use std::num::NonZeroUsize;
+    use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
     fn solution(rows: usize) -> Solution {
         let t: Vec<f64> = (0..rows).map(|k| k as f64 / 8.0).collect();
@@ -289,9 +410,101 @@ mod tests {
         (bytes, index)
     }
 
+    /// The solution as the form before blocks was written.
+    fn in_chunks(solution: &Solution) -> (Vec<u8>, Vec<u8>) {
+        let Trajectory { t, fields, .. } = &solution.trajectory;
+        let (mut bytes, mut checksums) = (Vec::new(), Vec::new());
+        for column in std::iter::once(t).chain(fields.iter().map(|field| &field.values)) {
+            for chunk in column.chunks(1024) {
+                let written: Vec<u8> = chunk.iter().flat_map(|value| value.to_le_bytes()).collect();
+                checksums.push(checksum(&written));
+                bytes.extend(written);
+            }
+        }
+        let names: Vec<&str> = fields.iter().map(|field| field.name.as_str()).collect();
+        let skeleton = Skeleton::of(solution).unwrap();
+        let index = serde_json::json!({
+            "columns": 1, "rows": t.len(), "names": names, "checksums": checksums, "skeleton": skeleton.text(),
+        });
+        let index = serde_json::to_vec(&index).unwrap();
+        bytes.extend(&index);
+        (bytes, index)
+    }
+
+    #[test]
+    fn columns_of_the_form_in_chunks_are_read_and_verified() {
+        for rows in [0, 1, CHUNK, 2 * CHUNK + 5] {
+            let solution = solution(rows);
+            let mut told = Vec::new();
+            encodings::write_json(&solution, &mut told).unwrap();
+            let (bytes, index) = in_chunks(&solution);
+            let columns = Stored::open(bytes.clone(), &index).unwrap();
+            let mut json = Vec::new();
+            write_whole(&columns, columns.skeleton(), &mut json).unwrap();
+            assert!(json == told, "{rows} rows");
+            assert_eq!(columns.bytes() as usize, bytes.len() - index.len());
+            for place in (0..bytes.len() - index.len()).step_by(1999) {
+                let mut flipped = bytes.clone();
+                flipped[place] ^= 1;
+                let read = Stored::open(flipped, &index).unwrap();
+                assert!(crate::Selection::whole(&read).verify(&read).is_err(), "{place}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_block_of_another_place_or_of_other_results_does_not_pass() {
+        let [one, other] = [solution(10 * BLOCK), {
+            let mut other = solution(10 * BLOCK);
+            other.diagnostics.switches += 1;
+            other
+        }];
+        let ((bytes, index), (others, _)) = (stored(&one), stored(&other));
+        let block = 8 * (BLOCK + 1);
+        for (from, to, source) in [(0, 1, &bytes), (3, 13, &bytes), (2, 2, &others)] {
+            let mut replaced = bytes.clone();
+            replaced[to * block..][..block].copy_from_slice(&source[from * block..][..block]);
+            let read = Stored::open(replaced, &index).unwrap();
+            assert!(crate::Selection::whole(&read).verify(&read).is_err(), "{from} in the place of {to}");
+        }
+        let mut empty = bytes.clone();
+        empty[block..2 * block].fill(0);
+        let read = Stored::open(empty, &index).unwrap();
+        assert!(crate::Selection::whole(&read).verify(&read).is_err());
+    }
+
+    /// A source that counts the bytes that are read.
+    struct Counted(Vec<u8>, Arc<AtomicUsize>);
+
+    impl Source for Counted {
+        fn read_at(&self, offset: u64, bytes: &mut [u8]) -> io::Result<()> {
+            self.1.fetch_add(bytes.len(), Relaxed);
+            self.0.read_at(offset, bytes)
+        }
+    }
+
+    #[test]
+    fn an_excerpt_reads_little_more_than_it_shows() {
+        let solution = solution(200_000);
+        let (bytes, index) = stored(&solution);
+        let read = Arc::new(AtomicUsize::new(0));
+        let columns = Stored::open(Counted(bytes, Arc::clone(&read)), &index).unwrap();
+        for (every, from, to, blocks) in
+            [(1000, 0.0, f64::INFINITY, 600), (1, 800.0, 1600.0, 3 * 150), (1, 9.0, 9.0, 3)]
+        {
+            let every = NonZeroUsize::new(every).unwrap();
+            read.store(0, Relaxed);
+            let selection = Excerpt { fields: None, from, to, every }.of(&columns).unwrap();
+            selection.block(&columns, selection.rows).unwrap();
+            // Two searches among the times, each over the logarithm of the number of their blocks.
+            let (found, searches) = (read.load(Relaxed) / 512, 2 * 13);
+            assert!(found <= blocks + searches, "{found} blocks for {} rows", selection.rows.len());
+        }
+    }
+
     #[test]
     fn the_json_of_stored_columns_is_that_of_the_solution() {
-        for rows in [0, 1, 3, CHUNK - 1, CHUNK, 2 * CHUNK + 5] {
+        for rows in [0, 1, 3, BLOCK - 1, BLOCK, CHUNK, 2 * CHUNK + 5] {
             let solution = solution(rows);
             let mut told = Vec::new();
             encodings::write_json(&solution, &mut told).unwrap();
@@ -308,18 +521,23 @@ mod tests {
     #[test]
     fn excerpts_of_stored_columns_are_those_of_the_trajectory() {
         let solution = solution(3 * CHUNK + 100);
-        let (bytes, index) = stored(&solution);
-        let columns = Stored::open(bytes, &index).unwrap();
+        for (bytes, index) in [stored(&solution), in_chunks(&solution)] {
+            excerpts_are_those_of_the_trajectory(&solution, &Stored::open(bytes, &index).unwrap());
+        }
+    }
+
+    fn excerpts_are_those_of_the_trajectory(solution: &Solution, columns: &Stored) {
         let names = [None, Some(vec!["x".to_owned()])];
-        for (every, fields) in [1, 7, CHUNK - 1, CHUNK, 2 * CHUNK + 1, usize::MAX].iter().zip(names.iter().cycle()) {
+        let distances = [1, 7, BLOCK - 1, BLOCK, 10 * BLOCK, CHUNK - 1, CHUNK, 2 * CHUNK + 1, usize::MAX];
+        for (every, fields) in distances.iter().zip(names.iter().cycle()) {
             for (from, to) in [(f64::NEG_INFINITY, f64::INFINITY), (1000.0, 2500.3), (1024.0, 1024.0), (9.0, 2.0)] {
                 let every = NonZeroUsize::new(*every).unwrap();
                 let excerpt = Excerpt { fields: fields.clone(), from, to, every };
-                let selection = excerpt.of(&columns).unwrap();
+                let selection = excerpt.of(columns).unwrap();
                 assert_eq!(selection, excerpt.of(&solution.trajectory).unwrap());
-                selection.verify(&columns).unwrap();
+                selection.verify(columns).unwrap();
                 let part = |columns: &dyn Columns| selection.block(columns, selection.rows).unwrap();
-                assert_eq!(part(&columns), part(&solution.trajectory));
+                assert_eq!(part(columns), part(&solution.trajectory));
             }
         }
     }
@@ -389,7 +607,7 @@ mod tests {
     fn a_flipped_bit_and_a_lost_end_are_told() {
         let (bytes, index) = stored(&solution(CHUNK + 10));
         let columns = bytes.len() - index.len();
-        for place in [0, 8 * CHUNK, columns - 1] {
+        for place in [0, 8 * BLOCK, 8 * CHUNK, columns - 9, columns - 1] {
             let mut flipped = bytes.clone();
             flipped[place] ^= 1;
             let read = Stored::open(flipped, &index).unwrap();

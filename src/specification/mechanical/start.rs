@@ -82,6 +82,7 @@ pub(super) fn settle(
             return;
         }
         model.initial = [state.q, state.v].concat();
+        model.is_start_moved = true;
         return;
     }
     for row in 0..structure.joints + structure.contacts.len() {
