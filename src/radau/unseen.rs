@@ -138,9 +138,7 @@ impl Unseen {
 impl Radau<'_> {
     /// Largest error of a state from what the stages of the step of size `h` miss, in units of its tolerance.
     pub(super) fn missed(&mut self, h: f64) -> f64 {
-        let errors = self.missed_errors(h);
-        let of_state = |(j, error): (usize, &f64)| error / self.uncertainty(j).max(f64::MIN_POSITIVE);
-        let missed = errors.map_or(0.0, |errors| errors.iter().enumerate().map(of_state).fold(0.0, f64::max));
+        let missed = self.missed_errors(h).map_or(0.0, |errors| self.in_tolerances(&errors));
         if missed <= 1.0 {
             self.unseen.charge();
         }
@@ -215,6 +213,12 @@ impl Radau<'_> {
         self.system.pace * h > SHOWN_PHASE
     }
 
+    /// The largest of the errors of states, in units of their tolerances.
+    fn in_tolerances(&self, errors: &[f64]) -> f64 {
+        let of_state = |(j, error): (usize, &f64)| error / self.uncertainty(j).max(f64::MIN_POSITIVE);
+        errors.iter().enumerate().map(of_state).fold(0.0, f64::max)
+    }
+
     /// Errors of the states, for errors `means` of the means of the rates over a step.
     fn made_of(&mut self, h: f64, mut means: Vec<f64>) -> Vec<f64> {
         match self.tableau().gamma {
@@ -285,7 +289,8 @@ impl Radau<'_> {
             effects.push(acts_through_others.then(|| {
                 let mut unit = vec![0.0; unknowns];
                 unit[n + k] = 1.0;
-                self.made_of(h, unit)
+                let errors = self.made_of(h, unit);
+                self.in_tolerances(&errors)
             }));
         }
         self.unseen.effects = effects;

@@ -82,17 +82,23 @@ impl Radau<'_> {
     }
 
     /// Estimates the errors of a step whose size is given. The embedded estimates, raised to a power, have the order of
-    /// the result; they bound nothing, but say what the step size is worth.
+    /// the result; they bound nothing, but say what the step size is worth. One that is filtered twice is that of a
+    /// transient shorter than the step, whose error at the end has no order: it counts as it is.
     pub(super) fn estimate_given_step(&mut self, h: f64, coupled: bool) {
         let evaluations = self.system.work.rates;
         let is_finite = self.error(h, coupled).is_finite();
         // Evidence is not part of the method: do not count its evaluations.
         self.system.work.rates = evaluations;
         let power = self.error_power();
-        let error = |e: &f64| if is_finite { e.abs().powf(power) } else { f64::INFINITY };
         let given = &mut self.last.given;
+        let is_transient = given.is_transient;
+        let error = |(e, largest): (&f64, &f64)| match is_transient {
+            _ if !is_finite => f64::INFINITY,
+            true => e.abs() * largest.max(e.abs()).powf(power - 1.0),
+            false => e.abs().powf(power),
+        };
         given.at_end.clear();
-        given.at_end.extend(self.estimates.error[..self.system.states].iter().map(error));
+        given.at_end.extend(self.estimates.error[..self.system.states].iter().zip(&self.extent.largest).map(error));
         if !is_finite {
             given.within.clear();
             given.within.resize(self.system.states, f64::INFINITY);
@@ -148,8 +154,10 @@ impl Radau<'_> {
         }
         self.system.multiply_by_mass(&self.estimates.shifted, &mut self.estimates.embedded);
         let mut error = f64::INFINITY;
+        self.last.given.is_transient = false;
         for pass in 0..2 {
             if pass == 1 {
+                self.last.given.is_transient = true;
                 for (shifted, (y, e)) in self.estimates.shifted.iter_mut().zip(self.y.iter().zip(&self.estimates.error))
                 {
                     *shifted = y + e;

@@ -177,16 +177,21 @@ fn a_pulse_between_the_stages_of_a_given_step_is_doubted() {
 }
 
 #[test]
-fn values_within_a_given_step_of_a_layer_are_doubted_and_those_at_its_ends_are_not() {
-    let layer = |times: Value| {
-        json!({"problem": {"dvi": {"states": {"x": {"initial": 2, "rate": "-1e4*(x - cos(t)) - sin(t)"}}}},
+fn a_layer_within_a_given_step_is_doubted_by_what_it_leaves() {
+    let layer = |initial: f64, times: Value| {
+        json!({"problem": {"dvi": {"states": {"x": {"initial": initial, "rate": "-1e4*(x - cos(t)) - sin(t)"}}}},
             "time": {"end": 1}, "output": {"times": times}})
     };
-    let exact = |t: f64| t.cos() + (-1e4 * t).exp();
-    let (within, lost) = judged(layer(json!([0.05, 1])), 0.1, exact);
+    let exact = |initial: f64| move |t: f64| t.cos() + (initial - 1.0) * (-1e4 * t).exp();
+    let (within, lost) = judged(layer(2.0, json!([0.05, 1])), 0.1, exact(2.0));
     assert!(!within && lost > 0.1, "{lost:e}");
-    let (at_ends, error) = judged(layer(json!([0.1, 0.5, 1])), 0.1, exact);
-    assert!(at_ends && error < 1e-6, "{error:e}");
+    // What an L-stable method leaves of the layer at the end of the step falls with the step size alone.
+    let (at_ends, left) = judged(layer(2.0, json!([0.1, 0.5, 1])), 0.1, exact(2.0));
+    assert!(!at_ends && left > 1e-3, "{left:e}");
+    let (at_ends, error) = judged(layer(1.01, json!([0.1, 0.5, 1])), 0.1, exact(1.01));
+    assert!(at_ends && error < 1e-4, "{error:e}");
+    let (within, lost) = judged(layer(1.01, json!([0.05, 1])), 0.1, exact(1.01));
+    assert!(!within && lost > 1e-3, "{lost:e}");
 }
 
 #[test]
