@@ -13,7 +13,6 @@ mod excerpt;
 mod fit;
 mod global_error;
 mod integrate;
-mod longer_steps;
 mod mechanical_checks;
 mod multipliers;
 mod observables;

@@ -1,6 +1,5 @@
 //! Integration of rigid bodies by time stepping, with outputs by name.
 
-use super::longer_steps::{Comparison, Kind, MOST_BODIES, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
@@ -81,100 +80,6 @@ struct RigidBodyRun<'a> {
     /// Number of events so far.
     events: usize,
     checks: Checks,
-    longer: Option<LongerSteps<'a>>,
-    is_default: bool,
-}
-
-/// A run with steps twice as long.
-struct LongerSteps<'a> {
-    simulation: MoreauStepping<'a>,
-    /// The number of its steps, the time that it has reached, and the length of its last step.
-    steps: u64,
-    t: f64,
-    last: f64,
-    /// For each moving body its position, orientation, velocity and angular velocity.
-    comparison: Comparison,
-}
-
-impl<'a> LongerSteps<'a> {
-    fn new(scene: &MultibodySystem, plan: &Plan, simulation: MoreauStepping<'a>) -> Self {
-        let moving = scene.bodies.iter().filter(|body| !body.fixed);
-        let quantities = moving.enumerate().flat_map(|(i, body)| {
-            let (name, first) = (&body.name, 13 * i);
-            [
-                (format!("the position of `{name}`"), Kind::Position, first..first + 3),
-                (format!("the orientation of `{name}`"), Kind::Position, first + 3..first + 7),
-                (format!("the velocity of `{name}`"), Kind::Velocity, first + 7..first + 10),
-                (format!("the angular velocity of `{name}`"), Kind::Velocity, first + 10..first + 13),
-            ]
-        });
-        Self { simulation, steps: 0, t: plan.start, last: 0.0, comparison: Comparison::new(quantities, plan) }
-    }
-
-    /// Compares the end of the last step of a run, of length `length`, with this one.
-    fn follow(&mut self, (starts, run): (&[Motion], &MoreauStepping<'_>), t: f64, length: f64, course: &Course<'_>) {
-        let Course { scene, plan, h, control } = course;
-        let kick = length * scene.gravity.norm();
-        let reaches = scene.bodies.iter().filter(|body| !body.fixed).map(|body| body.collider.reach());
-        for (i, ((motion, before), reach)) in run.ends.iter().zip(starts).zip(reaches).enumerate() {
-            self.comparison.meet(4 * i, motion.pose.translation.vector.norm().max(reach));
-            // Quaternions are of length one, and differ by half the angle.
-            self.comparison.meet(4 * i + 1, 1.0);
-            self.comparison.meet(4 * i + 2, motion.velocity.norm().max(kick));
-            self.comparison.meet(4 * i + 3, motion.omega.norm().max(kick / reach));
-            if run.pushed[i] {
-                let change = motion.velocity - before.velocity - length * scene.gravity;
-                self.comparison.strike(4 * i, change.norm(), kick, length);
-                self.comparison.strike(
-                    4 * i + 1,
-                    0.5 * (motion.omega - before.omega).norm(),
-                    0.5 * kick / reach,
-                    length,
-                );
-            }
-        }
-        while self.comparison.goes_on() && self.t < t {
-            let next = self.end_of_next(plan, *h);
-            let step = next - self.t;
-            if let Err(cause) = self.simulation.step(self.t, step, control) {
-                self.comparison.fail(failure(&cause, scene, plan, next, &[]).message);
-                return;
-            }
-            (self.steps, self.t, self.last) = (self.steps + 1, next, step);
-        }
-        if self.t == t && self.comparison.goes_on() {
-            self.compare(run);
-        }
-    }
-
-    /// The end of the next step, where the run that is compared has steps of size `h`.
-    fn end_of_next(&self, plan: &Plan, h: f64) -> f64 {
-        let next = plan.start + (self.steps + 1) as f64 * (2.0 * h);
-        if next >= plan.end - 1e-9 * h { plan.end } else { next }
-    }
-
-    fn compare(&mut self, run: &MoreauStepping<'_>) {
-        self.comparison.pass(self.last);
-        for (i, (a, b)) in run.ends.iter().zip(&self.simulation.ends).enumerate() {
-            let distances = [
-                (a.pose.translation.vector - b.pose.translation.vector).norm(),
-                0.5 * a.pose.rotation.angle_to(&b.pose.rotation),
-                (a.velocity - b.velocity).norm(),
-                (a.omega - b.omega).norm(),
-            ];
-            for (k, distance) in distances.into_iter().enumerate() {
-                self.comparison.differ(4 * i + k, distance, self.last);
-            }
-        }
-    }
-}
-
-/// What a run and its comparison share.
-struct Course<'a> {
-    scene: &'a MultibodySystem,
-    plan: &'a Plan,
-    h: f64,
-    control: &'a Control,
 }
 
 impl<'a> RigidBodyRun<'a> {
@@ -195,13 +100,6 @@ impl<'a> RigidBodyRun<'a> {
                 time: plan.start,
                 state: plan.initial.clone(),
             });
-        }
-        let mut longer = None;
-        if simulation.ends.len() <= MOST_BODIES {
-            let mut simulation = MoreauStepping::new(scene, plan.start, settings);
-            simulation.most_memory = plan.most_memory;
-            let is_parted = !scene.resolve || simulation.resolve(control).map_err(failed)?;
-            longer = is_parted.then(|| LongerSteps::new(scene, plan, simulation));
         }
         let coordinates = simulation.coordinates();
         let mut course = Self {
@@ -225,8 +123,6 @@ impl<'a> RigidBodyRun<'a> {
             newton: 0,
             events: 0,
             checks: Checks::default(),
-            longer,
-            is_default: settings.default_step,
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
@@ -355,12 +251,7 @@ impl Stepper for RigidBodyRun<'_> {
         self.book();
         self.explain();
         self.judge();
-        stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))?;
-        if let Some(longer) = &mut self.longer {
-            let course = Course { scene: self.scene, plan: self.plan, h: self.h, control: self.control };
-            longer.follow((&self.starts, &self.simulation), self.t, self.t - self.before, &course);
-        }
-        Ok(())
+        stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
     }
 
     fn values(&mut self, t: f64, out: &mut [f64]) {
@@ -441,15 +332,6 @@ impl Stepper for RigidBodyRun<'_> {
         }
         diagnostics.vi = Some(self.work.clone());
         diagnostics.checks = self.checks.clone();
-        match &self.longer {
-            Some(longer) => longer.comparison.judge(self.is_default, &mut diagnostics.checks),
-            None => not_compared(
-                &mut diagnostics.checks,
-                &format!(
-                    "more than {MOST_BODIES} bodies move, and are not compared one by one with a run with longer steps"
-                ),
-            ),
-        }
         check_energy(&self.energy, Accuracy::Fixed, &mut diagnostics.checks);
     }
 }
