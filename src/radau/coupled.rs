@@ -8,7 +8,8 @@ const ALLOWED: f64 = 1.0;
 /// A step four times shorter must reduce that change to this fraction or less; otherwise the states jump.
 const GAIN: f64 = 0.5;
 
-/// Distance, relative to that of the first stage, from which variables are extrapolated to that stage.
+/// Distance, relative to that of the first stage, from which variables are extrapolated to that stage: the fourth root of the
+/// rounding unit, so that their difference keeps three quarters of its digits, and curvature does not count.
 const BESIDE: f64 = 1e-4;
 
 /// Maximum number of attempts, each four times shorter, for which Newton's method cannot follow the face, before the

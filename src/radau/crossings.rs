@@ -38,6 +38,13 @@ impl Radau<'_> {
             self.system.evaluate(t, scratch);
         }
         monitors(&mut self.system, &self.control, scratch, out);
+    }
+
+    /// As [`Self::monitors_at`], with the noise of violated monitors by the derivatives there.
+    pub(super) fn judged_monitors_at(&mut self, theta: f64, h: f64, out: &mut Vec<Monitor>) {
+        self.monitors_at(theta, h, out);
+        let t = self.clock.t + theta * h;
+        let scratch = &self.switching.scratch;
         // Derivatives elsewhere say nothing about the noise of a monitor that is small here.
         let may_be_violated = |monitor: &Monitor| monitor.value < 0.0 && !monitor.is_violated();
         if out.iter().any(may_be_violated) && self.system.exchange_derivatives(t, scratch) {
@@ -71,10 +78,10 @@ impl Radau<'_> {
         ends.extend(hidden_crossing.filter(|theta| *theta < 1.0));
         ends.sort_by(f64::total_cmp);
         let (mut at_left, mut at_right) = (Vec::new(), Vec::new());
-        self.monitors_at(0.0, h, &mut at_left);
+        self.judged_monitors_at(0.0, h, &mut at_left);
         left = 0.0;
         for right in ends {
-            self.monitors_at(right, h, &mut at_right);
+            self.judged_monitors_at(right, h, &mut at_right);
             let mut first: Option<Crossing> = None;
             for (index, (start, end)) in at_left.iter().zip(&at_right).enumerate() {
                 if !end.is_violated() {

@@ -20,10 +20,8 @@ pub struct GivenStep {
     pub at_end: Vec<f64>,
     /// Errors between the ends, where also transients count that are over at the end.
     pub within: Vec<f64>,
-    /// Errors at the end from variations of the rates that the stages miss; empty if there are none.
+    /// Errors at the end from variations of the rates between the stages; empty if these show them.
     pub missed: Vec<f64>,
-    /// Whether the estimates are those of a transient shorter than the step.
-    pub(super) is_transient: bool,
     /// Whether functions of time vary within the step, coupled over its stages, by more than its ends and its middle
     /// show.
     pub is_blind: bool,

@@ -49,8 +49,7 @@ impl Radau<'_> {
         let n = self.system.states;
         let mut near: Option<Vec<Interval>> = None;
         let uncertainties = self.uncertainties(self.last.h);
-        let slopes = self.slopes_near(t, y, &uncertainties.errors);
-        let slope = |at: usize| slopes[at];
+        let mut slopes: Option<Vec<f64>> = None;
         let mut keep = |variable: usize, excess: f64| {
             let excess = if excess.is_nan() { f64::INFINITY } else { excess };
             if excess > worst.excess {
@@ -61,9 +60,13 @@ impl Radau<'_> {
             if self.system.set.block_of(k).is_some() {
                 continue;
             }
-            let [of_z, of_g] = uncertainties.of(&self.system, k, slope);
             let (z, g) = (y[n + k], self.system.values[n + k]);
             let (below, above) = (z - self.system.set.lower[k], self.system.set.upper[k] - z);
+            if natural_map(below, above, g) == 0.0 {
+                continue;
+            }
+            let slopes = slopes.get_or_insert_with(|| self.slopes_near(t, y, &uncertainties.errors));
+            let [of_z, of_g] = uncertainties.of(&self.system, k, |at| slopes[at]);
             let of = |g: f64| natural_map(below / of_z, above / of_z, g / of_g);
             if of(g).abs() <= ALLOWED {
                 keep(k, of(g).abs());
@@ -75,8 +78,9 @@ impl Radau<'_> {
             keep(k, if least <= 0.0 && most >= 0.0 { 0.0 } else { least.abs().min(most.abs()) });
         }
         for b in 0..self.system.set.blocks().len() {
+            let slopes = slopes.get_or_insert_with(|| self.slopes_near(t, y, &uncertainties.errors));
             let members = &self.system.set.blocks()[b].members;
-            let of_members = members.iter().map(|&k| uncertainties.of(&self.system, k, slope));
+            let of_members = members.iter().map(|&k| uncertainties.of(&self.system, k, |at| slopes[at]));
             let [of_z, of_g] = of_members.fold([0.0_f64; 2], |most, of| [most[0].max(of[0]), most[1].max(of[1])]);
             let first = members[0];
             let defect = self.system.defect_of_block(b, &y[n..], of_z / of_g);
@@ -141,11 +145,6 @@ impl Radau<'_> {
             without_effect: without_effect.collect(),
             vi_tolerance: settings.vi_tolerance,
         }
-    }
-
-    /// The uncertainties of variable `k` and of its `G`, by the current derivatives.
-    pub(super) fn uncertainties_of(&self, k: usize, h: f64) -> [f64; 2] {
-        self.uncertainties(h).of(&self.system, k, |at| self.system.derivatives[at].abs())
     }
 }
 

@@ -21,7 +21,7 @@ use super::law::Excess;
 use super::stepper::Radau;
 use super::switches::Switching;
 use super::tableau::interpolation_error;
-use limits::{Limits, is_curved};
+use limits::{Limits, has_curved_monitors};
 use monitors::{Enclosure, Found};
 use on_face::{OnFace, Told};
 use part::Part;
@@ -214,7 +214,7 @@ impl Radau<'_> {
     }
 
     fn are_monitors_flat(&self) -> bool {
-        (0..self.system.set.blocks().len()).all(|b| !is_curved(&self.system, b))
+        (0..self.system.set.blocks().len()).all(|b| !has_curved_monitors(&self.system, b))
     }
 
     /// Whether rows vary by more than the stages of a step of size `h` show: at the midpoints between the stages they
@@ -270,7 +270,7 @@ impl Radau<'_> {
     /// Whether a monitor is violated at `theta` of the step of size `h`, whose stages are solved.
     fn is_violated_at(&mut self, theta: f64, h: f64) -> bool {
         let mut there = std::mem::take(&mut self.switching.between);
-        self.monitors_at(theta, h, &mut there);
+        self.judged_monitors_at(theta, h, &mut there);
         let is_violated = there.iter().any(Monitor::is_violated);
         self.switching.between = there;
         is_violated
@@ -280,7 +280,7 @@ impl Radau<'_> {
     /// before.
     pub(super) fn rises_before(&mut self, theta: f64, h: f64) -> bool {
         let (mut there, mut before) = (Vec::new(), Vec::new());
-        self.monitors_at(theta, h, &mut there);
+        self.judged_monitors_at(theta, h, &mut there);
         (1..=RISES).any(|k| {
             self.monitors_at(theta * 0.5_f64.powi(k), h, &mut before);
             there.iter().zip(&before).any(|(there, before)| there.is_violated() && before.value > before.noise)

@@ -2,7 +2,7 @@
 
 use super::system::System;
 
-/// Errors of the unknowns that the tolerances allow, and what they make of the variables and of `G`.
+/// Errors of the unknowns within the tolerances, and their effect on the variables and on `G`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Uncertainties {
     /// Error of each unknown under the tolerances; of a variable, which has no absolute tolerance, relative to its
@@ -17,6 +17,11 @@ pub(super) struct Uncertainties {
 }
 
 impl Uncertainties {
+    /// Uncertainties of variable `k` and of its `G`, by the derivatives of the last differentiation.
+    pub fn at_last(&self, system: &System<'_>, k: usize) -> [f64; 2] {
+        self.of(system, k, |at| system.derivatives[at].abs())
+    }
+
     /// Uncertainties of variable `k` and of its `G`, where `slope` returns the magnitude of the derivative that is stored
     /// at a place of the Jacobian.
     pub fn of(&self, system: &System<'_>, k: usize, slope: impl Fn(usize) -> f64) -> [f64; 2] {
@@ -24,7 +29,7 @@ impl Uncertainties {
         let [terms, by_errors] = system.terms_by(own, &slope, |j| [self.largest[j], self.errors[j]]);
         let of_g = (self.vi_tolerance * terms).max(by_errors);
         // An error of the states shifts the root of `G` as well.
-        let by_itself = system.places_of_row(own).find(|&(_, j)| j == own).map_or(0.0, |(at, _)| slope(at));
+        let by_itself = system.place_of_own(k).map_or(0.0, &slope);
         let of_root = if by_itself > 0.0 { by_errors / by_itself } else { 0.0 };
         let of_bounds: f64 =
             system.rows_of_bounds(k).map(|row| system.terms_by(row, &slope, |j| [self.errors[j]])[0]).sum();

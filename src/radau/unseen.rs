@@ -108,8 +108,6 @@ pub(super) struct Unseen {
     variations: Vec<(f64, f64)>,
     /// Largest slope of each unknown over a part.
     slopes: Vec<f64>,
-    /// Errors of the states, in tolerances, for a unit error of the mean of each equation, where this is known.
-    effects: Vec<Option<f64>>,
     /// Number of parts enclosed in the last step, and in all steps in which nothing was found.
     looked: f64,
     spent: f64,
@@ -192,13 +190,15 @@ impl Radau<'_> {
             self.system.values.clone()
         });
         self.system.work.rates = evaluations;
+        let uncertainties = self.uncertainties(h);
+        let of_variable = |k: usize| uncertainties.at_last(&self.system, k);
         let allowed = |row: usize| match row {
             row if row < n => {
                 let mass = self.system.mass_diagonal[row].abs();
                 self.uncertainty(row) / h * if mass == 0.0 { 1.0 } else { mass }
             }
-            row if row < unknowns => self.uncertainties_of(row - n, h)[1],
-            row => self.uncertainties_of(self.system.variable_of_bound(row - unknowns), h)[0],
+            row if row < unknowns => of_variable(row - n)[1],
+            row => of_variable(self.system.variable_of_bound(row - unknowns))[0],
         };
         let [first, middle, last] = &seen;
         is_enclosed
@@ -242,8 +242,8 @@ impl Radau<'_> {
     /// The means over the step of the deviations of rows from the polynomial through their values at the stages; `None`
     /// if no examination is necessary, or the rows cannot be enclosed.
     fn missed_means(&mut self, h: f64, end: f64, whole: Part, room: &mut Unseen) -> Option<Vec<f64>> {
-        self.find_effects(h);
-        let rows = self.rows_compared(h);
+        let effects = self.effects_through_others(h);
+        let rows = self.rows_compared(h, &effects);
         // If the examination of functions of the states is not affordable, only the dependence on time is examined.
         let is_affordable = room.spent <= FREE + SHARE * self.system.work.rates as f64;
         room.is_open = !is_affordable && !self.system.features.is_empty();
@@ -275,12 +275,11 @@ impl Radau<'_> {
         self.missed_in_parts(&samples, whole, room)
     }
 
-    /// Computes the errors of the states, in tolerances, that a unit error of the mean of an equation makes over a step of
-    /// size `h`, for the equations with features of variables that enter no rate: they act through other variables.
-    fn find_effects(&mut self, h: f64) {
+    /// The largest error of a state, in tolerances, for a unit error of the mean of each equation over a step of size `h`;
+    /// `None` except for equations with features of variables that enter no rate, and act through other variables.
+    fn effects_through_others(&mut self, h: f64) -> Vec<Option<f64>> {
         let (n, unknowns) = (self.system.states, self.system.unknowns);
-        let mut effects = std::mem::take(&mut self.unseen.effects);
-        effects.clear();
+        let mut effects = Vec::with_capacity(unknowns - n);
         for k in 0..unknowns - n {
             let has_feature = |l: usize| self.system.features.binary_search(&(n + l)).is_ok();
             let acts_through_others = self.control.weight[n + k] == 0.0
@@ -293,11 +292,11 @@ impl Radau<'_> {
                 self.in_tolerances(&errors)
             }));
         }
-        self.unseen.effects = effects;
+        effects
     }
 
     /// The rows to be examined, with the admissible errors of their means over a step of size `h`.
-    fn rows_compared(&self, h: f64) -> Vec<Row> {
+    fn rows_compared(&self, h: f64, effects: &[Option<f64>]) -> Vec<Row> {
         let n = self.system.states;
         let has_feature = |at: usize| self.system.features.binary_search(&at).is_ok();
         let rates = (0..n).map(|at| {
@@ -306,13 +305,10 @@ impl Radau<'_> {
             Row { at, equation: at, factor: 1.0, allowed, has_feature: has_feature(at) }
         });
         let uncertainties = self.uncertainties(h);
-        let slope = |at: usize| self.system.derivatives[at].abs();
-        let effects = &self.unseen.effects;
         // A variable whose change affects no state within the tolerances is not known better than that.
         let of_variable = |l: usize, k: usize| {
-            let [of_z, of_g] = uncertainties.of(&self.system, l, slope);
-            let by_itself = self.system.places_of_row(n + l).find(|&(_, j)| j == n + l);
-            let directly = by_itself.map_or(0.0, |(at, _)| slope(at) * of_z);
+            let [of_z, of_g] = uncertainties.at_last(&self.system, l);
+            let directly = self.system.place_of_own(l).map_or(0.0, |at| self.system.derivatives[at].abs() * of_z);
             of_g.max(directly).max(effects[k].map_or(0.0, |effect| 1.0 / effect))
         };
         let of_equation = |k: usize| {
@@ -328,7 +324,7 @@ impl Radau<'_> {
             self.system.equations_of_bound(p).into_iter().map(move |(equation, factor)| (at, equation, factor))
         };
         let bounds = (0..self.system.bounds()).flat_map(of_bound).map(|(at, equation, factor)| {
-            let allowed = uncertainties.of(&self.system, equation - n, slope)[0] / factor.abs();
+            let allowed = uncertainties.at_last(&self.system, equation - n)[0] / factor.abs();
             Row { at, equation, factor, allowed, has_feature: has_feature(at) }
         });
         let rows = rates.chain(equations).chain(bounds);

@@ -46,7 +46,7 @@ pub(super) struct Audit<'p> {
 
 /// Evidence of the error of steps of a given size, for each state.
 #[derive(Default)]
-pub(super) struct GivenSteps {
+struct GivenSteps {
     /// Sum of the estimated errors at the ends of steps, raised to the power that gives them the order of the method.
     at_ends: Vec<f64>,
     /// Largest estimated error at a time within a step whose values are in use.
@@ -58,7 +58,7 @@ pub(super) struct GivenSteps {
 }
 
 impl GivenSteps {
-    pub fn add(&mut self, step: &GivenStep) {
+    fn add(&mut self, step: &GivenStep) {
         let Self { at_ends, missed, within, blind } = self;
         for (sums, errors) in [(at_ends, &step.at_end), (missed, &step.missed)] {
             sums.resize(step.at_end.len(), 0.0);
@@ -69,7 +69,7 @@ impl GivenSteps {
     }
 
     /// Notes that values within the step are in use.
-    pub fn use_within(&mut self, step: &GivenStep) {
+    fn use_within(&mut self, step: &GivenStep) {
         self.within.resize(step.within.len(), 0.0);
         // NaN counts as larger than any error.
         let worse = |error: f64, most: f64| error > most || error.is_nan();
@@ -77,15 +77,10 @@ impl GivenSteps {
         errors.filter(|(most, error)| worse(**error, **most)).for_each(|(most, error)| *most = *error);
     }
 
-    /// Records the largest errors relative to the largest values of the states.
+    /// Records the largest errors relative to the largest values of the states, apart from those held at zero.
     fn judge(&self, radau: &Radau<'_>, checks: &mut Checks) {
         let largest = &radau.largest()[..self.at_ends.len()];
-        self.judge_by(largest, &radau.held_at_zero(), radau.error_power(), checks);
-    }
-
-    /// Records the largest errors relative to the `largest` values of the states, apart from those that are `zero`; errors
-    /// at the ends of steps are raised to `power`.
-    pub fn judge_by(&self, largest: &[f64], zero: &[bool], power: f64, checks: &mut Checks) {
+        let (zero, power) = (radau.held_at_zero(), radau.error_power());
         let rounding = rounding_of(largest);
         let worst = |errors: &[f64], power: f64| {
             let states = (0..largest.len()).filter(|&state| errors[state] != 0.0 && !zero[state]);

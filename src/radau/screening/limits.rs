@@ -40,7 +40,10 @@ impl Limits {
         self.left_out.resize(system.set.blocks().len(), false);
         self.slopes.clear();
         self.slopes.extend(system.derivatives.iter().map(|slope| slope.abs()));
-        self.update(system, control);
+        // Where derivatives vary, each part has limits of its own.
+        if system.constant_jacobian() {
+            self.update(system, control);
+        }
     }
 
     /// Moves on to a part over which the derivatives lie in these ranges; `None` if they are not known.
@@ -87,7 +90,7 @@ impl Limits {
     pub fn leave_out_curved(&mut self, system: &System<'_>) -> bool {
         let mut is_new = false;
         for (b, left_out) in self.left_out.iter_mut().enumerate() {
-            is_new |= is_curved(system, b) && !std::mem::replace(left_out, true);
+            is_new |= has_curved_monitors(system, b) && !std::mem::replace(left_out, true);
         }
         is_new
     }
@@ -99,7 +102,7 @@ impl Limits {
 }
 
 /// Whether the monitors of block `b` are curved on the face.
-pub(super) fn is_curved(system: &System<'_>, b: usize) -> bool {
+pub(super) fn has_curved_monitors(system: &System<'_>, b: usize) -> bool {
     let (block, face) = (&system.set.blocks()[b], &system.face.blocks[b]);
     !block.shape.is_flat(face) && !system.face.holds(&block.members)
 }

@@ -48,6 +48,8 @@ pub(super) struct Estimates {
     pub ripple: Ripple,
     pub embedded: Vec<f64>,
     pub shifted: Vec<f64>,
+    /// Whether `error` is filtered twice: the estimate of a transient shorter than the step.
+    is_filtered_twice: bool,
 }
 
 /// Rounding error of a rate, relative to its terms: each term errs by a unit or two, and the errors cancel in part.
@@ -63,6 +65,7 @@ impl Estimates {
             ripple: Ripple::new(unknowns),
             embedded: zeros(),
             shifted: zeros(),
+            is_filtered_twice: false,
         }
     }
 }
@@ -91,8 +94,7 @@ impl Radau<'_> {
         self.system.work.rates = evaluations;
         let power = self.error_power();
         let given = &mut self.last.given;
-        let is_transient = given.is_transient;
-        let error = |(e, largest): (&f64, &f64)| match is_transient {
+        let error = |(e, largest): (&f64, &f64)| match self.estimates.is_filtered_twice {
             _ if !is_finite => f64::INFINITY,
             true => e.abs() * largest.max(e.abs()).powf(power - 1.0),
             false => e.abs().powf(power),
@@ -154,10 +156,9 @@ impl Radau<'_> {
         }
         self.system.multiply_by_mass(&self.estimates.shifted, &mut self.estimates.embedded);
         let mut error = f64::INFINITY;
-        self.last.given.is_transient = false;
         for pass in 0..2 {
+            self.estimates.is_filtered_twice = pass == 1;
             if pass == 1 {
-                self.last.given.is_transient = true;
                 for (shifted, (y, e)) in self.estimates.shifted.iter_mut().zip(self.y.iter().zip(&self.estimates.error))
                 {
                     *shifted = y + e;

@@ -70,6 +70,12 @@ impl System<'_> {
         (first..last).zip(&self.structure.pattern[first..last]).map(|(at, &(_, j))| (at, j))
     }
 
+    /// The index among all nonzeros of the derivative of `G_k` with respect to variable `k` itself.
+    pub fn place_of_own(&self, k: usize) -> Option<usize> {
+        let own = self.states + k;
+        self.places_of_row(own).find(|&(_, j)| j == own).map(|(at, _)| at)
+    }
+
     /// Number of moving bounds.
     pub fn bounds(&self) -> usize {
         self.structure.moving.len()

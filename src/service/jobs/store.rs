@@ -409,7 +409,7 @@ impl Store {
         lifecycle.state = State::Ended(Arc::new(damaged));
     }
 
-    /// Counts a job as ended, of which `resident` bytes stand in memory.
+    /// Counts a job as ended, with `resident` bytes in memory.
     fn keep(&self, job: &Job, ended: &Ended, resident: usize) -> Vec<Arc<Job>> {
         self.index.keep(job.id, ended.finished, Size { bytes: job.document_bytes + ended.bytes(), resident })
     }
