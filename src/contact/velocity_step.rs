@@ -106,6 +106,8 @@ pub struct VelocityStep<'p> {
     pub(super) f: Vec<f64>,
     /// The velocity change by forces in the last step, as a norm in the metric of `M`.
     pub(super) kick: f64,
+    /// That of each coordinate.
+    pub kicks: Vec<f64>,
     /// The contact whose gap was found to close; at an instant it counts as closed whatever the rounding of its gap.
     pub(super) closing: Option<usize>,
     /// The length of the last probe.
@@ -138,6 +140,7 @@ impl<'p> VelocityStep<'p> {
             impact_law,
             f: vec![0.0; n],
             kick: 0.0,
+            kicks: vec![0.0; n],
             closing: None,
             instant: None,
             strikes: Vec::new(),
@@ -195,6 +198,21 @@ impl<'p> VelocityStep<'p> {
             self.correct(state, control)?;
         }
         Ok(())
+    }
+
+    /// The coordinates that occur with one and the same factor, apart from its sign, in a joint or a gap, by rows; empty
+    /// unless all rows are affine.
+    pub fn alike(&self) -> Vec<Vec<usize>> {
+        if !self.structure.affine_constraints {
+            return Vec::new();
+        }
+        let contacts = (0..self.structure.contacts.len()).map(|k| self.structure.normal(k));
+        let rows = (0..self.structure.joints).chain(contacts).map(|row| self.constraints.row(row));
+        let alike = rows.map(|row| {
+            let largest = row.iter().fold(0.0, |most: f64, factor| most.max(factor.abs()));
+            (0..row.len()).filter(|&k| row[k] != 0.0 && row[k].abs() == largest).collect()
+        });
+        alike.collect()
     }
 
     /// The number of factorisations.
@@ -291,6 +309,7 @@ impl<'p> VelocityStep<'p> {
         }
         self.kick = (h * dot(&self.f, &p)).max(0.0).sqrt();
         v.iter_mut().zip(&p).for_each(|(v, p)| *v += p);
+        self.kicks.copy_from_slice(&p);
         Ok(())
     }
 

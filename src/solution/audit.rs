@@ -1,32 +1,13 @@
 //! Measurements of a Radau IIA run for its verdict: the residual of the law at the ends of steps and at outputs, events
 //! between the stages, the integral of rates with kinks, accumulations of switches, and states below their tolerance.
 
+use super::given_steps::{GivenSteps, rounding_of};
 use super::{CheckCode, Checks, Plan, Screening};
 use hybrid::OneStep;
-use radau::{ALLOWED, End, Excess, GivenStep, Radau, Screened};
+use radau::{ALLOWED, End, Excess, Radau, Screened};
 
 /// A state whose maximum is below this multiple of its absolute tolerance is hardly distinguishable from zero.
 pub(super) const SMALL: f64 = 10.0;
-
-/// Largest error of a run with steps of a given size, relative to the largest values of the states: three digits, as
-/// for the other checks of such runs, which have no tolerance.
-pub(super) const GIVEN_STEPS: f64 = 1e-3;
-
-/// A state this small beside the others is rounding of zero.
-fn rounding_of(largest: &[f64]) -> f64 {
-    1e-12 * largest.iter().copied().fold(0.0, f64::max)
-}
-
-/// Records the sum of the estimated errors of steps of a given size, relative to the largest values of the states; NaN is
-/// not trusted.
-pub(super) fn record_given_steps(sum: f64, checks: &mut Checks) {
-    checks.record(CheckCode::LocalError, sum, GIVEN_STEPS, || {
-        format!(
-            "the steps have the size that `method` gives, and their errors are estimated to add up to {sum:.1e} of the \
-             largest values of the states; give a smaller `step`, or none, so that the tolerances choose it"
-        )
-    });
-}
 
 /// The measurements of a run in progress.
 pub(super) struct Audit<'p> {
@@ -42,75 +23,6 @@ pub(super) struct Audit<'p> {
     /// Whether values between the ends of steps are in use all along the run.
     is_dense: bool,
     checks: Checks,
-}
-
-/// Evidence of the error of steps of a given size, for each state.
-#[derive(Default)]
-struct GivenSteps {
-    /// Sum of the estimated errors at the ends of steps, raised to the power that gives them the order of the method.
-    at_ends: Vec<f64>,
-    /// Largest estimated error at a time within a step whose values are in use.
-    within: Vec<f64>,
-    /// Sum of the errors from variations that the stages miss.
-    missed: Vec<f64>,
-    /// Number of steps coupled over their stages within which data vary unseen.
-    blind: u32,
-}
-
-impl GivenSteps {
-    fn add(&mut self, step: &GivenStep) {
-        let Self { at_ends, missed, within, blind } = self;
-        for (sums, errors) in [(at_ends, &step.at_end), (missed, &step.missed)] {
-            sums.resize(step.at_end.len(), 0.0);
-            sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
-        }
-        within.resize(step.at_end.len(), 0.0);
-        *blind += u32::from(step.is_blind);
-    }
-
-    /// Notes that values within the step are in use.
-    fn use_within(&mut self, step: &GivenStep) {
-        self.within.resize(step.within.len(), 0.0);
-        // NaN counts as larger than any error.
-        let worse = |error: f64, most: f64| error > most || error.is_nan();
-        let errors = self.within.iter_mut().zip(&step.within);
-        errors.filter(|(most, error)| worse(**error, **most)).for_each(|(most, error)| *most = *error);
-    }
-
-    /// Records the largest errors relative to the largest values of the states, apart from those held at zero.
-    fn judge(&self, radau: &Radau<'_>, checks: &mut Checks) {
-        let largest = &radau.largest()[..self.at_ends.len()];
-        let (zero, power) = (radau.held_at_zero(), radau.error_power());
-        let rounding = rounding_of(largest);
-        let worst = |errors: &[f64], power: f64| {
-            let states = (0..largest.len()).filter(|&state| errors[state] != 0.0 && !zero[state]);
-            let relative = states.map(|state| errors[state] / largest[state].max(rounding).powf(power));
-            // NaN is not trusted.
-            relative.fold(0.0, |most: f64, error| if error > most || error.is_nan() { error } else { most })
-        };
-        record_given_steps(worst(&self.at_ends, power), checks);
-        let within = worst(&self.within, 1.0);
-        checks.record(CheckCode::LocalError, within, GIVEN_STEPS, || {
-            format!(
-                "the steps have the size that `method` gives, and values between their ends are estimated to be off by up to \
-                 {within:.1e} of the largest values of the states; give outputs at the ends of steps, a smaller `step`, or none"
-            )
-        });
-        let missed = worst(&self.missed, 1.0);
-        checks.record(CheckCode::LocalError, missed, GIVEN_STEPS, || {
-            format!(
-                "the steps have the size that `method` gives, and their stages miss variations of the rates between them \
-                 that are worth {missed:.1e} of the largest values of the states; give a smaller `step`, or none"
-            )
-        });
-        let blind = self.blind;
-        checks.record(CheckCode::EventsUnproven, f64::from(blind), 0.0, || {
-            format!(
-                "within {blind} steps of the size that `method` gives a variable switches, and data vary by more than \
-                 the ends and the middle of the step show; give a smaller `step`, or none"
-            )
-        });
-    }
 }
 
 impl<'p> Audit<'p> {
@@ -141,7 +53,7 @@ impl<'p> Audit<'p> {
         if let Some(distance) = radau.unlocated_switch() {
             self.record_unlocated(t, distance, radau.accumulations() > 0);
         }
-        self.given_steps.add(radau.given_step());
+        self.given_steps.add(radau);
         if self.is_dense {
             self.given_steps.use_within(radau.given_step());
         }
@@ -238,9 +150,7 @@ impl<'p> Audit<'p> {
     /// Completes the measurements of a run with the given absolute tolerances.
     pub fn finish(&mut self, radau: &Radau<'_>, atol: &[f64], checks: &mut Checks) -> Option<Screening> {
         self.look_for_small_states(radau, atol);
-        if !self.given_steps.at_ends.is_empty() {
-            self.given_steps.judge(radau, &mut self.checks);
-        }
+        self.given_steps.judge(&radau.held_at_zero(), &mut self.checks);
         let Screening { proven, undecided, missed } = self.screening;
         if undecided > 0 {
             let steps = proven + undecided + missed;

@@ -1,10 +1,12 @@
 //! Integration of a mechanical system: contacts, energies and failures by name.
 
+use super::given_steps::{GIVEN_STEPS, GivenSteps};
+use super::longer_steps::{Comparison, Kind};
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
 use super::run::{Ended, Plan, Run, Stepper, run_to_end};
 use super::sensitivities::{self, FollowedMotion};
 use super::{
-    CheckCode, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
+    CheckCode, Checks, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
 };
 use analysis::Analysis;
 use contact::energy::Energy;
@@ -56,9 +58,14 @@ pub(super) fn integrate_contact_once(
     let diagnostics = describe_contact(model, contact, analysis);
     let mut outputs = Outputs::new(model, control, plan);
     let ContactPlan { settings, located: Some(radau) } = contact else {
+        let mut same = model.problem();
         return run_to_end(plan, control, diagnostics, || {
+            let longer = Settings { step: 2.0 * contact.settings.step, ..contact.settings };
+            let longer = TimeStepping::new(&mut *same, longer, state.clone(), plan.end);
+            let longer = LongerSteps::new(longer, plan, &state);
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
-            Ok(TimeSteppingRun { stepper, outputs })
+            let is_default = contact.settings.default_step;
+            Ok(TimeSteppingRun { stepper, longer, is_default, outputs })
         });
     };
     let mut run = Run::new(plan, control, diagnostics);
@@ -81,13 +88,15 @@ pub(super) fn integrate_contact_once(
         }
     };
     let mut evaluators = ModeEvaluators::new(|| Box::new(Elapsed::new(model.problem(), clock.start)));
+    let mut given = GivenSteps::default();
     let ended = loop {
         let phase = SmoothPhase::new(&mut located, &mut evaluators, control);
         if let Some(followed) = &mut followed {
             followed.begin(&phase);
         }
         let followed = followed.as_mut();
-        let driven = run.drive(&mut EventDrivenRun { phase, clock, outputs: &mut outputs, followed });
+        let given = &mut given;
+        let driven = run.drive(&mut EventDrivenRun { phase, clock, outputs: &mut outputs, given, followed });
         if driven.is_err() || located.is_done() || run.is_ended() {
             break driven;
         }
@@ -95,6 +104,9 @@ pub(super) fn integrate_contact_once(
     let steps = Steps { accepted: located.accepted, ..Steps::default() };
     tell(&located.step, model, (clock.start, steps), &mut run.diagnostics);
     judge_located(&mut located, model, (clock.start, radau), &mut run.diagnostics);
+    if radau.step.is_some() {
+        given.judge(&[], &mut run.diagnostics.checks);
+    }
     if located.accumulations > 0 {
         let message = format!(
             "impacts accumulated ({} times); the run continued after each accumulation with an impact without \
@@ -239,9 +251,71 @@ impl<'p> Outputs<'p> {
     }
 }
 
+/// A run with steps twice as long, beside time stepping.
+struct LongerSteps<'p> {
+    stepper: TimeStepping<'p>,
+    /// The coordinates, then the velocities.
+    comparison: Comparison,
+}
+
+impl<'p> LongerSteps<'p> {
+    fn new(stepper: TimeStepping<'p>, plan: &Plan, State { q, v, .. }: &State) -> Self {
+        let kinds = q.iter().map(|_| Kind::Position).chain(v.iter().map(|_| Kind::Velocity));
+        let named = plan.names.iter().zip(kinds).enumerate();
+        let quantities = named.map(|(k, (name, kind))| (format!("`{name}`"), kind, k..k + 1));
+        let mut comparison = Comparison::new(quantities, plan);
+        q.iter().chain(v).enumerate().for_each(|(k, value)| comparison.meet(k, value.abs()));
+        Self { stepper, comparison }
+    }
+
+    /// Judges the comparison. Coordinates are measured in one unit where a gap is a difference of them.
+    fn judge(&mut self, run: &TimeStepping<'_>, is_default: bool, checks: &mut Checks) {
+        let n = run.state.q.len();
+        let groups = run.step.alike();
+        let of_v = groups.iter().map(|group| group.iter().map(|k| n + k).collect());
+        let of_v: Vec<Vec<usize>> = of_v.collect();
+        self.comparison.share_units(&[groups, of_v].concat());
+        self.comparison.judge(is_default, GIVEN_STEPS, checks);
+    }
+
+    /// Compares the end of the last step of a run with this one.
+    fn follow(&mut self, run: &TimeStepping<'_>, control: &Control) {
+        let State { t, q, v } = &run.state;
+        let (n, h) = (q.len(), t - run.last.t);
+        for k in 0..n {
+            let kick = run.step.kicks[k].abs();
+            self.comparison.meet(k, q[k].abs().max(h * kick));
+            self.comparison.meet(n + k, v[k].abs().max(kick));
+            self.comparison.strike(k, v[k] - run.last.v[k] - run.step.kicks[k], kick, h);
+        }
+        while self.comparison.goes_on() && self.stepper.state.t < *t && !self.stepper.is_done() {
+            if let Err(error) = self.stepper.advance(control) {
+                self.comparison.fail(error.to_string());
+            }
+        }
+        if !self.comparison.goes_on() {
+            return;
+        }
+        let TimeStepping { state, last, .. } = &self.stepper;
+        let length = state.t - last.t;
+        let part = (t - last.t) / length;
+        for (k, (q, (from, to))) in q.iter().zip(last.q.iter().zip(&state.q)).enumerate() {
+            self.comparison.differ(k, (q - (from + part * (to - from))).abs(), length);
+        }
+        // The scheme has velocities at the ends of its steps only.
+        if state.t == *t {
+            self.comparison.pass(length);
+            (0..n).for_each(|k| self.comparison.differ(n + k, (v[k] - state.v[k]).abs(), length));
+        }
+    }
+}
+
 /// Time stepping with named outputs.
 struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
+    longer: LongerSteps<'p>,
+    /// Whether the size of steps is the default.
+    is_default: bool,
     outputs: Outputs<'p>,
 }
 
@@ -265,7 +339,9 @@ impl Stepper for TimeSteppingRun<'_> {
     fn step(&mut self) -> Result<(), Failure> {
         let made = self.stepper.advance(self.outputs.control);
         self.outputs.reach(&self.stepper.state);
-        made.map_err(|error| self.outputs.failure(error, self.stepper.state.t))
+        made.map_err(|error| self.outputs.failure(error, self.stepper.state.t))?;
+        self.longer.follow(&self.stepper, self.outputs.control);
+        Ok(())
     }
 
     /// Values within a step: velocities are constant and those of the end, as in the scheme `q+ = q + h v+`.
@@ -294,6 +370,7 @@ impl Stepper for TimeSteppingRun<'_> {
         let steps = Steps { accepted: self.stepper.accepted, ..Steps::default() };
         tell(&self.stepper.step, self.outputs.model, (0.0, steps), diagnostics);
         let checks = &mut diagnostics.checks;
+        self.longer.judge(&self.stepper, self.is_default, checks);
         check_energy(&self.stepper.energy, Accuracy::Fixed, checks);
         check_violations(&self.stepper.violations, &self.outputs.model.contacts, Accuracy::Fixed, checks);
     }
@@ -327,6 +404,7 @@ struct EventDrivenRun<'l, 'p, 'o> {
     phase: SmoothPhase<'l, 'p>,
     clock: Clock,
     outputs: &'o mut Outputs<'p>,
+    given: &'o mut GivenSteps,
     followed: Option<&'o mut FollowedMotion<'p>>,
 }
 
@@ -351,6 +429,9 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
         let made = self.phase.advance();
         self.outputs.reach(&self.phase.located.state);
         made.map_err(|error| self.outputs.failure(error.ahead(self.clock.start), self.t()))?;
+        if let Some(method) = self.phase.method() {
+            self.given.add(method);
+        }
         let Some(followed) = &mut self.followed else { return Ok(()) };
         let passed = followed.step(&mut self.phase);
         passed.map_err(|why| sensitivities::failure(&why.to_string(), self.t(), &self.outputs.states))
@@ -360,6 +441,15 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
         if let Some(followed) = &mut self.followed {
             followed.write(&mut self.phase, t, out);
         }
+    }
+
+    fn outputs(&mut self, t: f64, out: &mut [f64]) {
+        if t < self.t()
+            && let Some(method) = self.phase.method()
+        {
+            self.given.use_within(method.given_step());
+        }
+        self.values(t, out);
     }
 
     fn values(&mut self, t: f64, out: &mut [f64]) {

@@ -12,7 +12,7 @@
 mod halving;
 mod segments;
 
-use super::audit::GIVEN_STEPS;
+use super::given_steps::GIVEN_STEPS;
 use super::run::{Plan, Run, Stepper, ending};
 use super::uniqueness::uniqueness_caveat;
 use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Solution, Status, Steps, ViCounts, Warning};

@@ -1,6 +1,6 @@
 //! Integration of a parabolic obstacle problem, with outputs by name.
 
-use super::audit::record_given_steps;
+use super::given_steps::record_given_steps;
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Diagnostics, Evaluations, Event, EventKind, Failure, Solution, Steps, ViCounts};
 use analysis::Analysis;

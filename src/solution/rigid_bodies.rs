@@ -1,5 +1,6 @@
 //! Integration of rigid bodies by time stepping, with outputs by name.
 
+use super::longer_steps::{Comparison, Kind, MOST_BODIES, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
@@ -8,6 +9,10 @@ use contact::Settings;
 use contact::energy::Energy;
 use models::rigid_bodies::{Body, MoreauStepping, Motion, MultibodySystem, StepFailure, between};
 use problem::Control;
+
+/// Largest permitted error of a body's motion, relative to its largest value: two digits. Bodies in space are stepped at
+/// first order, so that each further digit costs ten times as many steps, and there is no method to fall back on.
+const TWO_DIGITS: f64 = 1e-2;
 
 /// Steps the bodies through the plan.
 pub fn step_rigid_bodies(
@@ -80,6 +85,121 @@ struct RigidBodyRun<'a> {
     /// Number of events so far.
     events: usize,
     checks: Checks,
+    longer: Option<LongerSteps<'a>>,
+    is_default: bool,
+}
+
+/// A run with steps twice as long.
+struct LongerSteps<'a> {
+    simulation: MoreauStepping<'a>,
+    /// The number of its steps, the time that it has reached, and the length of its last step.
+    steps: u64,
+    t: f64,
+    last: f64,
+    /// For each moving body its position, orientation, velocity and angular velocity; then the energies.
+    comparison: Comparison,
+    /// The potential energy at the start.
+    potential: f64,
+}
+
+impl<'a> LongerSteps<'a> {
+    fn new(scene: &MultibodySystem, plan: &Plan, simulation: MoreauStepping<'a>) -> Self {
+        let moving = scene.bodies.iter().filter(|body| !body.fixed);
+        let quantities = moving.enumerate().flat_map(|(i, body)| {
+            let (name, first) = (&body.name, 13 * i);
+            [
+                (format!("the position of `{name}`"), Kind::Position, first..first + 3),
+                (format!("the orientation of `{name}`"), Kind::Position, first + 3..first + 7),
+                (format!("the velocity of `{name}`"), Kind::Velocity, first + 7..first + 10),
+                (format!("the angular velocity of `{name}`"), Kind::Velocity, first + 10..first + 13),
+            ]
+        });
+        let energies = ["kinetic_energy", "potential_energy"].map(|energy| {
+            let field = plan.names.iter().position(|name| name == energy).unwrap_or(plan.names.len());
+            (format!("`{energy}`"), Kind::Energy, field..field + 1)
+        });
+        let comparison = Comparison::new(quantities.chain(energies), plan);
+        let [_, potential] = simulation.energies();
+        Self { simulation, steps: 0, t: plan.start, last: 0.0, comparison, potential }
+    }
+
+    /// Compares the end of the last step of a run, of length `length`, with this one.
+    fn follow(&mut self, (starts, run): (&[Motion], &MoreauStepping<'_>), t: f64, length: f64, course: &Course<'_>) {
+        let Course { scene, plan, h, control } = course;
+        let gravity = scene.gravity.norm();
+        let kick = length * gravity;
+        // Where the potential is zero is a convention; energies are no smaller than positions and velocities make them.
+        let [kinetic, potential] = run.energies();
+        let energy = kinetic.max((potential - self.potential).abs());
+        let mut least = [0.0, 0.0];
+        let reaches = scene.bodies.iter().filter(|body| !body.fixed).map(|body| body.collider.reach());
+        for (i, ((motion, before), reach)) in run.ends.iter().zip(starts).zip(reaches).enumerate() {
+            self.comparison.meet(4 * i, motion.pose.translation.vector.norm().max(reach));
+            // Quaternions are of length one, and differ by half the angle.
+            self.comparison.meet(4 * i + 1, 1.0);
+            self.comparison.meet(4 * i + 2, motion.velocity.norm().max(kick));
+            self.comparison.meet(4 * i + 3, motion.omega.norm().max(kick / reach));
+            least[0] += 0.5 * motion.mass * kick * kick;
+            least[1] += motion.mass * gravity * reach;
+            if run.pushed[i] {
+                let change = motion.velocity - before.velocity - length * scene.gravity;
+                self.comparison.strike(4 * i, change.norm(), kick, length);
+                self.comparison.strike(
+                    4 * i + 1,
+                    0.5 * (motion.omega - before.omega).norm(),
+                    0.5 * kick / reach,
+                    length,
+                );
+            }
+        }
+        let first = 4 * run.ends.len();
+        least.into_iter().enumerate().for_each(|(k, least)| self.comparison.meet(first + k, energy.max(least)));
+        while self.comparison.goes_on() && self.t < t {
+            let next = self.end_of_next(plan, *h);
+            let step = next - self.t;
+            if let Err(cause) = self.simulation.step(self.t, step, control) {
+                self.comparison.fail(failure(&cause, scene, plan, next, &[]).message);
+                return;
+            }
+            (self.steps, self.t, self.last) = (self.steps + 1, next, step);
+        }
+        if self.t == t && self.comparison.goes_on() {
+            self.compare(run);
+        }
+    }
+
+    /// The end of the next step, where the run that is compared has steps of size `h`.
+    fn end_of_next(&self, plan: &Plan, h: f64) -> f64 {
+        let next = plan.start + (self.steps + 1) as f64 * (2.0 * h);
+        if next >= plan.end - 1e-9 * h { plan.end } else { next }
+    }
+
+    fn compare(&mut self, run: &MoreauStepping<'_>) {
+        self.comparison.pass(self.last);
+        for (i, (a, b)) in run.ends.iter().zip(&self.simulation.ends).enumerate() {
+            let distances = [
+                (a.pose.translation.vector - b.pose.translation.vector).norm(),
+                0.5 * a.pose.rotation.angle_to(&b.pose.rotation),
+                (a.velocity - b.velocity).norm(),
+                (a.omega - b.omega).norm(),
+            ];
+            for (k, distance) in distances.into_iter().enumerate() {
+                self.comparison.differ(4 * i + k, distance, self.last);
+            }
+        }
+        let first = 4 * run.ends.len();
+        for (k, (a, b)) in run.energies().into_iter().zip(self.simulation.energies()).enumerate() {
+            self.comparison.differ(first + k, (a - b).abs(), self.last);
+        }
+    }
+}
+
+/// What a run and its comparison share.
+struct Course<'a> {
+    scene: &'a MultibodySystem,
+    plan: &'a Plan,
+    h: f64,
+    control: &'a Control,
 }
 
 impl<'a> RigidBodyRun<'a> {
@@ -100,6 +220,13 @@ impl<'a> RigidBodyRun<'a> {
                 time: plan.start,
                 state: plan.initial.clone(),
             });
+        }
+        let mut longer = None;
+        if simulation.ends.len() <= MOST_BODIES {
+            let mut simulation = MoreauStepping::new(scene, plan.start, settings);
+            simulation.most_memory = plan.most_memory;
+            let is_parted = !scene.resolve || simulation.resolve(control).map_err(failed)?;
+            longer = is_parted.then(|| LongerSteps::new(scene, plan, simulation));
         }
         let coordinates = simulation.coordinates();
         let mut course = Self {
@@ -123,6 +250,8 @@ impl<'a> RigidBodyRun<'a> {
             newton: 0,
             events: 0,
             checks: Checks::default(),
+            longer,
+            is_default: settings.default_step,
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
@@ -251,7 +380,12 @@ impl Stepper for RigidBodyRun<'_> {
         self.book();
         self.explain();
         self.judge();
-        stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
+        stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))?;
+        if let Some(longer) = &mut self.longer {
+            let course = Course { scene: self.scene, plan: self.plan, h: self.h, control: self.control };
+            longer.follow((&self.starts, &self.simulation), self.t, self.t - self.before, &course);
+        }
+        Ok(())
     }
 
     fn values(&mut self, t: f64, out: &mut [f64]) {
@@ -332,6 +466,15 @@ impl Stepper for RigidBodyRun<'_> {
         }
         diagnostics.vi = Some(self.work.clone());
         diagnostics.checks = self.checks.clone();
+        match &self.longer {
+            Some(longer) => longer.comparison.judge(self.is_default, TWO_DIGITS, &mut diagnostics.checks),
+            None => not_compared(
+                &mut diagnostics.checks,
+                &format!(
+                    "more than {MOST_BODIES} bodies move, and are not compared one by one with a run with longer steps"
+                ),
+            ),
+        }
         check_energy(&self.energy, Accuracy::Fixed, &mut diagnostics.checks);
     }
 }

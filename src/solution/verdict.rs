@@ -106,8 +106,10 @@ impl CheckCode {
             }
             Self::LocalError => {
                 "Largest local error of an accepted step in units of `atol + rtol |x|`, if the error test was skipped \
-                 or could not see the state; for steps of a given size the sum of their estimated errors, relative to \
-                 the largest values of the states. Allowed: one, or 1e-3 for steps of a given size."
+                 or could not see the state; for steps of a given size the sum of their estimated errors, or the error \
+                 between their ends, and for steps over impacts the difference from a run with steps twice as long, each \
+                 relative to the largest values of the states. Allowed: one, or 1e-3 for steps of a given size, 1e-2 for \
+                 rigid bodies."
             }
             Self::GlobalError => {
                 "Estimate of the error at the end in units of `atol + rtol |x|`; measured if `output.global_error` is \

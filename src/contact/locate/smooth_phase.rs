@@ -89,6 +89,11 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         self.over || self.located.is_done()
     }
 
+    /// The method of smooth motion, with its evidence of the last step; `None` where time stepping goes on.
+    pub fn method(&self) -> Option<&radau::Radau<'l>> {
+        self.method.as_ref()
+    }
+
     /// Makes one step, and handles the event at its end.
     ///
     /// # Errors

@@ -1,10 +1,13 @@
 //! The judgement of the runs of a problem. The truth is the solution by an independent method if there is one, and
 //! otherwise the run with which most others agree (trusted ones only, if there are any; the tightest among equals). A
-//! run is wrong if its distance from the truth exceeds a hundred tolerances, times the growth of small perturbations.
+//! run is wrong if its distance from the truth exceeds a hundred tolerances, times the growth of small perturbations. A
+//! run in steps of a given size is also held to what its verdict permits: an estimate of the error counts as right within a
+//! factor of four.
 
 use super::experiment::{Experiment, Run};
 use super::problem::Way;
 use super::solving::{Answer, Outcome};
+use dvi::solution::CheckCode;
 
 /// The allowed distance in tolerances, times `kappa`.
 const TOLERANCES: f64 = 100.0;
@@ -13,6 +16,8 @@ const TOLERANCES: f64 = 100.0;
 const STEPS: f64 = 30.0;
 /// The rounding error of a coordinate at rest, relative to the largest coordinate of the same unit.
 const ROUNDING: f64 = 1e-9;
+/// The factor by which an estimate of an error may differ from it.
+const ESTIMATE: f64 = 4.0;
 /// Problems with a larger growth of small perturbations are not judged.
 pub const MOST_GROWTH: f64 = 1e4;
 
@@ -131,7 +136,17 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
         .zip(&samples)
         .map(|(run, sample)| match (&run.outcome, sample) {
             (Outcome::Answered(answer), Some(sample)) => {
-                let far = far(sample);
+                let mut far = far(sample);
+                if let (Way::Step(_), Some(permitted)) = (experiment.way, answer.permitted) {
+                    let error = match (&experiment.reference, best) {
+                        (Some(values), _) => relative_error(experiment, sample, &values.columns),
+                        (None, Some(best)) => error_of_first_order(experiment, sample, complete[best], &complete),
+                        (None, None) => 0.0,
+                    };
+                    let part = error / permitted;
+                    let is_told = answer.because.contains(&CheckCode::LocalError) && part > 1.0 / ESTIMATE;
+                    far = far.max(part / if is_told { 1.0 / ESTIMATE } else { ESTIMATE });
+                }
                 let finding = match (answer.is_finite, far <= 1.0, answer.trusted) {
                     (false, _, _) => Finding::NotFinite,
                     (_, true, true) => Finding::Right,
@@ -216,6 +231,28 @@ fn distance(
         largest = largest.max(if allowed > 0.0 { apart / allowed } else { 0.0 });
     }
     largest
+}
+
+/// The error of a run of first order, by its distance from the best one. That of the best one itself is extrapolated from
+/// its distance from the others.
+fn error_of_first_order(experiment: &Experiment, run: &Sample<'_>, best: &Sample<'_>, all: &[&Sample<'_>]) -> f64 {
+    let of = |sample: &Sample<'_>| relative_error(experiment, sample, &best.columns);
+    if !std::ptr::eq(run, best) {
+        return of(run);
+    }
+    let step = best.run.accuracy;
+    let longer = all.iter().filter(|other| other.run.accuracy > step);
+    longer.map(|other| of(other) * step / (other.run.accuracy - step)).fold(0.0, f64::max)
+}
+
+/// The largest error of fields without jumps, relative to the size of each.
+fn relative_error(experiment: &Experiment, sample: &Sample<'_>, truth: &[Vec<f64>]) -> f64 {
+    let fields = experiment.fields.iter().zip(&experiment.sizes).enumerate().filter(|(_, (field, _))| !field.jumps);
+    let errors = fields.flat_map(|(k, (_, size))| {
+        let apart = sample.columns[k].iter().zip(&truth[k]).map(|(a, b)| (a - b).abs());
+        apart.filter(|apart| !apart.is_nan()).map(move |apart| apart / size)
+    });
+    errors.fold(0.0, f64::max)
 }
 
 /// Whether an event is so near `t` that it may lie on the other side of `t` in the other run: within the allowed error

@@ -41,6 +41,8 @@ pub struct Answer {
     pub events: Vec<f64>,
     pub trusted: bool,
     pub because: Vec<CheckCode>,
+    /// The permitted error of steps of a given size, relative to the largest values.
+    pub permitted: Option<f64>,
     pub is_certified: bool,
     pub is_finite: bool,
 }
@@ -87,6 +89,7 @@ fn outcome(solution: &Solution, fields: &[Field], view: &View) -> Outcome {
         events: trajectory.events.iter().map(|event| event.t * view.time).collect(),
         trusted: solution.verdict.trusted,
         because: solution.verdict.because.iter().map(|reason| reason.code).collect(),
+        permitted: solution.diagnostics.checks.get(CheckCode::LocalError).map(|(_, permitted)| permitted),
         is_certified: analysis.is_some_and(|analysis| analysis.uniqueness == Uniqueness::Unique),
     })
 }

@@ -61,6 +61,107 @@ fn a_run_that_is_trusted_has_three_digits_whatever_its_steps() {
     }
 }
 
+/// A point of mass one over a floor.
+fn over_floor(x: &Value, restitution: f64, end: f64) -> Value {
+    json!({"problem": {"mechanical": {"coordinates": {"x": x}, "mass": [[1]], "potential": "9.81*x",
+        "contacts": [{"name": "floor", "gap": "x", "restitution": restitution}]}},
+        "time": {"end": end}, "output": {"times": {"count": 11}}})
+}
+
+#[test]
+fn time_stepping_that_is_trusted_has_three_digits_whatever_its_steps() {
+    const G: f64 = 9.81;
+    let block = json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 0, "velocity": 2}, "y": {"initial": 0}},
+        "mass": [[1, 0], [0, 1]], "potential": "9.81*y", "contacts": [{"name": "floor", "gap": "y",
+        "friction": {"coefficient": 0.3, "slip": ["x_dot"]}}]}}, "time": {"end": 2}, "output": {"times": {"count": 11}}});
+    let slides = |t: f64| {
+        let t = t.min(2.0 / (0.3 * G));
+        2.0 * t - 0.15 * G * t * t
+    };
+    let ball = over_floor(&json!({"initial": 1}), 0.8, 1.0);
+    let bounces = |t: f64| {
+        let impact = (2.0 / G).sqrt();
+        let flown = t - impact;
+        if flown < 0.0 { 1.0 - 0.5 * G * t * t } else { 0.8 * G * impact * flown - 0.5 * G * flown * flown }
+    };
+    let spring = json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 1}}, "mass": [[1]],
+        "potential": "0.5*x^2"}}, "time": {"end": 3}, "method": {"impacts": "time_stepping"},
+        "output": {"times": {"count": 11}}});
+    // A ball hits another of a third of its mass, elastically; what it keeps is half of its speed.
+    let pair = json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": -0.37, "velocity": 1},
+        "y": {"initial": 0}}, "mass": [[3, 0], [0, 1]], "contacts": [{"name": "hit", "gap": "y - x", "restitution": 1}]}},
+        "time": {"end": 2}, "output": {"times": {"count": 11}}});
+    let hits = |t: f64| if t < 0.37 { t - 0.37 } else { 0.5 * (t - 0.37) };
+    // A sphere on the ground, pushed without spin, slides until it rolls with 5/7 of its speed.
+    let rolls = |t: f64| {
+        let until = 2.0 * 2.0 / (7.0 * 0.2 * G);
+        let slid = t.min(until);
+        2.0 * slid - 0.1 * G * slid * slid + 10.0 / 7.0 * (t - slid)
+    };
+    type Exact<'e> = &'e dyn Fn(f64) -> f64;
+    let cases: [(&str, &Value, Exact<'_>, f64); 4] = [
+        ("block", &block, &slides, 0.68),
+        ("ball", &ball, &bounces, 1.0),
+        ("spring", &spring, &f64::cos, 1.0),
+        ("pair", &pair, &hits, 0.815),
+    ];
+    for (name, system, exact, size) in cases {
+        let mut verdicts = Vec::new();
+        for step in [0.1, 0.04, 0.03, 0.01, 7e-3, 3e-3, 1e-3, 4e-4, 1e-4, 3e-5] {
+            let (is_trusted, error) = judged(system.clone(), step, exact);
+            assert!(!is_trusted || error < 1e-3 * size, "{name}, step {step}: {error:e}");
+            verdicts.push(is_trusted);
+        }
+        assert!(!verdicts[0] && !verdicts[1] && verdicts[9], "{name}: {verdicts:?}");
+    }
+    let sphere = |step: f64| {
+        let solution = solve(
+            &json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -G], "contacts": {"friction": 0.2},
+            "bodies": [{"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},
+            {"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 0.1], "velocity": [2, 0, 0]}]}},
+            "time": {"end": 1}, "method": {"step": step}, "output": {"times": {"count": 11}, "fields": ["ball.x"]}}),
+        );
+        (solution.verdict.trusted, distance(&solution, "ball.x", rolls))
+    };
+    let [(first, lost), (second, error)] = [0.1, 1e-3].map(sphere);
+    assert!(!first && second && lost > 2e-3 && error < 2e-3, "{first}, {second}: {lost:e}, {error:e}");
+}
+
+#[test]
+fn located_impacts_between_steps_of_a_given_size_are_judged() {
+    let spring = json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": 1}}, "mass": [[1]],
+        "potential": "0.5*x^2"}}, "time": {"end": 20}, "output": {"times": {"count": 21}}});
+    for (step, trusted) in [(2.0, false), (0.1, true)] {
+        let mut system = spring.clone();
+        system["method"] = json!({"step": step, "stages": 3});
+        let solution = solve(&system);
+        let error = distance(&solution, "x", f64::cos);
+        assert_eq!(solution.verdict.trusted, trusted, "{step}: {error:e}, {:?}", solution.verdict);
+        assert_eq!(error < 1e-3, trusted, "{step}: {error:e}");
+    }
+}
+
+#[test]
+fn many_bodies_are_not_compared_and_the_verdict_says_so() {
+    let scene = |count: usize| {
+        let mut bodies = vec![json!({"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true})];
+        bodies.extend((0..count).map(|k| {
+            json!({"name": format!("s{k}"), "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [k, 0, 1]})
+        }));
+        solve(&json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -9.81], "bodies": bodies}}, "time": {"end": 0.1},
+            "method": {"step": 1e-2}, "output": {"times": [0.1]}}))
+    };
+    for (count, compared) in [(100, true), (101, false)] {
+        let solution = scene(count);
+        assert_trusted(&solution);
+        let has_caveat = solution.verdict.caveats.iter().any(|caveat| caveat.code == "error_not_estimated");
+        assert_eq!(has_caveat, !compared, "{count}: {:?}", solution.verdict.caveats);
+        assert_eq!(solution.diagnostics.checks.get(CheckCode::LocalError).is_some(), compared);
+        let z = 1.0 - 0.5 * 9.81 * 0.01;
+        assert!((last(&solution, "s7.z") - z).abs() < 1e-12, "free fall: {}", last(&solution, "s7.z"));
+    }
+}
+
 #[test]
 fn a_pulse_between_the_stages_of_a_given_step_is_doubted() {
     // The integral of the pulse is the root of pi.

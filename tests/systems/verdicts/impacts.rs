@@ -93,7 +93,7 @@ fn long_steps_are_not_trusted_and_short_ones_are() {
     let trusted = |step: f64| solve(&ball(1.0, 0.0, 0.4, 0.5, json!({"step": step}))).verdict.trusted;
     assert!(trusted(1e-5));
     let solution = solve(&ball(1.0, 0.0, 10.0, 0.5, json!({"step": 0.5})));
-    assert_eq!(reasons(&solution), [CheckCode::EnergyBalance]);
+    assert_eq!(reasons(&solution), [CheckCode::EnergyBalance, CheckCode::LocalError]);
 }
 
 #[test]

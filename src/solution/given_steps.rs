@@ -1,0 +1,106 @@
+//! Evidence of the error of steps of a given size, which no tolerance controls.
+
+use super::{CheckCode, Checks};
+use radau::{GivenStep, Radau};
+
+/// Largest error of a run with steps of a given size, relative to the largest values of the states: three digits, as
+/// for the other checks of such runs, which have no tolerance.
+pub(super) const GIVEN_STEPS: f64 = 1e-3;
+
+/// A state this small beside the others is rounding of zero.
+pub(super) fn rounding_of(largest: &[f64]) -> f64 {
+    1e-12 * largest.iter().copied().fold(0.0, f64::max)
+}
+
+/// Records the sum of the estimated errors of steps of a given size, relative to the largest values of the states; NaN is
+/// not trusted.
+pub(super) fn record_given_steps(sum: f64, checks: &mut Checks) {
+    checks.record(CheckCode::LocalError, sum, GIVEN_STEPS, || {
+        format!(
+            "the steps have the size that `method` gives, and their errors are estimated to add up to {sum:.1e} of the \
+             largest values of the states; give a smaller `step`, or none, so that the tolerances choose it"
+        )
+    });
+}
+
+/// Evidence of the error of steps of a given size, for each state.
+#[derive(Default)]
+pub(super) struct GivenSteps {
+    /// Sum of the estimated errors at the ends of steps, raised to the power that gives them the order of the method.
+    at_ends: Vec<f64>,
+    /// Largest estimated error at a time within a step whose values are in use.
+    within: Vec<f64>,
+    /// Sum of the errors from variations that the stages miss.
+    missed: Vec<f64>,
+    /// Number of steps coupled over their stages within which data vary unseen.
+    blind: u32,
+    /// The largest values of the states.
+    largest: Vec<f64>,
+    /// The power to which the sums of errors at ends of steps are raised.
+    power: f64,
+}
+
+impl GivenSteps {
+    /// Adds the last step of a method, be it the same method throughout or one for each phase of a motion.
+    pub fn add(&mut self, radau: &Radau<'_>) {
+        let step = radau.given_step();
+        let states = step.at_end.len();
+        let Self { at_ends, missed, .. } = self;
+        for (sums, errors) in [(at_ends, &step.at_end), (missed, &step.missed)] {
+            sums.resize(states, 0.0);
+            sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
+        }
+        self.within.resize(states, 0.0);
+        self.blind += u32::from(step.is_blind);
+        self.largest.resize(states, 0.0);
+        self.largest.iter_mut().zip(radau.largest()).for_each(|(most, largest)| *most = most.max(*largest));
+        self.power = radau.error_power();
+    }
+
+    /// Notes that values within the step are in use.
+    pub fn use_within(&mut self, step: &GivenStep) {
+        self.within.resize(step.within.len(), 0.0);
+        // NaN counts as larger than any error.
+        let worse = |error: f64, most: f64| error > most || error.is_nan();
+        let errors = self.within.iter_mut().zip(&step.within);
+        errors.filter(|(most, error)| worse(**error, **most)).for_each(|(most, error)| *most = *error);
+    }
+
+    /// Records the largest errors relative to the largest values of the states, apart from those held at zero.
+    pub fn judge(&self, held_at_zero: &[bool], checks: &mut Checks) {
+        if self.at_ends.is_empty() {
+            return;
+        }
+        let Self { largest, power, .. } = self;
+        let rounding = rounding_of(largest);
+        let worst = |errors: &[f64], power: f64| {
+            let states = (0..largest.len())
+                .filter(|&state| errors[state] != 0.0 && !held_at_zero.get(state).is_some_and(|zero| *zero));
+            let relative = states.map(|state| errors[state] / largest[state].max(rounding).powf(power));
+            // NaN is not trusted.
+            relative.fold(0.0, |most: f64, error| if error > most || error.is_nan() { error } else { most })
+        };
+        record_given_steps(worst(&self.at_ends, *power), checks);
+        let within = worst(&self.within, 1.0);
+        checks.record(CheckCode::LocalError, within, GIVEN_STEPS, || {
+            format!(
+                "the steps have the size that `method` gives, and values between their ends are estimated to be off by up to \
+                 {within:.1e} of the largest values of the states; give outputs at the ends of steps, a smaller `step`, or none"
+            )
+        });
+        let missed = worst(&self.missed, 1.0);
+        checks.record(CheckCode::LocalError, missed, GIVEN_STEPS, || {
+            format!(
+                "the steps have the size that `method` gives, and their stages miss variations of the rates between them \
+                 that are worth {missed:.1e} of the largest values of the states; give a smaller `step`, or none"
+            )
+        });
+        let blind = self.blind;
+        checks.record(CheckCode::EventsUnproven, f64::from(blind), 0.0, || {
+            format!(
+                "within {blind} steps of the size that `method` gives a variable switches, and data vary by more than \
+                 the ends and the middle of the step show; give a smaller `step`, or none"
+            )
+        });
+    }
+}
