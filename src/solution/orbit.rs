@@ -7,8 +7,8 @@
 //! by Newton's method with the monodromy matrix `S`, which is exact through switches ([`radau::Tangents`]; Aprille and
 //! Trick 1972, *Steady-state analysis of nonlinear circuits with periodic inputs*, for smooth equations). `S` may be
 //! singular, for example if a diode blocks or a body sticks; `S - I` is singular if orbits form families, of which the
-//! nearest is chosen. With a free period, one state keeps its initial value. If a Newton step does not reduce the
-//! residual, or there is no derivative, the run continues for another period, as the system itself would.
+//! nearest is chosen. With a free period, one state keeps its initial value. If a Newton step reduces neither the
+//! residual nor its own correction, or there is no derivative, the run continues for another period, as the system itself would.
 
 use super::contact::{ContactPlan, integrate_contact_once};
 use super::integrate::integrate_once;
@@ -33,8 +33,8 @@ const MOST_SHOTS: u64 = 100;
 /// Most halvings of a Newton step that does not reduce the residual: another period of the system itself, which also
 /// reduces it, costs as much as one halving.
 const HALVINGS: i32 = 1;
-/// Least reduction of the residual relative to the fraction of the step taken (Deuflhard 2011, *Newton Methods for
-/// Nonlinear Problems*, section 3.1).
+/// Least reduction of the residual, or of Newton's correction, relative to the fraction of the step taken (Deuflhard 2011,
+/// *Newton Methods for Nonlinear Problems*, sections 3.1 and 3.3).
 const GAIN: f64 = 0.25;
 /// An orbit with a free period and a length below this number of tolerances counts as a point: fewer than three of its
 /// digits are known.
@@ -332,12 +332,18 @@ impl Search<'_> {
             let from: Vec<f64> = shot.from.iter().zip(change).map(|(x, change)| x + part * change).collect();
             let from = self.subject.allowed(self.plan, (&from, period), self.control);
             match self.shoot(&from, period) {
-                Ok(next) if next.distance() <= (1.0 - GAIN * part) * shot.distance() => return Ok(Some(next)),
+                Ok(next) if self.falls(shot, &next, 1.0 - GAIN * part) => return Ok(Some(next)),
                 Err(failure) if self.control.poll().is_some() => return Err(failure),
                 Ok(_) | Err(_) => {}
             }
         }
         Ok(None)
+    }
+
+    /// Whether a run is nearer to the orbit than the one before, by its residual or by what Newton's method would correct.
+    fn falls(&self, shot: &Shot, next: &Shot, to: f64) -> bool {
+        let by_correction = || shot.contraction(next, self.phase, self.subject.settings().rtol);
+        next.distance() <= to * shot.distance() || by_correction().is_some_and(|part| part <= to)
     }
 
     /// Refuses an orbit with a free period that is a single point.

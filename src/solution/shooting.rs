@@ -59,6 +59,11 @@ impl Shot {
 
     /// The Newton correction of the initial state and of the period.
     pub fn correction(&self, phase: Option<usize>, rtol: f64) -> Option<(Vec<f64>, f64)> {
+        self.correction_for(self, phase, rtol)
+    }
+
+    /// The correction of another run by the derivatives of this one.
+    fn correction_for(&self, other: &Self, phase: Option<usize>, rtol: f64) -> Option<(Vec<f64>, f64)> {
         let n = self.from.len();
         let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);
         let mut unit = self.scale.clone();
@@ -69,13 +74,25 @@ impl Shot {
         for (i, mut row) in matrix.row_iter_mut().enumerate() {
             row.iter_mut().zip(&unit).for_each(|(value, unit)| *value *= unit / self.scale[i]);
         }
-        let right = DVector::from_fn(n, |i, _| (self.from[i] - self.to[i]) / self.scale[i]);
+        let right = DVector::from_fn(n, |i, _| (other.from[i] - other.to[i]) / self.scale[i]);
         let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
         let rank = RANK * svd.singular_values.max();
         let found = svd.solve(&right, rank).ok()?;
         let mut change: Vec<f64> = found.iter().zip(&unit).map(|(value, unit)| value * unit).collect();
         let of_period = phase.map_or(0.0, |phase| std::mem::take(&mut change[phase]));
         (of_period.is_finite() && change.iter().all(|value| value.is_finite())).then_some((change, of_period))
+    }
+
+    /// The size of the correction of another run by the derivatives of this one, relative to that of this one (the natural
+    /// monotonicity test of Deuflhard 2011, *Newton Methods for Nonlinear Problems*, section 3.3.1). It does not depend on
+    /// the units of the residual, and a run that enters another mode passes although its residual hardly falls.
+    pub fn contraction(&self, other: &Self, phase: Option<usize>, rtol: f64) -> Option<f64> {
+        let size = |(change, of_period): (Vec<f64>, f64)| {
+            let parts = change.iter().zip(&self.scale).map(|(change, scale)| change / scale);
+            parts.chain([of_period / (rtol * self.period)]).fold(0.0, |most: f64, part| most.max(part.abs()))
+        };
+        let own = size(self.correction(phase, rtol)?);
+        (own > 0.0).then_some(size(self.correction_for(other, phase, rtol)?) / own)
     }
 
     /// The multipliers, by decreasing modulus.
