@@ -4,7 +4,7 @@ use super::data::Data;
 use super::spans::Spans;
 use super::{UNSERVABLE, USAGE};
 use clap::{Args, ValueEnum};
-use dvi::service::{Log, Options, Service, worker};
+use dvi::service::{Log, Options, PlainFields, Service, worker};
 use std::env::{self, VarError};
 use std::io::{self, IsTerminal};
 use std::net::SocketAddr;
@@ -199,10 +199,11 @@ fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Erro
     };
     let log = Log::start(io::stderr())?;
     let lines = log.clone();
-    let lines =
-        tracing_subscriber::fmt::layer().with_writer(move || lines.line()).with_ansi(io::stderr().is_terminal());
+    let is_terminal = io::stderr().is_terminal();
+    let lines = tracing_subscriber::fmt::layer().with_writer(move || lines.line()).with_ansi(is_terminal);
     let lines = match format {
-        LogFormat::Text => lines.with_filter(filter).boxed(),
+        LogFormat::Text if is_terminal => lines.with_filter(filter).boxed(),
+        LogFormat::Text => lines.fmt_fields(PlainFields).with_filter(filter).boxed(),
         LogFormat::Json => lines.json().with_filter(filter).boxed(),
     };
     tracing_subscriber::registry().with(lines).with(spans.layer()).init();

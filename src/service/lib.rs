@@ -18,7 +18,7 @@ mod trace;
 pub mod worker;
 mod write_timeout;
 
-pub use log::Log;
+pub use log::{Log, PlainFields};
 pub use options::Options;
 
 use access::Tokens;

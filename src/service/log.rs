@@ -4,12 +4,17 @@
 //! The lines that arrive during a write are written together, so that a busy service makes one system call for many
 //! lines.
 
+use std::fmt::{self, Write as _};
 use std::io::{self, Write};
 use std::mem::{replace, swap};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::Duration;
+use tracing::field::{Field, Visit};
+use tracing_subscriber::field::RecordFields;
+use tracing_subscriber::fmt::FormatFields;
+use tracing_subscriber::fmt::format::Writer;
 
 /// The room for waiting lines, in bytes: enough for some thousand requests.
 const ROOM: usize = 1 << 20;
@@ -133,6 +138,89 @@ impl Shared {
     }
 }
 
+/// The fields of a line, as the library writes them for a file: the message as it is, the others as `name=value`, control
+/// characters escaped. The library chooses a style for every name and passes on every character by itself, which takes
+/// several times as long, twice a request.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PlainFields;
+
+impl<'w> FormatFields<'w> for PlainFields {
+    fn format_fields<R: RecordFields>(&self, writer: Writer<'w>, fields: R) -> fmt::Result {
+        let mut line = PlainLine { writer, is_begun: false, result: Ok(()) };
+        fields.record(&mut line);
+        line.result
+    }
+}
+
+/// The fields written so far.
+struct PlainLine<'w> {
+    writer: Writer<'w>,
+    is_begun: bool,
+    result: fmt::Result,
+}
+
+impl PlainLine<'_> {
+    /// Writes a field, by its name and by `value`, unless an earlier one has failed.
+    fn field(&mut self, field: &Field, value: impl FnOnce(&mut Writer<'_>) -> fmt::Result) {
+        if self.result.is_ok() {
+            self.result = self.write(field, value);
+            self.is_begun = true;
+        }
+    }
+
+    fn write(&mut self, field: &Field, value: impl FnOnce(&mut Writer<'_>) -> fmt::Result) -> fmt::Result {
+        if self.is_begun {
+            self.writer.write_char(' ')?;
+        }
+        if field.name() != "message" {
+            self.writer.write_str(field.name())?;
+            self.writer.write_char('=')?;
+        }
+        value(&mut self.writer)
+    }
+}
+
+impl Visit for PlainLine<'_> {
+    fn record_str(&mut self, field: &Field, value: &str) {
+        self.field(field, |writer| {
+            if field.name() == "message" {
+                return Escaped(writer).write_str(value);
+            }
+            if !value.bytes().all(|byte| is_plain(byte) && byte != b'"' && byte != b'\\') {
+                return write!(writer, "{value:?}");
+            }
+            writer.write_char('"')?;
+            writer.write_str(value)?;
+            writer.write_char('"')
+        });
+    }
+
+    fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
+        self.field(field, |writer| write!(Escaped(writer), "{value:?}"));
+    }
+}
+
+/// A writer of text in which control characters are escaped, so that a text from outside changes nothing on a terminal.
+struct Escaped<'a, 'w>(&'a mut Writer<'w>);
+
+impl fmt::Write for Escaped<'_, '_> {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        if text.bytes().all(is_plain) {
+            return self.0.write_str(text);
+        }
+        text.chars().try_for_each(|character| match character {
+            '\n' | '\t' => self.0.write_char(character),
+            _ if character.is_control() => write!(self.0, "{}", character.escape_default()),
+            _ => self.0.write_char(character),
+        })
+    }
+}
+
+/// Whether a byte is a printable character of ASCII.
+fn is_plain(byte: u8) -> bool {
+    matches!(byte, b' '..=b'~')
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -177,5 +265,41 @@ mod tests {
         let start = Instant::now();
         assert!(!log.close(Duration::from_millis(50)));
         assert!(start.elapsed() < Duration::from_secs(5));
+    }
+
+    #[test]
+    fn fields_are_written_as_by_the_library_with_control_characters_escaped() {
+        #[derive(Clone, Default)]
+        struct Lines(Arc<Mutex<Vec<u8>>>);
+        impl Write for Lines {
+            fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+                self.0.lock().unwrap().write(bytes)
+            }
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        let tell = |path: &str| {
+            let (status, ms, error) = (200_u16, 0.125, io::Error::other("no \"room\""));
+            let _in_span = tracing::info_span!("job", job.id = "7").entered();
+            tracing::info!(http.path = path, status, ms, trusted = Some(true), none = None::<u8>, %error, "GET {path}");
+        };
+        let by = |path: &str, plain: bool| {
+            let lines = Lines::default();
+            let to = lines.clone();
+            let layer = tracing_subscriber::fmt().without_time().with_ansi(false).with_writer(move || to.clone());
+            if plain {
+                tracing::subscriber::with_default(layer.fmt_fields(PlainFields).finish(), || tell(path));
+            } else {
+                tracing::subscriber::with_default(layer.finish(), || tell(path));
+            }
+            String::from_utf8(lines.0.lock().unwrap().clone()).unwrap()
+        };
+        for path in ["/solve", "/jobs/\"7\"\\", "/caf\u{e9}\ttab"] {
+            assert_eq!(by(path, true), by(path, false));
+        }
+        let escaped = by("/\u{1b}[31m\u{9b}2J\r", true);
+        assert!(escaped.contains("GET /\\u{1b}[31m\\u{9b}2J\\r"), "{escaped}");
+        assert!(!escaped.contains(|c: char| c.is_control() && c != '\n'), "{escaped:?}");
     }
 }

@@ -13,7 +13,7 @@ use axum::Router;
 use axum::body::Bytes;
 use axum::routing::post;
 use dvi::service::worker::program;
-use dvi::service::{Log, Options, Service};
+use dvi::service::{Log, Options, PlainFields, Service};
 use hyper::body::Incoming;
 use hyper::service::service_fn;
 use hyper_util::rt::TokioIo;
@@ -76,6 +76,7 @@ fn main() {
     let log = Log::start(std::io::stderr()).expect("a thread");
     let (filter, logged) = reload::Layer::new(LevelFilter::INFO);
     let lines = tracing_subscriber::fmt::layer().with_writer(move || log.line()).with_ansi(false);
+    let lines = lines.fmt_fields(PlainFields);
     tracing_subscriber::registry().with(filter).with(lines).init();
     let folder = std::env::temp_dir().join(format!("dvi-overhead-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");

@@ -1,11 +1,18 @@
 //! Bounds: requests beyond them are refused, and no client is starved.
 
-use crate::harness::{Arrival, Call, DECAY, Gate, Scripted, Site, count, instant, one_worker};
+use crate::harness::{Arrival, Call, DECAY, Gate, Scripted, Site, count, halving, instant, one_worker, within};
 use axum::body::Body;
 use axum::http::StatusCode;
-use dvi::service::Options;
+use dvi::service::worker::{Confinement, Launcher, Order, Report, Start, VERSION, frame};
+use dvi::service::{Options, Service};
+use dvi::solution::Status;
+use std::io;
 use std::num::NonZeroU64;
 use std::sync::Arc;
+use std::sync::mpsc::channel;
+use std::thread;
+use std::time::Duration;
+use tokio::sync::watch;
 
 #[tokio::test]
 async fn a_late_client_runs_before_the_rest_of_a_busy_one() {
@@ -120,7 +127,7 @@ async fn a_service_that_stops_takes_nothing_on_but_answers_for_what_it_has() {
     assert_eq!(site.get("/healthz").await.status, StatusCode::OK);
     gate.let_through(1);
     assert_eq!(site.ended(&path).await["status"], "successful");
-    site.service.jobs().idle().await;
+    site.idle().await;
 }
 
 #[tokio::test]
@@ -160,6 +167,8 @@ async fn a_client_that_holds_every_worker_does_not_hold_up_another() {
         assert_eq!(site.ended(&path).await["status"], "successful");
         assert_eq!(site.get(&held[2]).await.json()["status"], "accepted", "it has its workers");
     }
+    // The solve of its first slice has been stopped.
+    gate.cancelled(1).await;
     gate.let_through(3);
     for path in &held {
         assert_eq!(site.ended(path).await["status"], "successful");
@@ -177,6 +186,8 @@ async fn a_long_job_of_a_client_who_has_none_runs_in_relief() {
     let other = site.accept(2).await;
     site.runs(&other).await;
     assert_eq!(site.get(&held[1]).await.json()["status"], "accepted", "its client has a worker");
+    // Both have had their first slices, whose solves have been stopped.
+    gate.cancelled(2).await;
     gate.let_through(3);
     for path in held.iter().chain([&other]) {
         assert_eq!(site.ended(path).await["status"], "successful");
@@ -194,7 +205,7 @@ async fn short(site: &Site, client: u8) -> String {
 fn labelled_or_held(gate: &Arc<Gate>) -> dvi::service::jobs::Solver {
     let held = gate.solver();
     Arc::new(move |specification, control| match specification.label() {
-        Some(_) => crate::harness::halving(dvi::solution::Status::Completed),
+        Some(_) => halving(Status::Completed),
         None => held(specification, control),
     })
 }
@@ -227,11 +238,68 @@ async fn a_new_job_waits_for_no_job_that_has_had_its_first_slice() {
     for path in &held {
         assert_eq!(site.ended(path).await["status"], "successful");
     }
-    site.service.jobs().idle().await;
+    site.idle().await;
     let figures = site.get("/metrics").await;
     let yielded = figures.text().lines().find_map(|line| line.strip_prefix("dvi_jobs_yielded_total ")).unwrap();
     assert_eq!(yielded, "2");
     assert!(figures.text().contains("dvi_jobs_long 0\n"));
+}
+
+/// A launcher of workers that take a while to read a document, and then solve it until they are cancelled: `early` counts
+/// the documents for which they are cancelled before that, `late` those after.
+fn slow_readers(early: &watch::Sender<usize>, late: &watch::Sender<usize>) -> Launcher {
+    let counts = (early.clone(), late.clone());
+    Arc::new(move || {
+        let ((mut input, orders), (reports, mut output)) = (io::pipe()?, io::pipe()?);
+        let (early, late) = counts.clone();
+        let (send, arrivals) = channel();
+        thread::spawn(move || {
+            while let Ok(Some((order, _))) = frame::read::<Order>(&mut input) {
+                if !matches!(order, Order::Look { .. }) && send.send(order).is_err() {
+                    break;
+                }
+            }
+        });
+        thread::spawn(move || -> io::Result<()> {
+            let mut report = |report: &Report| frame::write(&mut output, report, b"[]");
+            report(&Report::Ready { version: VERSION, confinement: Confinement::default() })?;
+            while let Ok(order) = arrivals.recv() {
+                // A request to stop may come after the end of its task.
+                let Order::Solve { task, .. } = order else { continue };
+                report(&Report::Taken { task })?;
+                if arrivals.recv_timeout(READING).is_ok() {
+                    early.send_modify(|n| *n += 1);
+                } else {
+                    report(&Report::Begun { task })?;
+                    if arrivals.recv().is_ok() {
+                        late.send_modify(|n| *n += 1);
+                    }
+                }
+                report(&Report::Refused { task, interrupted: true })?;
+            }
+            Ok(())
+        });
+        Ok(Start { orders: orders.into(), reports: reports.into(), process: None })
+    })
+}
+
+/// Longer than the first time slice of a worker that starts as fast as a thread.
+const READING: Duration = Duration::from_millis(500);
+
+#[tokio::test]
+async fn a_first_time_slice_is_not_over_before_the_solve_has_begun() {
+    let (early, late) = (watch::Sender::new(0), watch::Sender::new(0));
+    let options = Options { workers: count(1), express: 1, relief: 0, ..Options::default() };
+    let stopped = Arc::new(|_: &_, _: &_| halving(Status::Stopped));
+    let service = Service::start(options, stopped, &slow_readers(&early, &late)).unwrap();
+    let site = Site { router: service.router(), service };
+    let first = site.accept(1).await;
+    site.runs(&first).await;
+    let second = site.accept(2).await;
+    let mut late = late.subscribe();
+    within("the second job yields".to_owned(), late.wait_for(|late| *late == 1)).await.unwrap();
+    assert_eq!(*early.borrow(), 0, "a job was stopped that had not begun");
+    assert_eq!(site.get(&second).await.json()["status"], "accepted");
 }
 
 #[tokio::test]
@@ -272,7 +340,7 @@ async fn a_job_that_made_room_can_be_cancelled_and_forgotten_where_it_waits() {
     assert_eq!(Call::new("DELETE", &forgotten).send(&site).await.status, StatusCode::NO_CONTENT);
     gate.let_through(1);
     assert_eq!(site.ended(&held).await["status"], "successful");
-    site.service.jobs().idle().await;
+    site.idle().await;
     gate.entered(3).await;
     assert_eq!(site.get(&cancelled).await.json()["status"], "dismissed");
 }

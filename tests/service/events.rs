@@ -143,7 +143,7 @@ async fn a_client_that_takes_nothing_loses_its_stream_and_its_solve() {
     let site = Site::new(one_worker(), sticking(100, &gate));
     let call = Call::solve(DECAY).header("accept", "text/event-stream");
     let mut body = call.body(&site).await;
-    site.service.jobs().idle().await;
+    site.idle().await;
     let mut taken = 0;
     while poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await.is_some() {
         taken += 1;
@@ -179,7 +179,7 @@ async fn a_client_that_leaves_its_streamed_solve_takes_it_along() {
     gate.entered(1).await;
     drop(body);
     gate.cancelled(1).await;
-    site.service.jobs().idle().await;
+    site.idle().await;
 }
 
 #[tokio::test]

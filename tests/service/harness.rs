@@ -15,11 +15,13 @@ use std::io;
 use std::net::IpAddr;
 use std::num::NonZeroUsize;
 use std::pin::Pin;
+use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Condvar, Mutex};
 use std::task::{Context, Poll};
 use std::thread;
 use std::time::{Duration, Instant};
-use tokio::sync::watch;
+use tokio::select;
+use tokio::sync::{oneshot, watch};
 use tower::ServiceExt;
 
 /// A correct specification: exponential decay.
@@ -104,15 +106,16 @@ impl Gate {
             gate.entered.send_modify(|n| *n += 1);
             let mut open = gate.open.lock().unwrap();
             loop {
-                if *open > 0 {
-                    *open -= 1;
-                    return halving(Status::Completed);
-                }
+                // Before it is let through: a solve that has been given up must not take the place of another.
                 if let Some(stop) = control.poll() {
                     if stop == Stop::Cancelled {
                         gate.cancelled.send_modify(|n| *n += 1);
                     }
                     return halving(Status::Stopped);
+                }
+                if *open > 0 {
+                    *open -= 1;
+                    return halving(Status::Completed);
                 }
                 open = gate.opened.wait_timeout(open, Duration::from_millis(1)).unwrap().0;
             }
@@ -127,12 +130,36 @@ impl Gate {
 
     /// Waits until `n` solves have begun since the start.
     pub async fn entered(&self, n: usize) {
-        self.entered.subscribe().wait_for(|entered| *entered >= n).await.unwrap();
+        let mut entered = self.entered.subscribe();
+        within(format!("{n} solves begin"), entered.wait_for(|entered| *entered >= n)).await.unwrap();
     }
 
     /// Waits until `n` solves have been cancelled since the start.
     pub async fn cancelled(&self, n: usize) {
-        self.cancelled.subscribe().wait_for(|cancelled| *cancelled >= n).await.unwrap();
+        let mut cancelled = self.cancelled.subscribe();
+        within(format!("{n} solves are cancelled"), cancelled.wait_for(|cancelled| *cancelled >= n)).await.unwrap();
+    }
+}
+
+/// The longest time for which a test waits for an event.
+const LONGEST: Duration = Duration::from_secs(60);
+
+/// Waits for `event`, and fails if it does not come. A thread keeps the time, since some tests stop the clock of their
+/// runtime.
+pub async fn within<T>(told: String, event: impl Future<Output = T>) -> T {
+    let ((done, is_done), (ring, late)) = (channel::<()>(), oneshot::channel());
+    thread::spawn(move || {
+        if is_done.recv_timeout(LONGEST) == Err(RecvTimeoutError::Timeout) {
+            let _ = ring.send(());
+        }
+    });
+    select! {
+        biased;
+        came = event => {
+            drop(done);
+            came
+        }
+        Ok(()) = late => panic!("not within {LONGEST:?}: {told}"),
     }
 }
 
@@ -181,8 +208,14 @@ impl Site {
     /// The status of the job at `path`, once it has ended.
     pub async fn ended(&self, path: &str) -> Value {
         let id = path.rsplit('/').next().unwrap().parse().unwrap();
-        self.service.jobs().find(id).unwrap().settled().await;
+        let job = self.service.jobs().find(id).unwrap();
+        within(format!("{path} ends"), job.settled()).await;
         self.get(path).await.json()
+    }
+
+    /// Waits until no job waits or runs.
+    pub async fn idle(&self) {
+        within("no job is left".to_owned(), self.service.jobs().idle()).await;
     }
 }
 

@@ -60,7 +60,7 @@ async fn the_load_is_that_of_the_moment() {
     let text = site.get("/metrics").await;
     assert_eq!((value(text.text(), "dvi_jobs_running"), value(text.text(), "dvi_jobs_waiting")), (1.0, 2.0));
     gate.let_through(3);
-    site.service.jobs().idle().await;
+    site.idle().await;
     let text = site.get("/metrics").await;
     assert_eq!((value(text.text(), "dvi_jobs_running"), value(text.text(), "dvi_jobs_waiting")), (0.0, 0.0));
 }

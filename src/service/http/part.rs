@@ -2,6 +2,7 @@
 
 use super::Shared;
 use super::jobs::unreadable;
+use super::pieces::{Kept, Room};
 use super::problem::{Kind, Problem};
 use crate::jobs::{Job, Opened, Results};
 use solution::columnar::{Columns, Members, PART, Skeleton};
@@ -16,17 +17,20 @@ pub struct Part {
     pub selection: Selection,
     /// The other parts of the solution, with the events of the excerpt and the evidence of the whole.
     pub skeleton: Skeleton,
+    /// The room of the columns, if they are the requested values alone, in memory.
+    _kept: Option<Kept>,
 }
 
 /// The largest number of field names listed in an error message.
 const MOST_NAMES: usize = 30;
 
 impl Part {
-    /// The part that `excerpt` asks for, verified against the digests of its blocks.
+    /// The part that `excerpt` asks for, verified against the digests of its blocks. If there is `room` for its values, they
+    /// are kept: they may be far apart on the disk, and are read once in place of twice.
     ///
     /// # Errors
     /// The excerpt names a field that does not exist, or the stored results cannot be read.
-    pub fn of(results: &Results, excerpt: Option<&Excerpt>) -> Result<Self, ExcerptError> {
+    pub fn of(results: &Results, excerpt: Option<&Excerpt>, room: &Room) -> Result<Self, ExcerptError> {
         let Opened { columns, mut skeleton } = results.open()?;
         let selection = match excerpt {
             None => Selection::whole(&*columns),
@@ -35,9 +39,16 @@ impl Part {
                 excerpt.of(&*columns)?
             }
         };
-        selection.verify(&*columns)?;
-        columns.members().map_or(Ok(()), |members| members.verify())?;
-        Ok(Self { columns, selection, skeleton })
+        let part = Self { columns, selection, skeleton, _kept: None };
+        let is_on_disk = matches!(results, Results::Columns(_)) && part.columns.members().is_none();
+        if is_on_disk && let Some(kept) = room.keep(part.numbers().saturating_mul(size_of::<f64>())) {
+            let values = part.selection.block(&*part.columns, part.selection.rows)?;
+            let selection = Selection::whole(&values);
+            return Ok(Self { columns: Box::new(values), selection, _kept: Some(kept), ..part });
+        }
+        part.selection.verify(&*part.columns)?;
+        part.columns.members().map_or(Ok(()), |members| members.verify())?;
+        Ok(part)
     }
 
     /// The number of values in the part, those of the table of a sweep included if that is kept apart.

@@ -23,14 +23,34 @@ const PIECE: usize = 128 * KIB;
 #[derive(Clone, Debug)]
 pub struct Room {
     free: Arc<Semaphore>,
+    /// The part of the room that kept values may take: pieces always have the rest.
+    for_kept: Arc<Semaphore>,
     kib: u32,
 }
+
+/// The room of values that are kept in memory until their response has been sent.
+#[derive(Debug)]
+pub struct Kept(#[expect(dead_code, reason = "dropped with the values")] [OwnedSemaphorePermit; 2]);
+
+/// The part of the room that kept values may take in all, and the part that those of one response may take: a slow
+/// reader holds them for as long as it reads.
+const FOR_KEPT: u32 = 2;
+const OF_ONE: u32 = 32;
 
 impl Room {
     /// Room for `mib` MiB.
     pub fn new(mib: usize) -> Self {
         let kib = u32::try_from(mib.saturating_mul(KIB)).unwrap_or(u32::MAX).min(Semaphore::MAX_PERMITS as u32);
-        Self { free: Arc::new(Semaphore::new(kib as usize)), kib }
+        let semaphore = |kib: u32| Arc::new(Semaphore::new(kib as usize));
+        Self { free: semaphore(kib), for_kept: semaphore(kib / FOR_KEPT), kib }
+    }
+
+    /// Takes room for `bytes` bytes of values, if they are few and there is room for them now. Who waited for such room
+    /// and held some might wait for ever.
+    pub fn keep(&self, bytes: usize) -> Option<Kept> {
+        let kib = u32::try_from(bytes.div_ceil(KIB)).ok().filter(|kib| *kib <= self.kib / OF_ONE)?;
+        let taken = |of: &Arc<Semaphore>| Arc::clone(of).try_acquire_many_owned(kib).ok();
+        Some(Kept([taken(&self.for_kept)?, taken(&self.free)?]))
     }
 
     /// Waits for room for `bytes` bytes, or for all of the room if there is less.
@@ -118,8 +138,14 @@ async fn next_piece(mut answer: Box<Unwritten>, room: Room) -> NextPiece {
     let taken = room.take(PIECE).await;
     let work = move || {
         let mut bytes = Vec::with_capacity(PIECE);
-        let more = answer.write(&mut bytes)?;
-        Ok((bytes, more.then_some(answer)))
+        // As much as there is room for: to come back to the connection takes longer than to generate a little.
+        loop {
+            let before = bytes.len();
+            let more = answer.write(&mut bytes)?;
+            if !more || 2 * bytes.len() - before > PIECE {
+                return Ok((bytes, more.then_some(answer)));
+            }
+        }
     };
     let (bytes, rest) = spawn_blocking(work).await.map_err(io::Error::other).flatten()?;
     Ok((Bytes::from_owner(Taken::new(bytes, taken)), rest))
@@ -162,5 +188,23 @@ mod tests {
         assert!(second.await.is_some());
         // A request for more than the whole room takes the whole room.
         assert!(room.take(usize::MAX).await.is_some());
+    }
+
+    #[test]
+    fn kept_values_leave_room_for_pieces() {
+        let room = Room::new(64);
+        assert!(room.keep(3 * KIB * KIB).is_none(), "those of one response are few");
+        let mut kept: Vec<_> = (0..16).map(|_| room.keep(2 * KIB * KIB)).collect();
+        assert!(kept.iter().all(Option::is_some));
+        assert!(room.keep(1).is_none());
+        let pieces = Arc::clone(&room.free).try_acquire_many_owned(32 * KIB as u32);
+        assert!(pieces.is_ok());
+        kept.pop();
+        assert!(room.keep(2 * KIB * KIB).is_some());
+        // Kept values that find no room take none.
+        let all = Arc::clone(&room.free).try_acquire_many_owned(2 * KIB as u32);
+        assert!(all.is_ok() && room.keep(1).is_none());
+        drop((pieces, all));
+        assert!(room.keep(2 * KIB * KIB).is_some());
     }
 }

@@ -86,7 +86,9 @@ impl Representation {
             return Ok(Body::from(Bytes::from_owner(Taken::new(JsonOf(results), room))));
         }
         let (id, large) = (job.id, results.bytes() > SHORT);
-        let part = match run_blocking(shared, job.client, large, move || Part::of(&results, excerpt.as_ref())).await? {
+        let room = shared.room.clone();
+        let open = move || Part::of(&results, excerpt.as_ref(), &room);
+        let part = match run_blocking(shared, job.client, large, open).await? {
             Ok(part) => part,
             Err(error) => return Err(no_excerpt(shared, job, error).await),
         };

@@ -4,10 +4,10 @@ use super::Death;
 use super::frame::{self, Decoder};
 use super::launcher::Start;
 use super::message::{Facts, Limits, Members, Order, Origin, Prints, Report, Solved, VERSION};
+use super::slice::{Slice, SliceClock};
 use super::{Confinement, Loss};
 use problem::Control;
 use rustix::process::{Pid, setpriority_pgrp};
-use std::fs;
 use std::io::{self, Read, Write};
 use std::process::{Child, ChildStderr};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -44,10 +44,6 @@ const LAST_WORDS: usize = 4 << 10;
 pub const FAIR: u32 = 4;
 const LOWERED: i32 = 10;
 
-/// The bound on the elapsed time of a slice, in multiples of its CPU time: on a machine with more runnable processes
-/// per processor, a slice gets less CPU time.
-const CROWDED: u32 = 4;
-
 /// A duration longer than any deadline.
 const EVER: Duration = Duration::from_secs(1 << 30);
 
@@ -69,14 +65,6 @@ pub struct Task<'a> {
     pub yields: bool,
     /// The first time slice, if the task has one.
     pub slice: Option<Slice<'a>>,
-}
-
-/// The first time slice of a task.
-pub struct Slice<'a> {
-    /// The CPU time of the slice.
-    pub time: Duration,
-    /// Called when the slice is over.
-    pub over: &'a (dyn Fn() + Sync),
 }
 
 /// The control and the observers of a task.
@@ -196,9 +184,7 @@ impl Link {
         let (mut taken, mut cancelled, mut looked) = (false, false, false);
         let mut written = 0;
         let (fair, mut lowered) = (begun + self.started_in * FAIR, self.is_lowered || !*yields);
-        let before = effort(self.id);
-        let mut slice_end = begun + slice.as_ref().map_or(EVER, |slice| slice.time);
-        let longest_slice = begun + slice.as_ref().map_or(EVER, |slice| slice.time * CROWDED);
+        let mut clock = SliceClock::new(slice.as_ref().map(|slice| slice.time), self.id);
         match timeout_at(end, self.send(&order, document)).await {
             Ok(Ok(())) => {}
             Ok(Err(_)) => return Err(Loss::NotTaken(self.death().await)),
@@ -219,6 +205,7 @@ impl Link {
                 report = self.receive() => match report {
                     Ok((report, _)) if report.task().is_some_and(|of| of != task) => {}
                     Ok((Report::Taken { .. }, _)) => taken = true,
+                    Ok((Report::Begun { .. }, _)) => clock.begin(),
                     Ok((Report::Progress { progress, .. }, _)) => {
                         looked = false;
                         progress.relay(watch.control);
@@ -270,13 +257,9 @@ impl Link {
                         let _ = timeout_at(end, self.send(&Order::Look { task }, &[])).await;
                     }
                 }
-                () = sleep_until(slice_end) => {
-                    let Some(Slice { time, over }) = slice else { continue };
-                    let had = effort(self.id).zip(before).map_or(*time, |(now, before)| now.saturating_sub(before));
-                    slice_end = (Instant::now() + time.saturating_sub(had)).min(longest_slice);
-                    if slice_end <= Instant::now() {
+                () = clock.rings() => {
+                    if clock.is_over() && let Some(Slice { over, .. }) = slice {
                         over();
-                        slice_end = begun + EVER;
                     }
                 }
                 () = sleep_until(fair), if !lowered => {
@@ -389,16 +372,6 @@ impl Drop for Process {
     fn drop(&mut self) {
         self.kill();
     }
-}
-
-/// The CPU time of the threads of a process, if the system reports it.
-fn effort(id: u32) -> Option<Duration> {
-    let threads = fs::read_dir(format!("/proc/{id}/task")).ok()?;
-    let of_thread = |thread: fs::DirEntry| {
-        let told = fs::read_to_string(thread.path().join("schedstat")).ok()?;
-        told.split(' ').next()?.parse().ok().map(Duration::from_nanos)
-    };
-    Some(threads.flatten().filter_map(of_thread).sum())
 }
 
 /// Reads standard error to its end, keeping the last bytes.

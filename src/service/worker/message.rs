@@ -5,6 +5,7 @@
 //! worker: Ready                         once, before anything else
 //! front:  Solve + document | Check + document
 //! worker: Taken                         from here on, its death is attributed to the document
+//! worker: Begun                         the document is read; from here on, it is solved
 //! front:  Look                          at intervals, to follow the progress
 //! worker: Progress
 //! front:  Cancel                        the end comes soon, with the trajectory so far
@@ -28,7 +29,7 @@ use tracing::Span;
 use utoipa::ToSchema;
 
 /// The version of these messages: a worker of another version gets no orders.
-pub const VERSION: u32 = 3;
+pub const VERSION: u32 = 4;
 
 /// An order to a worker.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -80,6 +81,11 @@ pub enum Report {
     },
     /// The worker has received the document.
     Taken {
+        /// The number of the task.
+        task: u64,
+    },
+    /// The solve has begun.
+    Begun {
         /// The number of the task.
         task: u64,
     },
@@ -154,6 +160,7 @@ impl Report {
         match self {
             Self::Ready { .. } => None,
             Self::Taken { task }
+            | Self::Begun { task }
             | Self::Progress { task, .. }
             | Self::Piece { task }
             | Self::Solved { task, .. }

@@ -19,6 +19,7 @@ pub mod frame;
 mod launcher;
 mod link;
 mod message;
+mod slice;
 mod solving;
 mod supervisor;
 
@@ -26,9 +27,10 @@ pub use checkers::{Checked, Checkers};
 pub use confinement::Confinement;
 pub use death::Death;
 pub use launcher::{Launcher, SELF, Start, program};
-pub use link::{FAIR, Finished, Left, Slice, Task, Watch};
+pub use link::{FAIR, Finished, Left, Task, Watch};
 pub use message::{
     Facts, Failed, Finding, Limits, Lost, Members, Order, Origin, Prints, Progress, Report, Solved, SweepFacts, VERSION,
 };
+pub use slice::Slice;
 pub use solving::{Solver, serve};
 pub use supervisor::{Event, Loss, Notice, Supervisor};

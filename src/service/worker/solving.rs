@@ -13,7 +13,7 @@ use specification::{Specification, SweepChunk};
 use std::any::Any;
 use std::io::{self, BufWriter, Read, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -48,25 +48,9 @@ pub fn serve(
         .name("dvi-solver".to_owned())
         .stack_size(STACK_BYTES)
         .spawn(move || solve_all(&*solving, &solver, &assigned))?;
-    while let Some((order, document)) = frame::read(&mut input)? {
-        match order {
-            Order::Solve { task, limits, origin, members } => {
-                let assignment = desk.begin(task, limits, origin, document)?;
-                assign.send(Assignment { solve: true, members, ..assignment }).map_err(io::Error::other)?;
-            }
-            Order::Check { task, limits, origin } => {
-                assign.send(desk.begin(task, limits, origin, document)?).map_err(io::Error::other)?;
-            }
-            Order::Look { task } => {
-                if let Some(progress) = desk.progress(task) {
-                    desk.report(&Report::Progress { task, progress }, &[])?;
-                }
-            }
-            Order::Cancel { task } => desk.cancel(task),
-        }
-    }
+    let heard = desk.hear(&mut input, &assign);
     desk.abandon();
-    Ok(())
+    heard
 }
 
 /// The state shared by the two threads.
@@ -98,6 +82,28 @@ struct Assignment {
 }
 
 impl<W: Write> Desk<W> {
+    /// Takes orders until they end, and assigns what is to be done to the solver thread.
+    fn hear(&self, input: &mut impl Read, assign: &Sender<Assignment>) -> io::Result<()> {
+        while let Some((order, document)) = frame::read(input)? {
+            match order {
+                Order::Solve { task, limits, origin, members } => {
+                    let assignment = self.begin(task, limits, origin, document)?;
+                    assign.send(Assignment { solve: true, members, ..assignment }).map_err(io::Error::other)?;
+                }
+                Order::Check { task, limits, origin } => {
+                    assign.send(self.begin(task, limits, origin, document)?).map_err(io::Error::other)?;
+                }
+                Order::Look { task } => {
+                    if let Some(progress) = self.progress(task) {
+                        self.report(&Report::Progress { task, progress }, &[])?;
+                    }
+                }
+                Order::Cancel { task } => self.cancel(task),
+            }
+        }
+        Ok(())
+    }
+
     fn report(&self, report: &Report, bytes: &[u8]) -> io::Result<()> {
         frame::write(&mut *self.output.lock().unwrap_or_else(PoisonError::into_inner), report, bytes)
     }
@@ -111,14 +117,15 @@ impl<W: Write> Desk<W> {
         Ok(Assignment { task, limits, origin, document, solve: false, members: None, control, begun })
     }
 
-    /// Replaces the control of the current task; the new one is stopped if the old one was.
-    fn replace(&self, control: &Arc<Control>) {
+    /// Begins the solve of a task, with a control that replaces that of its check; the new one is stopped if the old one was.
+    fn begin_solve(&self, number: u64, control: &Arc<Control>) -> io::Result<()> {
         if let Some(task) = &mut *self.task() {
             if task.control.poll().is_some() {
                 control.cancel();
             }
             task.control = Arc::clone(control);
         }
+        self.report(&Report::Begun { task: number }, &[])
     }
 
     fn progress(&self, number: u64) -> Option<Progress> {
@@ -207,7 +214,7 @@ fn work<W: Write>(desk: &Desk<W>, solver: &Solver, assignment: Assignment) -> io
     }
     let asked = specification.wall_seconds().and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
     let control = Arc::new(within(begun, asked.into_iter().chain(limits.wall()).min()));
-    desk.replace(&control);
+    desk.begin_solve(task, &control)?;
     let solution = solver(&specification, &control);
     let encoded = match Encoded::of(&solution, limits.result_bytes) {
         Ok(encoded) => encoded,
@@ -246,7 +253,7 @@ fn solve_members<W: Write>(
     (task, limits, begun): (u64, Limits, Instant),
 ) -> io::Result<()> {
     let control = Arc::new(within(begun, limits.wall()));
-    desk.replace(&control);
+    desk.begin_solve(task, &control)?;
     let solution = solver(&specification, &control);
     let solved = Box::new(Solved::of(specification.problem(), &solution));
     let Some(table) = solution.table else {
