@@ -7,7 +7,7 @@ use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, 
 use analysis::Analysis;
 use contact::Settings;
 use contact::energy::Energy;
-use models::rigid_bodies::{Body, MoreauStepping, Motion, MultibodySystem, StepFailure, between};
+use models::rigid_bodies::{Body, Law, MoreauStepping, Motion, MultibodySystem, StepFailure, between};
 use problem::Control;
 
 /// Largest permitted error of a body's motion, relative to its largest value: two digits. Bodies in space are stepped at
@@ -36,7 +36,7 @@ pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analy
         ..Diagnostics::default()
     };
     let parts = [
-        ("friction", scene.laws.any(|law| law.friction > 0.0), "no pair of materials has a coefficient"),
+        ("friction", scene.laws.any(Law::is_rough), "no pair of materials has a coefficient"),
         ("restitution", scene.laws.any(|law| law.restitution > 0.0), "every coefficient is zero"),
         ("joints", !scene.joints.is_empty(), "there are none"),
         ("midpoint rule", !scene.joints.is_empty(), "there are no joints"),
@@ -492,6 +492,14 @@ fn failure(cause: &StepFailure, scene: &MultibodySystem, plan: &Plan, t: f64, st
                 "the law of contact and friction was not solved at t = {t} (residual {residual:e}): a smaller step may help"
             ),
         ),
+        StepFailure::Friction { bodies, mu, place: [x, y, z] } => {
+            let [first, second] = bodies.map(|body| &scene.bodies[body].name);
+            let message = format!(
+                "the coefficient of friction of `{first}` and `{second}` is {mu} at t = {t:?}, where they touch at [{x:.4}, \
+                 {y:.4}, {z:.4}]: write an expression that stays at 0 or more, such as max(0, ..)"
+            );
+            ("friction_negative", message)
+        }
         StepFailure::Joints => ("joints", blocked(scene, t)),
         StepFailure::TooMuchMemory { contacts, most_touched, bytes } => {
             ("too_much_memory", too_much_memory(scene, plan, t, (contacts, most_touched, bytes)))

@@ -284,16 +284,18 @@ impl<'c> Lowering<'c> {
         }
     }
 
-    /// An expression in all that has a name and in one name more, unless that one is taken.
+    /// An expression in all that has a name and in further names, unless these are taken.
     pub(super) fn node_with(
         &mut self,
-        (name, node): (&str, Node),
+        further: &[(&str, Node)],
         expression: &Expression,
         place: &Pointer<'_>,
     ) -> Option<Node> {
         let names = self.names.clone();
         // A name that the user gave to something else keeps its meaning.
-        let _ = self.names.bind(name, node);
+        for &(name, node) in further {
+            let _ = self.names.bind(name, node);
+        }
         let lowered = self.node(expression, place);
         self.names = names;
         lowered

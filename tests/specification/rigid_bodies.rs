@@ -323,3 +323,29 @@ fn motions_parts_and_groups_say_what_cannot_be() {
         ],
     );
 }
+
+#[test]
+fn friction_is_told_what_it_may_depend_on_and_where_directions_fit() {
+    let contacts = |key: &str, value: Value| with(scene(), &format!("{PROBLEM}/contacts/{key}"), value);
+    let at = |key: &str| format!("{PROBLEM}/contacts/{key}");
+    let accepted =
+        ["0.2 + 0.1*exp(-slip_speed/0.05)", "0.1*(2 + sin(contact_x))*exp(-t)", "0.1 + contact_y^2 + contact_z^2"];
+    for text in accepted {
+        let text = contacts("friction", json!(text)).to_string();
+        Specification::from_json(text.as_bytes()).unwrap();
+    }
+    assert_suggestion(&contacts("friction", json!("0.1 + slip_sped")), &at("friction"), "unknown_name", "slip_speed");
+    assert_errors(&contacts("friction", json!("-0.1")), &[(&at("friction"), "out_of_range", "-0.1")]);
+    assert_errors(&contacts("ratio", json!(0)), &[(&at("ratio"), "out_of_range", "0")]);
+    assert_errors(&contacts("along", json!([1, 0, 0])), &[(&at("along"), "conflict", "without a `ratio`")]);
+    assert_errors(&contacts("axes", json!("body")), &[(&at("axes"), "conflict", "without a `ratio`")]);
+    let mut flat = contacts("ratio", json!(2));
+    flat["problem"]["rigid_bodies"]["contacts"]["along"] = json!([0, 0, 0]);
+    assert_errors(&flat, &[(&at("along"), "zero_direction", "no direction")]);
+    flat["problem"]["rigid_bodies"]["contacts"]["along"] = json!([0, 1, 0]);
+    flat["problem"]["rigid_bodies"]["contacts"]["cone"] = json!("polyhedral");
+    assert_errors(&flat, &[(&at("ratio"), "conflict", "polyhedral")]);
+    let mut forced = contacts("friction", json!("0.1 + ball.x^2"));
+    forced["problem"]["rigid_bodies"]["forces"] = json!([{"body": "ball", "force": [0, 0, 1]}]);
+    assert_errors(&forced, &[(&at("friction"), "depends_on_body", "`x` of a body")]);
+}

@@ -23,9 +23,11 @@ mod polyhedral;
 mod sequential;
 #[cfg(test)]
 mod tests;
+mod varying;
 
 pub use memory::Size;
 pub use sequential::sequential;
+pub use varying::Coefficients;
 
 use nalgebra::Vector3;
 use polyhedral::Polyhedral;

@@ -1,26 +1,12 @@
-//! Coefficients of friction that vary. A step takes them at its end, as it takes velocities: with the impulses `r(mu)` of
-//! the law of contact and the state that they lead to,
-//!
-//! ```text
-//! mu_k = mu_k(t+, q+, v+, |u_t,k+|)
-//! ```
-//!
-//! is solved by a secant iteration from the coefficients at the beginning. Where friction falls steeply with the speed of
-//! the slip there may be several solutions: iterations without the secant lead away from an unstable one, to the next.
+//! Coefficients of friction that vary. A step takes them at its end, as it takes velocities; see [`Coefficients`].
 
 use super::{State, VelocityStep};
 use crate::active_contacts::ActiveContacts;
-use crate::law::{Contacts, Report};
+use crate::law::{Coefficients, Contacts, Report};
 use crate::settings::ContactError;
 use nalgebra::{Vector2, Vector3};
 use problem::Control;
 use vi::Outcome;
-
-/// Largest number of solutions of the law of contact for one step.
-const ROUNDS: usize = 60;
-
-/// Change of a coefficient, which has no unit, at which iterations end: the law of contact is solved no more accurately.
-const SETTLED: f64 = 1e-11;
 
 /// Coefficients down to minus this are rounding of zero.
 const ROUNDING: f64 = 1e-12;
@@ -79,9 +65,8 @@ impl VelocityStep<'_> {
         let Motion { without, before, gap, restitution, free, h, duration } = *motion;
         let mut report: Option<Report> = None;
         let varies = near.iter().any(|&k| self.structure.contacts[k].varies);
-        // The coefficients of the last round, and by how much they were off.
-        let mut last: Option<(Vec<f64>, Vec<f64>)> = None;
-        for round in 1.. {
+        let mut coefficients = Coefficients::default();
+        loop {
             let contacts: Contacts<'_> = scene.contacts(without, before, gap, restitution, h);
             let solved = self.law.impulses(&contacts, r, control);
             let mut made = report.map_or(solved, |earlier| solved.after(&earlier));
@@ -94,27 +79,13 @@ impl VelocityStep<'_> {
             let q = state.q.iter().zip(&v).map(|(q, v)| q + duration * v).collect();
             let ahead = State { t: state.t + duration, q, v };
             let due = self.coefficients(&ahead, near, &after)?;
-            let used = scene.friction().to_vec();
-            let off: Vec<f64> = due.iter().zip(&used).map(|(due, used)| due - used).collect();
-            // Coefficients of contacts without an impulse do not act.
-            let acting = |&i: &usize| r[i].x > 0.0;
-            let farthest = (0..off.len()).filter(acting).map(|i| off[i].abs()).fold(0.0, f64::max);
-            if farthest <= SETTLED || round == ROUNDS {
-                made.residual = made.residual.max(if farthest <= SETTLED { 0.0 } else { farthest });
+            let mut mu = scene.friction().to_vec();
+            if let Some(off) = coefficients.settle(&mut mu, due, r) {
+                made.residual = made.residual.max(off);
                 return Ok(made);
             }
-            let next = (0..off.len()).map(|i| {
-                let slope = last.as_ref().map(|(mu, before)| (off[i] - before[i]) / (used[i] - mu[i]));
-                let step =
-                    slope.filter(|slope| slope.is_finite() && *slope < 0.0).map_or(off[i], |slope| -off[i] / slope);
-                (used[i] + step).max(0.0)
-            });
-            let next = next.collect();
-            last = Some((used, off));
-            scene.set_friction(next);
+            scene.set_friction(mu);
             report = Some(made);
         }
-        // The loop ends by its rounds.
-        Ok(report.unwrap_or_else(Report::none))
     }
 }

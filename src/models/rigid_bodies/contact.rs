@@ -20,7 +20,8 @@ pub const STOPS: u64 = 1 << 63;
 pub struct Contact {
     /// Indices of both bodies among the moving bodies; `None` for a body that is fixed or has prescribed motion.
     pub bodies: [Option<u32>; 2],
-    /// `E`: the normal from the first body to the second, and two tangents.
+    /// `E`: the normal from the first body to the second, and two tangents; with directions of friction, the second tangent
+    /// has the length of their ratio.
     pub frame: Matrix3<f64>,
     /// The contact point, in world coordinates.
     pub position: Vector3<f64>,
@@ -53,14 +54,21 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Builds the contact at a detected contact point.
-    pub fn new(point: &ContactPoint, bodies: [Option<u32>; 2], moving: &[Motion], law: Law, pair: (u32, u32)) -> Self {
+    /// Builds the contact at a detected contact point, with its frame.
+    pub fn new(
+        point: &ContactPoint,
+        frame: Matrix3<f64>,
+        bodies: [Option<u32>; 2],
+        moving: &[Motion],
+        law: Law,
+        pair: (u32, u32),
+    ) -> Self {
         let arm = |body: Option<u32>| {
             body.map_or_else(Vector3::zeros, |body| point.position - moving[body as usize].pose.translation.vector)
         };
         let mut contact = Self {
             bodies,
-            frame: frame(&point.normal),
+            frame,
             position: point.position,
             arms: bodies.map(arm),
             turns: false,
@@ -118,6 +126,20 @@ impl Contact {
     /// Predicts the gap at the end of a step `h` with the given mean velocities.
     pub fn foresee(&mut self, h: f64, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) {
         self.gap_at_end = self.gap + h * self.velocity(of).x;
+    }
+
+    /// The speed of the slip of `u`.
+    pub fn slip_speed(&self, u: &Vector3<f64>) -> f64 {
+        u.y.hypot(if self.law.grain.is_some() { u.z / self.frame.row(2).norm() } else { u.z })
+    }
+
+    /// The components of an impulse in world axes.
+    pub fn components(&self, impulse: &Vector3<f64>) -> Vector3<f64> {
+        let mut components = self.frame * impulse;
+        if self.law.grain.is_some() {
+            components.z /= self.frame.row(2).norm_squared();
+        }
+        components
     }
 
     /// Whether the contact is a stop of a joint.

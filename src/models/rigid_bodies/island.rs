@@ -15,6 +15,7 @@ use super::action::Action;
 use super::contact::Contact;
 use super::delassus;
 use super::drive::DriveState;
+use super::friction::Coefficient;
 use super::joint::{Joint, Reaction};
 use super::linkage::Linkage;
 use super::motion::Motion;
@@ -22,9 +23,10 @@ use super::prescribed::{Ground, Grounding};
 use super::scene::MultibodySystem;
 use super::signals::Signals;
 use contact::ImpactLaw;
-use contact::law::{Cone, Contacts, Law, Report, sequential};
+use contact::law::{Coefficients, Cone, Contacts, Law, Report, sequential};
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
+use vi::Outcome;
 use vi::coulomb::BlockMatrix;
 
 /// Data shared by all islands of a multibody system.
@@ -157,12 +159,21 @@ impl std::ops::AddAssign for Work {
 }
 
 /// Why an island was not solved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Unsolved {
     /// The equations of the joints have no solution.
     Joints,
     /// The step is too long for the equations of the joints.
     TooLong,
+    /// A coefficient of friction is negative or not finite.
+    Friction {
+        /// The indices of both bodies among all bodies.
+        bodies: [usize; 2],
+        /// The coefficient.
+        mu: f64,
+        /// The place of the contact.
+        place: [f64; 3],
+    },
 }
 
 /// The bodies, contacts and joints of an island, copied so that islands can be solved in parallel.
@@ -208,6 +219,8 @@ pub struct Island {
     pub cone: Cone,
     /// The law of simultaneous impacts.
     pub impact_law: ImpactLaw,
+    /// The coefficients of friction that vary.
+    pub coefficients: Vec<Coefficient>,
     /// The report of the contact solver, if there were contacts.
     pub report: Option<Report>,
     /// Why the island was not solved, if it was not.
@@ -216,7 +229,7 @@ pub struct Island {
 
 impl Island {
     /// An empty island.
-    pub fn new(cone: Cone, impact_law: ImpactLaw) -> Self {
+    pub fn new(cone: Cone, impact_law: ImpactLaw, coefficients: &[Coefficient]) -> Self {
         Self {
             bodies: Vec::new(),
             moving: Vec::new(),
@@ -237,6 +250,7 @@ impl Island {
             newton: 0,
             cone,
             impact_law,
+            coefficients: coefficients.to_vec(),
             report: None,
             unsolved: None,
         }
@@ -297,6 +311,25 @@ impl Island {
         }
     }
 
+    /// Sets the coefficients that vary to those of the end of the step, for contacts with the velocities `u`; returns false if
+    /// one is negative or not finite.
+    fn take_coefficients(&mut self, u: &[Vector3<f64>], h: f64, mu: &mut [f64]) -> bool {
+        for ((contact, u), mu) in self.contacts.iter().zip(u).zip(mu) {
+            let Some(place) = contact.law.varying else { continue };
+            let t = self.t + h;
+            match self.coefficients[place as usize].at(t, &contact.position, contact.slip_speed(u)) {
+                Ok(value) => *mu = value,
+                Err(mu) => {
+                    let bodies = [contact.key.0 as usize, contact.key.1 as usize];
+                    let place = contact.position.into();
+                    self.unsolved = Some(Unsolved::Friction { bodies, mu, place });
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
     /// Solves the contact law for the free velocities `free`, from the initial guess `r`; adds the impulses of the
     /// sequential impact law if it is selected.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
@@ -315,14 +348,19 @@ impl Island {
             return r;
         }
         let mut before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| contact.before).collect();
-        let mu: Vec<f64> = self.contacts.iter().map(|contact| contact.law.friction).collect();
+        let mut mu: Vec<f64> = self.contacts.iter().map(|contact| contact.law.friction).collect();
+        let varies = self.contacts.iter().any(|contact| contact.law.varying.is_some());
+        if varies && !self.take_coefficients(&before, h, &mut mu) {
+            return r;
+        }
         let of = |contact: &Contact| if rebounds { contact.law.restitution } else { 0.0 };
         let restitution: Vec<f64> = self.contacts.iter().map(of).collect();
         let cone = vec![self.cone; gap.len()];
         let mut struck = vec![Vector3::zeros(); gap.len()];
-        let (mu, restitution, cone) = (&mu[..], &restitution[..], &cone[..]);
+        let (restitution, cone) = (&restitution[..], &cone[..]);
         if rebounds && self.impact_law == ImpactLaw::Sequential {
-            let contacts = Contacts { delassus: matrix, free: &free, before: &before, gap, mu, restitution, cone, h };
+            let contacts =
+                Contacts { delassus: matrix, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
             sequential(&contacts).into_iter().for_each(|(k, strike)| struck[k] += strike);
             for k in 0..gap.len() {
                 let change = matrix.row_product(k, &struck);
@@ -330,9 +368,28 @@ impl Island {
                 free[k] += change;
             }
         }
-        let contacts = Contacts { delassus: matrix, free: &free, before: &before, gap, mu, restitution, cone, h };
-        let report = law.impulses(&contacts, &mut r, control);
-        self.report = Some(self.report.map_or(report, |last| report.after(&last)));
+        let mut coefficients = Coefficients::default();
+        loop {
+            let contacts =
+                Contacts { delassus: matrix, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
+            let mut report = law.impulses(&contacts, &mut r, control);
+            let mut is_over = !varies || report.outcome != Outcome::Solved;
+            if !is_over {
+                let after: Vec<Vector3<f64>> = (0..r.len()).map(|k| contacts.after(k, &r)).collect();
+                let mut due = mu.clone();
+                if !self.take_coefficients(&after, h, &mut due) {
+                    report.outcome = Outcome::Breakdown;
+                    is_over = true;
+                } else if let Some(off) = coefficients.settle(&mut mu, due, &r) {
+                    report.residual = report.residual.max(off);
+                    is_over = true;
+                }
+            }
+            self.report = Some(self.report.map_or(report, |last| report.after(&last)));
+            if is_over {
+                break;
+            }
+        }
         r.iter_mut().zip(&struck).for_each(|(r, struck)| *r += struck);
         r
     }

@@ -9,7 +9,7 @@ use super::contact::Contact;
 use super::joint::Joint;
 use super::linkage::Linkage;
 use super::motion::Motion;
-use super::scene::MultibodySystem;
+use super::scene::{Law, MultibodySystem};
 use contact::islands::threads;
 use contact::law::{Cone, Size};
 use nalgebra::{Matrix3, Vector6};
@@ -85,7 +85,7 @@ impl Load {
     /// Resets the estimate to a multibody system without contacts, keeping its allocations.
     pub fn begin(&mut self, scene: &MultibodySystem) {
         (self.pairs, self.contacts) = (0, 0);
-        self.friction = scene.laws.any(|law| law.friction > 0.0).then_some(scene.cone);
+        self.friction = scene.laws.any(Law::is_rough).then_some(scene.cone);
         self.largest.clear();
         self.bodies.clear();
         let alone = |parent| Touched { parent, contacts: 0, has_joints: false, island: Island::default() };

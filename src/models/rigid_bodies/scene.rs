@@ -2,6 +2,7 @@
 
 use super::action::Action;
 use super::collision::{BroadPhase, Collider, ContactPoint, contacts};
+use super::friction::{Coefficient, Grain};
 use super::joint::Joint;
 use super::load::Load;
 use super::prescribed::Prescription;
@@ -46,29 +47,38 @@ pub struct Body {
 /// The contact law of a pair of materials.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Law {
-    /// The coefficient of friction in Coulomb's law.
+    /// The coefficient of friction in Coulomb's law; where it varies, its last value.
     pub friction: f64,
+    /// The index of the coefficient in [`Laws::coefficients`], if it varies.
+    pub varying: Option<u32>,
+    /// The index of the directions of friction in [`Laws::grains`], if the coefficient depends on them.
+    pub grain: Option<u32>,
     /// The coefficient of restitution in Newton's law, from 0 to 1.
     pub restitution: f64,
 }
 
+impl Law {
+    /// Whether there may be friction.
+    pub fn is_rough(&self) -> bool {
+        self.friction > 0.0 || self.varying.is_some()
+    }
+}
+
 /// The contact laws of all pairs of materials.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Laws {
     materials: usize,
     laws: Vec<Law>,
+    /// The coefficients of friction that vary.
+    pub coefficients: Vec<Coefficient>,
+    /// Directions of friction.
+    pub grains: Vec<Grain>,
 }
 
 impl Laws {
-    /// Combines the laws of single materials: the geometric mean of the friction coefficients, so that contacts with a
-    /// frictionless material are frictionless, and the smaller restitution, because the softer material deforms.
-    pub fn of_materials(single: &[Law]) -> Self {
-        let mix = |a: &Law, b: &Law| Law {
-            friction: if a == b { a.friction } else { (a.friction * b.friction).sqrt() },
-            restitution: a.restitution.min(b.restitution),
-        };
-        let laws = single.iter().flat_map(|a| single.iter().map(move |b| mix(a, b))).collect();
-        Self { materials: single.len(), laws }
+    /// The laws of all pairs of a number of materials, by rows.
+    pub fn new(materials: usize, laws: Vec<Law>, coefficients: Vec<Coefficient>, grains: Vec<Grain>) -> Self {
+        Self { materials, laws, coefficients, grains }
     }
 
     /// The law of a pair of materials.
@@ -79,12 +89,6 @@ impl Laws {
     /// Whether the law of any pair satisfies a predicate.
     pub fn any(&self, such: impl Fn(&Law) -> bool) -> bool {
         self.laws.iter().any(such)
-    }
-
-    /// Sets the law of a pair of materials.
-    pub fn set(&mut self, a: usize, b: usize, law: Law) {
-        self.laws[a * self.materials + b] = law;
-        self.laws[b * self.materials + a] = law;
     }
 }
 

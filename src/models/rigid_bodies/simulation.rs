@@ -241,7 +241,7 @@ impl<'a> MoreauStepping<'a> {
             self.advance(0.5 * h, halvings - 1, control)?;
             return self.advance(0.5 * h, halvings - 1, control);
         }
-        solved.map_err(|_| StepFailure::Joints)?;
+        solved?;
         let parts = self.tasks[..self.islands.len()].iter().map(|island| island.steps).max();
         self.report.parts += parts.unwrap_or(1).max(1);
         if self.report.residual > UNSOLVED {
@@ -286,7 +286,7 @@ impl<'a> MoreauStepping<'a> {
     fn remember(&mut self) {
         for contact in &mut self.contacts {
             if let Some(impulse) = self.kept.get(&contact.key) {
-                contact.impulse = contact.frame * impulse;
+                contact.impulse = contact.components(impulse);
             }
         }
     }

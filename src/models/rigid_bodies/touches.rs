@@ -123,9 +123,9 @@ impl Pair {
         let rounding = ROUNDING * speeds(contact, moving);
         self.is_struck = true;
         self.strikes |= !was_struck && -contact.before.x > fall + rounding;
-        if contact.law.friction > 0.0 {
+        if contact.law.is_rough() {
             let after = contact.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
-            let slip = after.y.hypot(after.z);
+            let slip = contact.slip_speed(&after);
             self.slips |= slip > BEGINS * fall + rounding;
             self.creeps |= slip > ENDS * fall + rounding;
         }

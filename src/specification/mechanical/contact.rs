@@ -168,7 +168,7 @@ impl Friction {
             return Some(None);
         }
         let slip_speed = lowering.graph.input(slip_speed_input(n));
-        let node = lowering.node_with((SLIP_SPEED, slip_speed), &self.coefficient, place)?;
+        let node = lowering.node_with(&[(SLIP_SPEED, slip_speed)], &self.coefficient, place)?;
         Some((!lowering.graph.inputs(node).is_empty()).then_some(node))
     }
 

@@ -1,5 +1,7 @@
 //! Contact laws between bodies: friction and restitution, by pairs of materials.
 
+use super::forces::AxesOfForce;
+use super::vectors::{self, Vector};
 use super::{Expression, Ordered};
 use crate::error::SpecificationError;
 use crate::lowering::Lowering;
@@ -8,8 +10,9 @@ use crate::pointer::Pointer;
 use crate::range::in_range;
 use crate::wording::{abridged, listed};
 use contact::law::Cone;
-use expression::nearest;
-use models::rigid_bodies::{Law, Laws};
+use expression::{Node, Tape, nearest};
+use models::rigid_bodies::{AxesOfGrain, Coefficient, Grain, Law, Laws, OF_BODY};
+use nalgebra::Vector3;
 use serde::Deserialize;
 use std::collections::{HashMap, HashSet};
 use utoipa::ToSchema;
@@ -18,8 +21,18 @@ use utoipa::ToSchema;
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyContacts {
-    /// The default coefficient of friction, for bodies without a material or whose material has none. Default 0.
+    /// The default coefficient of friction, not negative, for bodies without a material or whose material has none. It may
+    /// vary: an expression in `t`, the place of the contact `contact_x`, `contact_y`, `contact_z` in world coordinates, in
+    /// metres, and `slip_speed`, the speed of the slip, as in `0.2 + 0.1*exp(-slip_speed/0.05)`. Default 0.
     pub friction: Option<Expression>,
+    /// The coefficient for motion across `along`, divided by `friction`, which then is that for motion along it: friction
+    /// forces form an ellipse. Positive; for all pairs of materials with none of their own. Default 1, a disk.
+    pub ratio: Option<Expression>,
+    /// The direction of `friction` where there is a `ratio`, projected onto the contact plane. Default `[1, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub along: Option<Vector>,
+    /// The axes of `along`: those of the world, or of the body that stands first in the scene. Default `world`.
+    pub axes: Option<AxesOfForce>,
     /// The default coefficient of restitution, from 0 to 1, for bodies without a material or whose material has none.
     /// Default 0.
     pub restitution: Option<Expression>,
@@ -43,7 +56,7 @@ pub struct BodyContacts {
 #[derive(Clone, Debug, Default, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Material {
-    /// The coefficient of friction, not negative. Default: that of `contacts`.
+    /// The coefficient of friction, not negative; it may vary as that of `contacts`. Default: that of `contacts`.
     pub friction: Option<Expression>,
     /// The coefficient of restitution, from 0 to 1. Default: that of `contacts`.
     pub restitution: Option<Expression>,
@@ -55,10 +68,18 @@ pub struct Material {
 pub struct MaterialPair {
     /// The names of the two materials.
     pub materials: [String; 2],
-    /// The coefficient of friction, not negative.
+    /// The coefficient of friction, not negative; it may vary as that of `contacts`.
     pub friction: Option<Expression>,
     /// The coefficient of restitution, from 0 to 1.
     pub restitution: Option<Expression>,
+    /// The coefficient for motion across `along`, divided by `friction`, which then is that for motion along it. Positive.
+    /// Default: that of `contacts`.
+    pub ratio: Option<Expression>,
+    /// The direction of `friction` where there is a `ratio`, projected onto the contact plane. Default `[1, 0, 0]`.
+    #[schema(value_type = Option<[Expression; 3]>)]
+    pub along: Option<Vector>,
+    /// The axes of `along`: those of the world, or of the body with the first of the two materials. Default `world`.
+    pub axes: Option<AxesOfForce>,
 }
 
 impl BodyContacts {
@@ -109,42 +130,189 @@ pub(super) fn groups<'a>(
 /// Default number of corners of a polyhedral cone.
 const FACETS: u64 = 8;
 
-fn coefficients(
-    friction: Option<&Expression>,
-    restitution: Option<&Expression>,
-    default: Law,
-    place: &Pointer<'_>,
-    lowering: &mut Lowering,
-) -> Law {
-    let mut read = |value: Option<&Expression>, what: &str, range: (fn(f64) -> bool, &str), default: f64| {
-        value.and_then(|value| in_range(value, what, range, &place.key(what), lowering)).unwrap_or(default)
-    };
-    let friction = read(friction, "friction", (|mu| mu >= 0.0, "not below 0"), default.friction);
-    let restitution =
-        read(restitution, "restitution", (|e| (0.0..=1.0).contains(&e), "from 0 to 1"), default.restitution);
-    Law { friction, restitution }
+/// Friction between two materials: a number, or the geometric mean of two terms that vary, possibly equal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Friction {
+    Constant(f64),
+    Varying(Node, Node),
 }
 
-/// The contact law of every pair of materials; the last material is that of bodies without one.
+/// The coefficients of a material, or of a pair of them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Coefficients {
+    friction: Friction,
+    restitution: f64,
+}
+
+/// The names of the inputs of a coefficient of friction, after the time.
+const NAMES: [&str; 4] = ["contact_x", "contact_y", "contact_z", "slip_speed"];
+
+/// What a coefficient of friction may depend on.
+const DEPENDS: &str = "an expression in `t`, `contact_x`, `contact_y`, `contact_z`, `slip_speed` and parameters";
+
+/// Reads coefficients, and combines them.
+struct Reading<'l, 'c> {
+    lowering: &'l mut Lowering<'c>,
+    /// The first input of [`NAMES`] in the graph.
+    first: usize,
+    coefficients: Vec<Coefficient>,
+    known: HashMap<(Node, Node), u32>,
+    grains: Vec<Grain>,
+}
+
+impl Reading<'_, '_> {
+    fn friction(&mut self, value: &Expression, place: &Pointer<'_>) -> Option<Friction> {
+        let range: (fn(f64) -> bool, &str) = (|mu| mu >= 0.0, "not below 0");
+        if let Expression::Text(_) = value {
+            let names: Vec<(&str, Node)> =
+                NAMES.iter().enumerate().map(|(i, name)| (*name, self.lowering.graph.input(self.first + i))).collect();
+            let node = self.lowering.node_with(&names, value, place)?;
+            let inputs = self.lowering.graph.inputs(node);
+            if let Some(&input) = inputs.iter().find(|&&input| input > 0 && input < self.first) {
+                let state = OF_BODY[(input - 1) % OF_BODY.len()];
+                let detail = format!("a coefficient of friction that depends on the `{state}` of a body");
+                let error = SpecificationError::new(place.to_string(), "depends_on_body", detail);
+                self.lowering.errors.push(error.expected(DEPENDS));
+                return None;
+            }
+            if !inputs.is_empty() {
+                return Some(Friction::Varying(node, node));
+            }
+        }
+        in_range(value, "friction", range, place, self.lowering).map(Friction::Constant)
+    }
+
+    fn coefficients(
+        &mut self,
+        friction: Option<&Expression>,
+        restitution: Option<&Expression>,
+        default: Coefficients,
+        place: &Pointer<'_>,
+    ) -> Coefficients {
+        let range: (fn(f64) -> bool, &str) = (|e| (0.0..=1.0).contains(&e), "from 0 to 1");
+        let friction = friction.and_then(|value| self.friction(value, &place.key("friction")));
+        let restitution = restitution
+            .and_then(|value| in_range(value, "restitution", range, &place.key("restitution"), self.lowering));
+        Coefficients {
+            friction: friction.unwrap_or(default.friction),
+            restitution: restitution.unwrap_or(default.restitution),
+        }
+    }
+
+    /// The friction of two materials: the geometric mean.
+    fn mean(&mut self, a: Friction, b: Friction) -> Friction {
+        let mut node = |mu| self.lowering.graph.constant(mu);
+        match (a, b) {
+            _ if a == b => a,
+            (Friction::Constant(a), Friction::Constant(b)) => Friction::Constant((a * b).sqrt()),
+            (Friction::Constant(0.0), _) | (_, Friction::Constant(0.0)) => Friction::Constant(0.0),
+            (Friction::Constant(mu), Friction::Varying(of, _)) | (Friction::Varying(of, _), Friction::Constant(mu)) => {
+                Friction::Varying(of, node(mu))
+            }
+            (Friction::Varying(a, _), Friction::Varying(b, _)) => Friction::Varying(a, b),
+        }
+    }
+
+    fn law(&mut self, Coefficients { friction, restitution }: Coefficients, grain: Option<u32>) -> Law {
+        let law = Law { restitution, grain, ..Law::default() };
+        match friction {
+            Friction::Constant(friction) => Law { friction, ..law },
+            Friction::Varying(a, b) => Law { varying: Some(self.coefficient(a, b)), ..law },
+        }
+    }
+
+    /// The index of a coefficient that varies, compiled once.
+    fn coefficient(&mut self, a: Node, b: Node) -> u32 {
+        if let Some(&known) = self.known.get(&(a, b)) {
+            return known;
+        }
+        let first = self.first;
+        let local = |input: usize| if input == 0 { 0 } else { 1 + input - first };
+        let nodes = if a == b { vec![a] } else { vec![a, b] };
+        let (graph, nodes) = self.lowering.graph.below_with(&nodes, local);
+        let index = self.coefficients.len() as u32;
+        self.coefficients.push(Coefficient { program: Tape::compile(&graph, &nodes), is_mean: a != b });
+        self.known.insert((a, b), index);
+        index
+    }
+
+    /// The index of directions of friction; `None` without a ratio. `first` are the axes of the body meant by `body`.
+    fn grain(
+        &mut self,
+        given: &Directions<'_>,
+        first: AxesOfGrain,
+        cone: ConeName,
+        place: &Pointer<'_>,
+    ) -> Option<u32> {
+        let Some(ratio) = given.ratio else {
+            for (key, is_given) in [("along", given.along.is_some()), ("axes", given.axes.is_some())] {
+                if is_given {
+                    let detail = format!("`{key}` without a `ratio`: friction is the same in all directions");
+                    let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
+                    self.lowering.errors.push(error.expected("a `ratio` beside it, or to be left out"));
+                }
+            }
+            return None;
+        };
+        if cone == ConeName::Polyhedral {
+            let detail = "a ratio beside a polyhedral cone";
+            let error = SpecificationError::new(place.key("ratio").to_string(), "conflict", detail);
+            self.lowering.errors.push(error.expected("`\"cone\": \"quadratic\"`, or no `ratio`"));
+        }
+        let range: (fn(f64) -> bool, &str) = (|ratio| ratio > 0.0, "above 0");
+        let ratio = in_range(ratio, "ratio", range, &place.key("ratio"), self.lowering)?;
+        let along = given
+            .along
+            .map_or_else(Vector3::x_axis, |along| vectors::direction(along, &place.key("along"), self.lowering));
+        let axes = if given.axes == Some(AxesOfForce::Body) { first } else { AxesOfGrain::World };
+        self.grains.push(Grain { along: along.into_inner(), axes, ratio });
+        Some(self.grains.len() as u32 - 1)
+    }
+}
+
+/// Directions of friction as they are given.
+struct Directions<'a> {
+    ratio: Option<&'a Expression>,
+    along: Option<&'a Vector>,
+    axes: Option<AxesOfForce>,
+}
+
+/// The contact law of every pair of materials; the last material is that of bodies without one. `inputs` is the number of
+/// inputs of expressions before those of a coefficient of friction.
 pub(super) fn lower(
     contacts: &BodyContacts,
     materials: &Ordered<Material>,
+    inputs: usize,
     problem: &Pointer<'_>,
-    lowering: &mut Lowering,
+    lowering: &mut Lowering<'_>,
 ) -> Laws {
     let place = problem.key("contacts");
+    let mut reading =
+        Reading { lowering, first: inputs, coefficients: Vec::new(), known: HashMap::new(), grains: Vec::new() };
     let given = (contacts.friction.as_ref(), contacts.restitution.as_ref());
-    let default = coefficients(given.0, given.1, Law::default(), &place, lowering);
+    let none = Coefficients { friction: Friction::Constant(0.0), restitution: 0.0 };
+    let default = reading.coefficients(given.0, given.1, none, &place);
+    let directions = Directions { ratio: contacts.ratio.as_ref(), along: contacts.along.as_ref(), axes: contacts.axes };
+    let grain = reading.grain(&directions, AxesOfGrain::First, contacts.cone, &place);
     let place_of_materials = problem.key("materials");
-    let mut single: Vec<Law> = materials
+    let mut single: Vec<Coefficients> = materials
         .iter()
         .map(|(name, material)| {
             let given = (material.friction.as_ref(), material.restitution.as_ref());
-            coefficients(given.0, given.1, default, &place_of_materials.key(name), lowering)
+            reading.coefficients(given.0, given.1, default, &place_of_materials.key(name))
         })
         .collect();
     single.push(default);
-    let mut laws = Laws::of_materials(&single);
+    let n = single.len();
+    // Friction is the geometric mean, so that contacts with a frictionless material are frictionless; restitution the
+    // smaller one, because the softer material deforms.
+    let mut of_pairs = Vec::with_capacity(n * n);
+    for a in &single {
+        for b in &single {
+            let friction = reading.mean(a.friction, b.friction);
+            of_pairs.push((Coefficients { friction, restitution: a.restitution.min(b.restitution) }, grain));
+        }
+    }
     for (k, pair) in contacts.pairs.iter().enumerate() {
         let place = place.key("pairs");
         let place = place.index(k);
@@ -156,13 +324,19 @@ pub(super) fn lower(
                 let error =
                     SpecificationError::new(place.key("materials").index(i).to_string(), "unknown_name", detail);
                 let nearest = nearest(name, materials.names());
-                lowering.errors.push(error.expected(listed(materials.names())).did_you_mean(nearest));
+                let expected = listed(materials.names());
+                reading.lowering.errors.push(error.expected(expected).did_you_mean(nearest));
             }
             found
         };
         let (Some(a), Some(b)) = (find(0), find(1)) else { continue };
         let given = (pair.friction.as_ref(), pair.restitution.as_ref());
-        laws.set(a, b, coefficients(given.0, given.1, laws.of(a, b), &place, lowering));
+        let coefficients = reading.coefficients(given.0, given.1, of_pairs[a * n + b].0, &place);
+        let directions = Directions { ratio: pair.ratio.as_ref(), along: pair.along.as_ref(), axes: pair.axes };
+        let own = reading.grain(&directions, AxesOfGrain::Material(a), contacts.cone, &place);
+        let law = (coefficients, own.or(of_pairs[a * n + b].1));
+        (of_pairs[a * n + b], of_pairs[b * n + a]) = (law, law);
     }
-    laws
+    let laws = of_pairs.into_iter().map(|(coefficients, grain)| reading.law(coefficients, grain)).collect();
+    Laws::new(n, laws, reading.coefficients, reading.grains)
 }

@@ -40,7 +40,7 @@ use super::ordered::Ordered;
 use super::pointer::Pointer;
 use super::tables::TableOfPoints;
 use super::written::{Lowered, Written};
-use models::rigid_bodies::MultibodySystem;
+use models::rigid_bodies::{MultibodySystem, OF_BODY};
 use motors::Functions;
 use serde::Deserialize;
 use std::collections::HashMap;
@@ -142,7 +142,8 @@ impl Written for RigidBodiesProblem {
             return (lowering, None);
         }
         let gravity = self.gravity.as_ref().map(|g| vectors::lower(g, &place.key("gravity"), &mut lowering));
-        let laws = contacts::lower(&self.contacts, &self.materials, place, &mut lowering);
+        let inputs = 1 + OF_BODY.len() * self.bodies.len();
+        let laws = contacts::lower(&self.contacts, &self.materials, inputs, place, &mut lowering);
         let cone = self.contacts.cone(&place.key("contacts"), &mut lowering);
         let mut warnings = Vec::new();
         let mut names = HashMap::with_capacity(self.bodies.len());

@@ -55,7 +55,8 @@ pub fn scene(side: usize) -> MultibodySystem {
         let at = (place * 2.2 + Vector3::repeat(1.1)) * RADIUS + Vector3::new(jitter(), jitter(), jitter() + 0.1);
         bodies.push(body(Shape::Sphere { radius: RADIUS }, at, 1.0));
     }
-    let laws = Laws::of_materials(&[Law { friction: 0.5, restitution: 0.0 }]);
+    let law = Law { friction: 0.5, ..Law::default() };
+    let laws = Laws::new(1, vec![law], Vec::new(), Vec::new());
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     MultibodySystem {
         gravity,

@@ -12,6 +12,7 @@ mod impacts;
 mod joints;
 mod mounts;
 mod stacks;
+mod surfaces;
 
 use serde_json::{Value, json};
 

@@ -145,7 +145,7 @@ impl Island {
             (h <= self.parts.pushed * WITHIN || self.is_shortest)
                 && self.step_with_contacts(closing, &mut linked, &homes, h, mechanism, law, control)
         });
-        if !is_solved {
+        if !is_solved && self.unsolved.is_none() {
             self.unsolved = Some(Unsolved::TooLong);
         }
         for (carried, linked) in self.carried.iter_mut().zip(linked) {

@@ -1,7 +1,7 @@
 //! Contact detection of a step: contacts that may close within it, and overlaps at its end that detection has missed.
 
 use super::super::collision::{BroadPhase, ContactPoint, contacts};
-use super::super::contact::Contact;
+use super::super::contact::{Contact, frame};
 use super::super::load::Load;
 use super::super::motion::Motion;
 use super::{MoreauStepping, StepFailure, overlaps};
@@ -88,9 +88,15 @@ impl MoreauStepping<'_> {
             contacts(first, second, margin(i) + margin(j), &mut self.points);
             load.add([i, j].map(|body| places[body].map(|_| body)), self.points.len());
             check(load)?;
-            let law = scene.laws.of(scene.bodies[i].material, scene.bodies[j].material);
+            let materials = [i, j].map(|body| scene.bodies[body].material);
+            let law = scene.laws.of(materials[0], materials[1]);
+            let grain = law.grain.map(|grain| &scene.laws.grains[grain as usize]);
             let new = |point: &ContactPoint| {
-                let contact = Contact::new(point, [places[i], places[j]], moving, law, (a, b));
+                let frame = grain.map_or_else(
+                    || frame(&point.normal),
+                    |grain| grain.frame(&point.normal, materials, [pose(i), pose(j)]),
+                );
+                let contact = Contact::new(point, frame, [places[i], places[j]], moving, law, (a, b));
                 let surface =
                     |body| given(body).map_or_else(Vector3::zeros, |given| given.velocity_at(&point.position));
                 if given(i).or(given(j)).is_some() { contact.carried([i, j].map(surface)) } else { contact }

@@ -93,7 +93,7 @@ impl MoreauStepping<'_> {
             (motion.velocity, motion.omega) = (velocity, omega);
             motion.displace(&by, &rotation);
         }
-        solved.map_err(|_| StepFailure::Joints)
+        solved.map_err(StepFailure::from)
     }
 }
 

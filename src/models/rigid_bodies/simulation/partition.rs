@@ -79,8 +79,10 @@ impl MoreauStepping<'_> {
     /// Copies the data of each island.
     pub(super) fn partition_into_islands(&mut self) {
         let (contacts, joints, places) = (&self.contacts, &self.scene.joints, &self.places);
-        let (cone, impact_law) = (self.scene.cone, self.impact_law);
-        self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || Island::new(cone, impact_law));
+        let (laws, cone, impact_law) = (&self.scene.laws, self.scene.cone, self.impact_law);
+        self.tasks.resize_with(self.tasks.len().max(self.islands.len()), || {
+            Island::new(cone, impact_law, &laws.coefficients)
+        });
         for (k, island) in self.tasks.iter_mut().take(self.islands.len()).enumerate() {
             island.clear();
             island.t = self.t;

@@ -1,6 +1,6 @@
 //! Step failures and the report of a step.
 
-use super::super::island::Work;
+use super::super::island::{Unsolved, Work};
 use contact::law;
 use problem::Interrupted;
 use vi::Outcome;
@@ -15,6 +15,15 @@ pub enum StepFailure {
     },
     /// The joint equations have no solution.
     Joints,
+    /// A coefficient of friction is negative or not finite.
+    Friction {
+        /// The indices of both bodies.
+        bodies: [usize; 2],
+        /// The coefficient.
+        mu: f64,
+        /// The place of the contact.
+        place: [f64; 3],
+    },
     /// The contact law was not solved.
     Unsolved {
         /// The residual of the contact law.
@@ -31,6 +40,15 @@ pub enum StepFailure {
     },
     /// The step was interrupted through [`Control`](problem::Control).
     Interrupted,
+}
+
+impl From<Unsolved> for StepFailure {
+    fn from(unsolved: Unsolved) -> Self {
+        match unsolved {
+            Unsolved::Friction { bodies, mu, place } => Self::Friction { bodies, mu, place },
+            Unsolved::Joints | Unsolved::TooLong => Self::Joints,
+        }
+    }
 }
 
 impl From<Interrupted> for StepFailure {

@@ -1,7 +1,7 @@
 //! Joint stops, as contacts between the bodies of a joint.
 
 use super::super::collision::ContactPoint;
-use super::super::contact::{Contact, STOPS};
+use super::super::contact::{Contact, STOPS, frame};
 use super::super::drive::Coordinate;
 use super::super::scene::Law;
 use super::{MoreauStepping, overlaps};
@@ -24,13 +24,13 @@ impl MoreauStepping<'_> {
                     Coordinate::Distance(axis) => (of[1].axes * axis, false, joint.size(&self.scene.bodies)),
                     Coordinate::Length | Coordinate::Product { .. } => continue,
                 };
-                let law = Law { friction: 0.0, restitution: drive.limits.restitution };
+                let law = Law { restitution: drive.limits.restitution, ..Law::default() };
                 let pair = (joint.bodies.0 as u32, joint.bodies.1.unwrap_or(joint.bodies.0) as u32);
                 let ends = [(coordinate - drive.limits.lower, axis), (drive.limits.upper - coordinate, -axis)];
                 for (side, (gap, normal)) in ends.into_iter().enumerate().filter(|(_, (gap, _))| gap.is_finite()) {
                     let id = STOPS | u64::from(2 * place) | side as u64;
                     let point = ContactPoint { position: of[0].at + arms[0], normal, gap, id };
-                    let contact = Contact::new(&point, [bodies[1], bodies[0]], &self.moving, law, pair);
+                    let contact = Contact::new(&point, frame(&normal), [bodies[1], bodies[0]], &self.moving, law, pair);
                     let mut contact = Contact { turns, size, no_gap: overlaps::OVERLAP * size, ..contact };
                     contact.before = contact
                         .velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega));

@@ -1,0 +1,151 @@
+//! Friction whose coefficient varies with place, time and the speed of the slip, and that of directions, against closed
+//! forms.
+
+use super::on_the_ground;
+use crate::systems::harness::{column, distance, last, solve};
+use dvi::problem::Control;
+use dvi::solution::Solution;
+use dvi::specification::Specification;
+use serde_json::{Value, json};
+
+const G: f64 = 9.81;
+
+/// A body of unit mass that touches the ground at its centre of mass, so that friction does not turn it.
+fn puck(velocity: [f64; 2]) -> Value {
+    json!({"name": "puck", "shape": {"sphere": {"radius": 0.05}}, "mass": 1, "centre_of_mass": [0, 0, -0.05],
+        "inertia": [0.01, 0.01, 0.01], "position": [0, 0, 0.05], "velocity": [velocity[0], velocity[1], 0]})
+}
+
+fn cube(velocity: f64) -> Value {
+    json!({"name": "puck", "shape": {"box": {"size": [0.2, 0.2, 0.1]}}, "mass": 1, "position": [0, 0, 0.05],
+        "velocity": [velocity, 0, 0]})
+}
+
+/// Asserts that the run is trusted, that the law was solved to its tolerance, and that friction took the energy that is
+/// missing.
+fn assert_sound(solution: &Solution, lost: f64) {
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    let residual = solution.diagnostics.vi.as_ref().unwrap().largest_residual;
+    assert!(residual <= 1e-10, "{residual:e}");
+    let booked = last(solution, "dissipated_by_friction");
+    assert!((booked - lost).abs() < 1e-9 * lost.max(1.0), "{booked} for {lost}");
+}
+
+/// `v' = -g (a + b exp(-v/c))` has the solution `exp(v/c) = ((a exp(v_0/c) + b) exp(-a g t/c) - b)/a`.
+#[test]
+fn a_block_under_stribecks_law_follows_its_closed_form() {
+    let (a, b, c, start) = (0.2, 0.15, 0.5, 2.0_f64);
+    let exact = |t: f64| (((a * (start / c).exp() + b) * (-a * G * t / c).exp() - b) / a).max(1.0).ln() * c;
+    let errors = [2e-3, 1e-3].map(|h| {
+        let contacts = json!({"friction": "0.2 + 0.15*exp(-slip_speed/0.5)"});
+        let solution = solve(&on_the_ground(&[cube(start)], &contacts, 1.2, h));
+        assert_sound(&solution, 0.5 * start * start);
+        assert!(last(&solution, "puck.vx").abs() < 1e-10);
+        distance(&solution, "puck.vx", exact)
+    });
+    // A constant coefficient of 0.2 is off by 0.3 m/s.
+    assert!(errors[1] < 2e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
+}
+
+/// `x'' = -g mu_0 (1 + x)` is an oscillation about -1, up to its first stop.
+#[test]
+fn a_floor_that_grows_rougher_stops_a_body_as_a_spring_would() {
+    let (mu, v) = (0.2_f64, 3.0);
+    let w = (G * mu).sqrt();
+    let stop = (v / w).atan() / w;
+    let exact = |t: f64| (w * t.min(stop)).cos() + v / w * (w * t.min(stop)).sin() - 1.0;
+    let errors = [2e-3, 1e-3].map(|h| {
+        let contacts = json!({"friction": "0.2*(1 + contact_x)"});
+        let solution = solve(&on_the_ground(&[puck([v, 0.0])], &contacts, 1.5, h));
+        assert_sound(&solution, 0.5 * v * v);
+        distance(&solution, "puck.x", exact)
+    });
+    assert!(errors[1] < 5e-3 && errors[1] < 0.6 * errors[0], "{errors:?}");
+}
+
+#[test]
+fn friction_that_fades_lets_a_body_go_at_its_time() {
+    // On a slope of slope 0.3 the body begins to slide where mu = 0.5 - 0.1 t is 0.3.
+    let mut scene = on_the_ground(&[puck([0.0; 2])], &json!({"friction": "0.5 - 0.1*t"}), 4.0, 1e-3);
+    scene["problem"]["rigid_bodies"]["gravity"] = json!([0.3 * G, 0, -G]);
+    let exact = |t: f64| G * 0.1 * (t - 2.0_f64).max(0.0).powi(3) / 6.0;
+    let solution = solve(&scene);
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    assert!(distance(&solution, "puck.x", exact) < 3e-3);
+    let (t, x) = (&solution.trajectory.t, column(&solution, "puck.x"));
+    assert!(t.iter().zip(x).all(|(&t, &x)| t > 1.99 || x.abs() < 1e-12), "it creeps");
+}
+
+/// The mean of two materials that vary is the geometric one, as that of numbers.
+#[test]
+fn two_materials_that_vary_have_the_geometric_mean_of_their_coefficients() {
+    let mut bodies = [cube(2.0)];
+    bodies[0]["material"] = json!("block");
+    let mut scene = on_the_ground(&bodies, &json!({"friction": "0.1*(1 + 3*slip_speed)"}), 0.5, 1e-3);
+    scene["problem"]["rigid_bodies"]["materials"] = json!({"block": {"friction": "0.4*(1 + 3*slip_speed)"}});
+    // v' = -g m (1 + 3 v) with m = sqrt(0.1 0.4).
+    let exact = |t: f64| ((7.0 * (-0.6 * G * t).exp() - 1.0) / 3.0).max(0.0);
+    assert!(distance(&solve(&scene), "puck.vx", exact) < 2e-2);
+    // With a smooth material there is no friction.
+    scene["problem"]["rigid_bodies"]["materials"]["block"]["friction"] = json!(0);
+    assert_eq!(last(&solve(&scene), "puck.vx"), 2.0);
+}
+
+/// Forces of maximal dissipation in an ellipse are `-mu N D^2 u/|D u|` with `D = diag(1, c)`: `u_y` is proportional to
+/// `u_x^(c^2)`, whatever `mu`.
+#[test]
+fn a_body_slides_on_the_path_of_an_elliptic_law() {
+    let (c, start) = (1.5_f64, [2.0, 1.0]);
+    for step in [2e-3, 1e-3] {
+        let contacts = json!({"friction": 0.3, "ratio": c});
+        let solution = solve(&on_the_ground(&[puck(start)], &contacts, 1.0, step));
+        assert_sound(&solution, 2.5);
+        let (x, y) = (column(&solution, "puck.vx"), column(&solution, "puck.vy"));
+        let off = |(x, y): (&f64, &f64)| (y / start[1] - (x / start[0]).max(0.0).powf(c * c)).abs();
+        let error = x.iter().zip(y).map(off).fold(0.0, f64::max);
+        // Friction against the slip, with the coefficient of its direction, is off by 0.1.
+        assert!(error < 4.0 * step, "{error:e}");
+    }
+}
+
+#[test]
+fn directions_of_friction_follow_the_axes_that_they_are_given_in() {
+    // Ways to the stop along and across the given direction: v^2/(2 mu g), and half of it.
+    let turned = json!([0.5_f64.sqrt(), 0, 0, 0.5_f64.sqrt()]);
+    let way = |scene: &Value| last(&solve(scene), "puck.x");
+    let scene = |contacts: Value, velocity: [f64; 2]| on_the_ground(&[puck(velocity)], &contacts, 1.0, 1e-3);
+    let along = 1.0 / (2.0 * 0.2 * G);
+    let near = |way: f64, exact: f64| assert!((way - exact).abs() < 2e-3, "{way} for {exact}");
+    near(way(&scene(json!({"friction": 0.2, "ratio": 2}), [1.0, 0.0])), along);
+    near(way(&scene(json!({"friction": 0.2, "ratio": 2, "along": [0, 3, 1]}), [1.0, 0.0])), 0.5 * along);
+    // The grain of the ground, which is turned, and that of the body.
+    let mut grained = scene(
+        json!({"friction": 0.2, "pairs": [{"materials": ["wood", "felt"], "ratio": 2, "axes": "body"}]}),
+        [1.0, 0.0],
+    );
+    let problem = &mut grained["problem"]["rigid_bodies"];
+    problem["materials"] = json!({"felt": {}, "wood": {}});
+    problem["bodies"][0]["material"] = json!("wood");
+    problem["bodies"][1]["material"] = json!("felt");
+    near(way(&grained), along);
+    grained["problem"]["rigid_bodies"]["bodies"][0]["orientation"] = turned.clone();
+    near(way(&grained), 0.5 * along);
+    let pair = &mut grained["problem"]["rigid_bodies"]["contacts"]["pairs"][0];
+    pair["materials"] = json!(["felt", "wood"]);
+    near(way(&grained), along);
+    grained["problem"]["rigid_bodies"]["bodies"][1]["orientation"] = turned;
+    near(way(&grained), 0.5 * along);
+}
+
+#[test]
+fn a_coefficient_that_falls_below_zero_ends_the_run_at_its_place() {
+    let contacts = json!({"friction": "0.2 - 0.5*contact_x"});
+    let text = on_the_ground(&[puck([3.0, 0.0])], &contacts, 1.0, 1e-3).to_string();
+    let specification = Specification::from_json(text.as_bytes()).unwrap();
+    let solution = dvi::solve(&specification, &Control::new());
+    let failure = solution.error.as_ref().unwrap();
+    assert_eq!(failure.code, "friction_negative", "{failure:?}");
+    assert!(failure.message.contains("`ground` and `puck`") && failure.message.contains("max(0, ..)"), "{failure:?}");
+    let place = last(&solution, "puck.x");
+    assert!((place - 0.4).abs() < 0.01, "{place}");
+}
