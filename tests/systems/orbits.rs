@@ -117,7 +117,7 @@ fn a_converter_balances_over_its_period_and_decays_as_its_load_makes_it() {
     // Discontinuous conduction: coil and capacitor store nothing over a period, the current is zero for a while, and
     // all steps are proven free of events.
     let orbit = orbit_of(buck(200.0));
-    assert!(orbit.shots <= 6, "from rest, by way of a state in continuous conduction: {}", orbit.shots);
+    assert!(orbit.shots <= 7, "from rest, by way of a state in continuous conduction: {}", orbit.shots);
     let of = |name: &str| orbit.over_period[name];
     assert_near(of("v(x)").mean, of("v(out)").mean, 1e-9);
     assert_near(of("i(L1)").mean, of("v(out)").mean / 200.0, 1e-8);
