@@ -51,6 +51,7 @@ pub use diagnostics::{
 pub use excerpt::{Excerpt, ExcerptError, Selection};
 pub use fit::{DataColumn, Estimate, Fit, FitAnswer, FitStart, Fitted, Loss, Quantity, fit};
 pub use integrate::{describe, integrate};
+pub use longer_steps::MOST_COMPARED;
 pub use observables::{Argument, Direction, EndedBy, Monitored, ObservableSlopes, Observables};
 pub use obstacle::{describe_obstacle, integrate_obstacle};
 pub use orbit::{Orbit, Periodic, find_orbit, find_orbit_of_motion};

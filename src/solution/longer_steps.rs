@@ -21,7 +21,7 @@ const ROUNDING: f64 = 1e-12;
 /// The number of moving bodies up to which rigid bodies are compared. What many bodies that collide with each other do one by
 /// one is not reproducible: each collision multiplies a difference several times, so that some tens of collisions in a
 /// row make one of rounding as large as a body. Such runs are also the long ones.
-pub(super) const MOST_BODIES: usize = 100;
+pub const MOST_COMPARED: usize = 100;
 
 /// The kind of a quantity: positions are continuous in time, velocities and energies jump.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

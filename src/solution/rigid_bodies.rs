@@ -1,6 +1,6 @@
 //! Integration of rigid bodies by time stepping, with outputs by name.
 
-use super::longer_steps::{Comparison, Kind, MOST_BODIES, not_compared};
+use super::longer_steps::{Comparison, Kind, MOST_COMPARED, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
@@ -222,7 +222,7 @@ impl<'a> RigidBodyRun<'a> {
             });
         }
         let mut longer = None;
-        if simulation.ends.len() <= MOST_BODIES {
+        if simulation.ends.len() <= MOST_COMPARED {
             let mut simulation = MoreauStepping::new(scene, plan.start, settings);
             simulation.most_memory = plan.most_memory;
             let is_parted = !scene.resolve || simulation.resolve(control).map_err(failed)?;
@@ -471,7 +471,7 @@ impl Stepper for RigidBodyRun<'_> {
             None => not_compared(
                 &mut diagnostics.checks,
                 &format!(
-                    "more than {MOST_BODIES} bodies move, and are not compared one by one with a run with longer steps"
+                    "more than {MOST_COMPARED} bodies move, and are not compared one by one with a run with longer steps"
                 ),
             ),
         }

@@ -21,10 +21,11 @@ const OF_A_SWEEP: usize = 32 << 10;
 impl Specification {
     /// Lower estimate of the memory of a solve, in bytes.
     pub fn memory_bytes(&self) -> usize {
-        let numbers = self.trajectory_numbers().saturating_add(self.model().numbers(self));
+        let runs = self.model().runs(self);
+        let numbers = self.trajectory_numbers().saturating_add(self.model().numbers(self).saturating_mul(runs));
         numbers
             .saturating_mul(size_of::<f64>())
-            .saturating_add(self.load.bytes())
+            .saturating_add(self.load.bytes().saturating_mul(runs))
             .saturating_add(self.parts() * OF_A_RUN)
             .saturating_add(self.table_bytes())
     }
@@ -38,7 +39,7 @@ impl Specification {
 
     /// Number of runs kept at once: sensitivities have a second set of equations.
     fn parts(&self) -> usize {
-        if self.directions() > 0 { 2 } else { 1 }
+        self.model().runs(self) + usize::from(self.directions() > 0)
     }
 
     /// Number of directions in which a run is differentiated.

@@ -85,6 +85,10 @@ impl Model for MechanicalModel {
         Some(NOT_COMPARED)
     }
 
+    fn runs(&self, specification: &Specification) -> usize {
+        if specification.method().impacts() == Impacts::TimeStepping { 2 } else { 1 }
+    }
+
     fn numbers(&self, specification: &Specification) -> usize {
         let structure = self.structure();
         let (n, rows) = (structure.coordinates, structure.rows());

@@ -106,6 +106,11 @@ pub trait Model: Any + Debug + Send + Sync {
         Load::default()
     }
 
+    /// The number of runs side by side: two where one with longer steps shows the error of the other.
+    fn runs(&self, _specification: &Specification) -> usize {
+        1
+    }
+
     /// The count of `f64` numbers in the matrices and the history of a run, as far as it is known in advance.
     fn numbers(&self, specification: &Specification) -> usize;
 

@@ -86,6 +86,10 @@ impl Model for MultibodySystem {
         MultibodySystem::load(self, most.saturating_mul(FAR_BEYOND).min(ENOUGH), control).unwrap_or_default()
     }
 
+    fn runs(&self, _specification: &Specification) -> usize {
+        if self.bodies.iter().filter(|body| !body.fixed).count() <= solution::MOST_COMPARED { 2 } else { 1 }
+    }
+
     fn numbers(&self, _specification: &Specification) -> usize {
         // Two states, and their changes.
         4 * NUMBERS_A_BODY * self.bodies.len()
