@@ -21,7 +21,7 @@ pub fn sequential(contacts: &Contacts<'_>) -> Vec<(usize, Vector3<f64>)> {
     let least = ROUNDING * u.iter().fold(0.0_f64, |most, u| most.max(u.norm()));
     let mut strikes = Vec::new();
     while strikes.len() < STRIKES * n {
-        let closed = |k: &usize| u[*k].x < -least && contacts.closes(*k, u[*k].x);
+        let closed = |k: &usize| !contacts.is_torque(*k) && u[*k].x < -least && contacts.closes(*k, u[*k].x);
         let Some(k) = (0..n).filter(closed).min_by(|&a, &b| u[a].x.total_cmp(&u[b].x)) else { break };
         let q = Vector3::new((1.0 + contacts.restitution[k]) * u[k].x, u[k].y, u[k].z);
         let Some(strike) = solve_contact(contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };

@@ -3,8 +3,9 @@
 //! from a good start; but convergence is linear, and slow or absent where contacts outnumber degrees of freedom.
 
 use super::local::Diagonal;
+use super::patch::{PatchCone, Role};
 use super::{BlockMatrix, CoulombProblem};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// `W` in the layout of a sweep: the off-diagonal blocks in one stream, those on the diagonal prepared.
 #[derive(Clone, Debug, Default)]
@@ -37,6 +38,10 @@ impl Sweeps {
 
     /// Makes one sweep over all contacts of the problem whose matrix was copied.
     pub fn sweep(&self, problem: &CoulombProblem, r: &mut [Vector3<f64>]) {
+        if problem.has_patches() {
+            self.sweep_with_patches(problem, r);
+            return;
+        }
         let mut start = 0;
         for (k, (&end, diagonal)) in self.ends.iter().zip(&self.diagonal).enumerate() {
             let mut q = problem.q()[k];
@@ -46,6 +51,37 @@ impl Sweeps {
             start = end;
             if let Some(exact) = diagonal.solve(q, problem.mu()[k]) {
                 r[k] = exact;
+            }
+        }
+    }
+
+    fn sweep_with_patches(&self, problem: &CoulombProblem, r: &mut [Vector3<f64>]) {
+        let matrix = problem.matrix();
+        for k in 0..r.len() {
+            let mu = problem.mu()[k];
+            match problem.role(k) {
+                Role::Point => {
+                    let q = problem.velocity(k, r) - matrix.diagonal(k) * r[k];
+                    if let Some(exact) = self.diagonal[k].solve(q, mu) {
+                        r[k] = exact;
+                    }
+                }
+                Role::Force => {
+                    let mut own = Matrix6::zeros();
+                    let mut q = Vector6::zeros();
+                    for i in 0..2 {
+                        let mut velocity = problem.velocity(k + i, r);
+                        for j in 0..2 {
+                            if let Some(block) = matrix.block(k + i, k + j) {
+                                own.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(block);
+                                velocity -= block * r[k + j];
+                            }
+                        }
+                        q.fixed_rows_mut::<3>(3 * i).copy_from(&velocity);
+                    }
+                    [r[k], r[k + 1]] = PatchCone { mu }.solve(&own, &q, &[r[k], r[k + 1]]);
+                }
+                Role::Torque => {}
             }
         }
     }

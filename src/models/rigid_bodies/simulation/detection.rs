@@ -7,6 +7,7 @@ use super::super::motion::Motion;
 use super::{MoreauStepping, StepFailure, overlaps};
 use nalgebra::Vector3;
 use problem::Control;
+use vi::coulomb::Role;
 
 /// Gaps below this fraction of a body's size are contacts at any velocity: the impulse of one contact may close another
 /// nearby contact.
@@ -103,7 +104,15 @@ impl MoreauStepping<'_> {
             };
             let size = overlaps::smaller(scene, i, j);
             let sized = |contact| Contact { size, no_gap: overlaps::OVERLAP * size, ..contact };
-            self.contacts.extend(self.points.iter().map(new).map(sized));
+            let Some(patch) = law.patch.map(|patch| &scene.laws.patches[patch as usize]) else {
+                self.contacts.extend(self.points.iter().map(new).map(sized));
+                continue;
+            };
+            let turning = [i, j].map(|body| given(body).map_or_else(Vector3::zeros, |given| given.omega));
+            for force in self.points.iter().map(new).map(sized) {
+                let torque = force.torque(patch, moving, turning);
+                self.contacts.extend([Contact { role: Role::Force, ..force }, torque]);
+            }
         }
         self.add_stops();
         Ok(())
