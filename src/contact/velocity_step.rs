@@ -16,7 +16,6 @@ mod friction;
 mod probe;
 
 pub use contacted::Contacted;
-pub(crate) use friction::admissible;
 pub use probe::Probed;
 
 use super::active_contacts::{ActiveContacts, rows};

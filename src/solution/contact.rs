@@ -62,10 +62,9 @@ pub(super) fn integrate_contact_once(
         return run_to_end(plan, control, diagnostics, || {
             let longer = Settings { step: 2.0 * contact.settings.step, ..contact.settings };
             let longer = TimeStepping::new(&mut *same, longer, state.clone(), plan.end);
-            let longer = LongerSteps::new(longer, plan, &state);
+            let longer = LongerSteps::new(longer, plan, &state, contact.settings.default_step);
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
-            let is_default = contact.settings.default_step;
-            Ok(TimeSteppingRun { stepper, longer, is_default, outputs })
+            Ok(TimeSteppingRun { stepper, longer, outputs })
         });
     };
     let mut run = Run::new(plan, control, diagnostics);
@@ -104,9 +103,7 @@ pub(super) fn integrate_contact_once(
     let steps = Steps { accepted: located.accepted, ..Steps::default() };
     tell(&located.step, model, (clock.start, steps), &mut run.diagnostics);
     judge_located(&mut located, model, (clock.start, radau), &mut run.diagnostics);
-    if radau.step.is_some() {
-        given.judge(&[], &mut run.diagnostics.checks);
-    }
+    given.judge(Vec::new, &mut run.diagnostics.checks);
     if located.accumulations > 0 {
         let message = format!(
             "impacts accumulated ({} times); the run continued after each accumulation with an impact without \
@@ -259,23 +256,22 @@ struct LongerSteps<'p> {
 }
 
 impl<'p> LongerSteps<'p> {
-    fn new(stepper: TimeStepping<'p>, plan: &Plan, State { q, v, .. }: &State) -> Self {
+    fn new(stepper: TimeStepping<'p>, plan: &Plan, State { q, v, .. }: &State, is_default: bool) -> Self {
         let kinds = q.iter().map(|_| Kind::Position).chain(v.iter().map(|_| Kind::Velocity));
         let named = plan.names.iter().zip(kinds).enumerate();
         let quantities = named.map(|(k, (name, kind))| (format!("`{name}`"), kind, k..k + 1));
-        let mut comparison = Comparison::new(quantities, plan);
+        let mut comparison = Comparison::new(quantities, plan, is_default);
         q.iter().chain(v).enumerate().for_each(|(k, value)| comparison.meet(k, value.abs()));
         Self { stepper, comparison }
     }
 
     /// Judges the comparison. Coordinates are measured in one unit where a gap is a difference of them.
-    fn judge(&mut self, run: &TimeStepping<'_>, is_default: bool, checks: &mut Checks) {
+    fn judge(&mut self, run: &TimeStepping<'_>, checks: &mut Checks) {
         let n = run.state.q.len();
         let groups = run.step.alike();
-        let of_v = groups.iter().map(|group| group.iter().map(|k| n + k).collect());
-        let of_v: Vec<Vec<usize>> = of_v.collect();
+        let of_v: Vec<Vec<usize>> = groups.iter().map(|group| group.iter().map(|k| n + k).collect()).collect();
         self.comparison.share_units(&[groups, of_v].concat());
-        self.comparison.judge(is_default, GIVEN_STEPS, checks);
+        self.comparison.judge(GIVEN_STEPS, checks);
     }
 
     /// Compares the end of the last step of a run with this one.
@@ -314,8 +310,6 @@ impl<'p> LongerSteps<'p> {
 struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
     longer: LongerSteps<'p>,
-    /// Whether the size of steps is the default.
-    is_default: bool,
     outputs: Outputs<'p>,
 }
 
@@ -370,7 +364,7 @@ impl Stepper for TimeSteppingRun<'_> {
         let steps = Steps { accepted: self.stepper.accepted, ..Steps::default() };
         tell(&self.stepper.step, self.outputs.model, (0.0, steps), diagnostics);
         let checks = &mut diagnostics.checks;
-        self.longer.judge(&self.stepper, self.is_default, checks);
+        self.longer.judge(&self.stepper, checks);
         check_energy(&self.stepper.energy, Accuracy::Fixed, checks);
         check_violations(&self.stepper.violations, &self.outputs.model.contacts, Accuracy::Fixed, checks);
     }

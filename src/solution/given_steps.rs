@@ -12,6 +12,11 @@ pub(super) fn rounding_of(largest: &[f64]) -> f64 {
     1e-12 * largest.iter().copied().fold(0.0, f64::max)
 }
 
+/// Whether an error is larger than the largest so far; NaN is larger than any.
+pub(super) fn is_worse(error: f64, most: f64) -> bool {
+    error > most || error.is_nan()
+}
+
 /// Records the sum of the estimated errors of steps of a given size, relative to the largest values of the states; NaN is
 /// not trusted.
 pub(super) fn record_given_steps(sum: f64, checks: &mut Checks) {
@@ -60,25 +65,24 @@ impl GivenSteps {
     /// Notes that values within the step are in use.
     pub fn use_within(&mut self, step: &GivenStep) {
         self.within.resize(step.within.len(), 0.0);
-        // NaN counts as larger than any error.
-        let worse = |error: f64, most: f64| error > most || error.is_nan();
         let errors = self.within.iter_mut().zip(&step.within);
-        errors.filter(|(most, error)| worse(**error, **most)).for_each(|(most, error)| *most = *error);
+        errors.filter(|(most, error)| is_worse(**error, **most)).for_each(|(most, error)| *most = *error);
     }
 
-    /// Records the largest errors relative to the largest values of the states, apart from those held at zero.
-    pub fn judge(&self, held_at_zero: &[bool], checks: &mut Checks) {
+    /// Records the largest errors relative to the largest values of the states, apart from those held at zero; nothing if no
+    /// step had a given size.
+    pub fn judge(&self, held_at_zero: impl FnOnce() -> Vec<bool>, checks: &mut Checks) {
         if self.at_ends.is_empty() {
             return;
         }
+        let held_at_zero = held_at_zero();
         let Self { largest, power, .. } = self;
         let rounding = rounding_of(largest);
         let worst = |errors: &[f64], power: f64| {
             let states = (0..largest.len())
                 .filter(|&state| errors[state] != 0.0 && !held_at_zero.get(state).is_some_and(|zero| *zero));
             let relative = states.map(|state| errors[state] / largest[state].max(rounding).powf(power));
-            // NaN is not trusted.
-            relative.fold(0.0, |most: f64, error| if error > most || error.is_nan() { error } else { most })
+            relative.fold(0.0, |most: f64, error| if is_worse(error, most) { error } else { most })
         };
         record_given_steps(worst(&self.at_ends, *power), checks);
         let within = worst(&self.within, 1.0);

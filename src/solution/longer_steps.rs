@@ -10,13 +10,10 @@
 //! one that is never larger than what the forces of a single step would make of it is relative to that, since no step
 //! resolves less.
 
-use super::given_steps::GIVEN_STEPS;
+use super::given_steps::{GIVEN_STEPS, is_worse, rounding_of};
 use super::run::Plan;
 use super::{CheckCode, Checks};
 use std::ops::Range;
-
-/// A part of the largest value of all quantities of a kind below which a quantity is rounding of zero.
-const ROUNDING: f64 = 1e-12;
 
 /// The number of moving bodies up to which rigid bodies are compared. What many bodies that collide with each other do one by
 /// one is not reproducible: each collision multiplies a difference several times, so that some tens of collisions in a
@@ -47,9 +44,11 @@ struct Quantity {
 }
 
 /// The comparison of a run with one whose steps are twice as long.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Comparison {
     quantities: Vec<Quantity>,
+    /// Whether the steps have the default size.
+    is_default: bool,
     /// The time over which velocities were compared.
     compared: f64,
     /// Why the other run came to an end.
@@ -59,7 +58,11 @@ pub(super) struct Comparison {
 impl Comparison {
     /// Prepares a comparison of quantities, each with its name and its fields. If the answer contains some of them only, these
     /// are judged: what nobody asks for, such as the spin of a light link, may be far less accurate.
-    pub fn new(quantities: impl IntoIterator<Item = (String, Kind, Range<usize>)>, plan: &Plan) -> Self {
+    pub fn new(
+        quantities: impl IntoIterator<Item = (String, Kind, Range<usize>)>,
+        plan: &Plan,
+        is_default: bool,
+    ) -> Self {
         let Plan { fields, observables, reducers, .. } = plan;
         let has_others = !observables.names.is_empty() || !observables.monitors.is_empty() || reducers.is_some();
         let quantity = |(name, kind, of): (String, Kind, Range<usize>)| {
@@ -70,7 +73,7 @@ impl Comparison {
         if quantities.iter().all(|quantity| !quantity.is_kept) {
             quantities.iter_mut().for_each(|quantity| quantity.is_kept = true);
         }
-        Self { quantities, compared: 0.0, failed: None }
+        Self { quantities, is_default, compared: 0.0, failed: None }
     }
 
     /// Notes a value of quantity `k` that the run had, or that a step could have made.
@@ -100,9 +103,8 @@ impl Comparison {
     pub fn differ(&mut self, k: usize, distance: f64, h: f64) {
         let Quantity { kind, distance: known, .. } = &mut self.quantities[k];
         *known = match kind {
-            // NaN is not less than any distance.
-            Kind::Position if distance <= *known => *known,
-            Kind::Position => distance,
+            Kind::Position if is_worse(distance, *known) => distance,
+            Kind::Position => *known,
             Kind::Velocity | Kind::Energy => *known + distance * h,
         };
     }
@@ -123,10 +125,10 @@ impl Comparison {
         self.failed.is_none()
     }
 
-    /// Records the largest error relative to the size of its quantity, of which `allowed` is permitted. An error that is
-    /// permitted and leaves less than three digits is a caveat.
-    pub fn judge(&self, is_default: bool, allowed: f64, checks: &mut Checks) {
-        let size = match is_default {
+    /// Records the largest error relative to the size of its quantity, beside the permitted error `allowed`. A permitted error
+    /// that leaves less than three digits is a caveat.
+    pub fn judge(&self, allowed: f64, checks: &mut Checks) {
+        let size = match self.is_default {
             true => "the steps have the default size",
             false => "the steps have the size that `method` gives",
         };
@@ -146,35 +148,32 @@ impl Comparison {
 
     /// The largest error relative to the size of its quantity, and what it is an error of.
     fn worst(&self) -> Option<(f64, String)> {
-        let largest = |kind: Kind| {
+        let rounding = [Kind::Position, Kind::Velocity, Kind::Energy].map(|kind| {
             let of_kind = self.quantities.iter().filter(|quantity| quantity.kind == kind);
-            of_kind.map(|quantity| quantity.size).fold(0.0, f64::max)
-        };
-        let floors = [Kind::Position, Kind::Velocity, Kind::Energy].map(|kind| ROUNDING * largest(kind));
+            rounding_of(&of_kind.map(|quantity| quantity.size).collect::<Vec<f64>>())
+        });
         let mut worst: Option<(f64, String)> = None;
-        let is_worse = |error: f64, worst: &Option<(f64, String)>| {
-            worst.as_ref().is_none_or(|(most, _)| error > *most || error.is_nan())
-        };
+        let is_new =
+            |error: f64, worst: &Option<(f64, String)>| worst.as_ref().is_none_or(|(most, _)| is_worse(error, *most));
         for Quantity { name, kind, size: own, distance, impacts, .. } in self.quantities.iter().filter(|of| of.is_kept)
         {
-            let (floor, over, when) = match kind {
-                Kind::Position => (floors[0], 1.0, "by up to"),
-                Kind::Velocity => (floors[1], self.compared, "in the mean over time by"),
-                Kind::Energy => (floors[2], self.compared, "in the mean over time by"),
+            let (over, when) = match kind {
+                Kind::Position => (1.0, "by up to"),
+                Kind::Velocity | Kind::Energy => (self.compared, "in the mean over time by"),
             };
-            let own = own.max(floor);
+            let own = own.max(rounding[*kind as usize]);
             if own == 0.0 || over == 0.0 {
                 continue;
             }
             let by_impacts = impacts.sqrt() / own;
-            if is_worse(by_impacts, &worst) {
+            if is_new(by_impacts, &worst) {
                 let what = format!(
-                    "and impacts, each of which is off by up to a step, move {name} by {by_impacts:.1e} of its largest value"
+                    "and impacts, each off by up to a step, move {name} by {by_impacts:.1e} of its largest value"
                 );
                 worst = Some((by_impacts, what));
             }
             let relative = distance / over / own;
-            if is_worse(relative, &worst) {
+            if is_new(relative, &worst) {
                 let what = format!(
                     "and {name} is estimated to be off {when} {relative:.1e} of its largest value, by which it differs with \
                      steps twice as long"

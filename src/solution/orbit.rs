@@ -14,7 +14,7 @@ use super::contact::{ContactPlan, integrate_contact_once};
 use super::integrate::integrate_once;
 use super::multipliers;
 use super::run::{Ended, Plan, ending};
-use super::shooting::{Shot, Subject, modulus};
+use super::shooting::{Correction, Shot, Subject, modulus};
 use super::statistics::OverTime;
 use super::{CheckCode, Failure, Solution, Status};
 use analysis::Analysis;
@@ -322,7 +322,8 @@ impl Search<'_> {
 
     /// The next run by Newton's method, with the largest fraction of its step that reduces the residual; `None` if no
     /// fraction does.
-    fn damped(&mut self, shot: &Shot, (change, of_period): &(Vec<f64>, f64)) -> Result<Option<Shot>, Failure> {
+    fn damped(&mut self, shot: &Shot, correction: &Correction) -> Result<Option<Shot>, Failure> {
+        let (change, of_period) = correction;
         for halving in 0..=HALVINGS {
             let part = 0.5_f64.powi(halving);
             let period = shot.period + part * of_period;
@@ -332,7 +333,7 @@ impl Search<'_> {
             let from: Vec<f64> = shot.from.iter().zip(change).map(|(x, change)| x + part * change).collect();
             let from = self.subject.allowed(self.plan, (&from, period), self.control);
             match self.shoot(&from, period) {
-                Ok(next) if self.falls(shot, &next, 1.0 - GAIN * part) => return Ok(Some(next)),
+                Ok(next) if self.falls((shot, correction), &next, 1.0 - GAIN * part) => return Ok(Some(next)),
                 Err(failure) if self.control.poll().is_some() => return Err(failure),
                 Ok(_) | Err(_) => {}
             }
@@ -341,8 +342,8 @@ impl Search<'_> {
     }
 
     /// Whether a run is nearer to the orbit than the one before, by its residual or by what Newton's method would correct.
-    fn falls(&self, shot: &Shot, next: &Shot, to: f64) -> bool {
-        let by_correction = || shot.contraction(next, self.phase, self.subject.settings().rtol);
+    fn falls(&self, (shot, correction): (&Shot, &Correction), next: &Shot, to: f64) -> bool {
+        let by_correction = || shot.contraction(correction, next, self.phase, self.subject.settings().rtol);
         next.distance() <= to * shot.distance() || by_correction().is_some_and(|part| part <= to)
     }
 

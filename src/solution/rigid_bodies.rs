@@ -86,7 +86,6 @@ struct RigidBodyRun<'a> {
     events: usize,
     checks: Checks,
     longer: Option<LongerSteps<'a>>,
-    is_default: bool,
 }
 
 /// A run with steps twice as long.
@@ -98,12 +97,10 @@ struct LongerSteps<'a> {
     last: f64,
     /// For each moving body its position, orientation, velocity and angular velocity; then the energies.
     comparison: Comparison,
-    /// The potential energy at the start.
-    potential: f64,
 }
 
 impl<'a> LongerSteps<'a> {
-    fn new(scene: &MultibodySystem, plan: &Plan, simulation: MoreauStepping<'a>) -> Self {
+    fn new(scene: &MultibodySystem, plan: &Plan, simulation: MoreauStepping<'a>, is_default: bool) -> Self {
         let moving = scene.bodies.iter().filter(|body| !body.fixed);
         let quantities = moving.enumerate().flat_map(|(i, body)| {
             let (name, first) = (&body.name, 13 * i);
@@ -118,19 +115,17 @@ impl<'a> LongerSteps<'a> {
             let field = plan.names.iter().position(|name| name == energy).unwrap_or(plan.names.len());
             (format!("`{energy}`"), Kind::Energy, field..field + 1)
         });
-        let comparison = Comparison::new(quantities.chain(energies), plan);
-        let [_, potential] = simulation.energies();
-        Self { simulation, steps: 0, t: plan.start, last: 0.0, comparison, potential }
+        let comparison = Comparison::new(quantities.chain(energies), plan, is_default);
+        Self { simulation, steps: 0, t: plan.start, last: 0.0, comparison }
     }
 
     /// Compares the end of the last step of a run, of length `length`, with this one.
     fn follow(&mut self, (starts, run): (&[Motion], &MoreauStepping<'_>), t: f64, length: f64, course: &Course<'_>) {
-        let Course { scene, plan, h, control } = course;
+        let Course { scene, plan, h, energy, control } = course;
         let gravity = scene.gravity.norm();
         let kick = length * gravity;
         // Where the potential is zero is a convention; energies are no smaller than positions and velocities make them.
-        let [kinetic, potential] = run.energies();
-        let energy = kinetic.max((potential - self.potential).abs());
+        let exchanged = energy.kinetic_at_end.max((energy.potential_at_end - energy.potential_at_start).abs());
         let mut least = [0.0, 0.0];
         let reaches = scene.bodies.iter().filter(|body| !body.fixed).map(|body| body.collider.reach());
         for (i, ((motion, before), reach)) in run.ends.iter().zip(starts).zip(reaches).enumerate() {
@@ -153,9 +148,9 @@ impl<'a> LongerSteps<'a> {
             }
         }
         let first = 4 * run.ends.len();
-        least.into_iter().enumerate().for_each(|(k, least)| self.comparison.meet(first + k, energy.max(least)));
+        least.into_iter().enumerate().for_each(|(k, least)| self.comparison.meet(first + k, exchanged.max(least)));
         while self.comparison.goes_on() && self.t < t {
-            let next = self.end_of_next(plan, *h);
+            let next = end_of_step(plan, *h, 2 * (self.steps + 1));
             let step = next - self.t;
             if let Err(cause) = self.simulation.step(self.t, step, control) {
                 self.comparison.fail(failure(&cause, scene, plan, next, &[]).message);
@@ -164,17 +159,11 @@ impl<'a> LongerSteps<'a> {
             (self.steps, self.t, self.last) = (self.steps + 1, next, step);
         }
         if self.t == t && self.comparison.goes_on() {
-            self.compare(run);
+            self.compare(run, energy);
         }
     }
 
-    /// The end of the next step, where the run that is compared has steps of size `h`.
-    fn end_of_next(&self, plan: &Plan, h: f64) -> f64 {
-        let next = plan.start + (self.steps + 1) as f64 * (2.0 * h);
-        if next >= plan.end - 1e-9 * h { plan.end } else { next }
-    }
-
-    fn compare(&mut self, run: &MoreauStepping<'_>) {
+    fn compare(&mut self, run: &MoreauStepping<'_>, energy: &Energy) {
         self.comparison.pass(self.last);
         for (i, (a, b)) in run.ends.iter().zip(&self.simulation.ends).enumerate() {
             let distances = [
@@ -188,7 +177,8 @@ impl<'a> LongerSteps<'a> {
             }
         }
         let first = 4 * run.ends.len();
-        for (k, (a, b)) in run.energies().into_iter().zip(self.simulation.energies()).enumerate() {
+        let of_run = [energy.kinetic_at_end, energy.potential_at_end];
+        for (k, (a, b)) in of_run.into_iter().zip(self.simulation.energies()).enumerate() {
             self.comparison.differ(first + k, (a - b).abs(), self.last);
         }
     }
@@ -199,7 +189,14 @@ struct Course<'a> {
     scene: &'a MultibodySystem,
     plan: &'a Plan,
     h: f64,
+    energy: &'a Energy,
     control: &'a Control,
+}
+
+/// The time after a number of steps of size `h`, without a last step that would be zero up to rounding.
+fn end_of_step(plan: &Plan, h: f64, steps: u64) -> f64 {
+    let end = plan.start + steps as f64 * h;
+    if end >= plan.end - 1e-9 * h { plan.end } else { end }
 }
 
 impl<'a> RigidBodyRun<'a> {
@@ -209,25 +206,27 @@ impl<'a> RigidBodyRun<'a> {
         settings: &Settings,
         control: &'a Control,
     ) -> Result<Self, Failure> {
-        let mut simulation = MoreauStepping::new(scene, plan.start, settings);
-        simulation.most_memory = plan.most_memory;
-        let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
-        if scene.resolve && !simulation.resolve(control).map_err(failed)? {
-            let message = "the bodies overlap at the start, and could not be moved apart".to_owned();
-            return Err(Failure {
-                code: "interpenetration".into(),
-                message,
-                time: plan.start,
-                state: plan.initial.clone(),
-            });
-        }
-        let mut longer = None;
-        if simulation.ends.len() <= MOST_COMPARED {
+        let begin = || {
             let mut simulation = MoreauStepping::new(scene, plan.start, settings);
             simulation.most_memory = plan.most_memory;
-            let is_parted = !scene.resolve || simulation.resolve(control).map_err(failed)?;
-            longer = is_parted.then(|| LongerSteps::new(scene, plan, simulation));
-        }
+            let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
+            if scene.resolve && !simulation.resolve(control).map_err(failed)? {
+                let message = "the bodies overlap at the start, and could not be moved apart".to_owned();
+                return Err(Failure {
+                    code: "interpenetration".into(),
+                    message,
+                    time: plan.start,
+                    state: plan.initial.clone(),
+                });
+            }
+            Ok(simulation)
+        };
+        let simulation = begin()?;
+        let longer = if simulation.ends.len() <= MOST_COMPARED {
+            Some(LongerSteps::new(scene, plan, begin()?, settings.default_step))
+        } else {
+            None
+        };
         let coordinates = simulation.coordinates();
         let mut course = Self {
             scene,
@@ -251,7 +250,6 @@ impl<'a> RigidBodyRun<'a> {
             events: 0,
             checks: Checks::default(),
             longer,
-            is_default: settings.default_step,
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
@@ -362,9 +360,7 @@ impl Stepper for RigidBodyRun<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        // Drop a last step that is zero up to rounding.
-        let next = self.plan.start + (self.steps + 1) as f64 * self.h;
-        let next = if next >= self.plan.end - 1e-9 * self.h { self.plan.end } else { next };
+        let next = end_of_step(self.plan, self.h, self.steps + 1);
         self.starts.clone_from(&self.simulation.ends);
         self.pushed.clone_from(&self.simulation.pushed);
         let stepped = self.simulation.step(self.t, next - self.t, self.control);
@@ -382,7 +378,8 @@ impl Stepper for RigidBodyRun<'_> {
         self.judge();
         stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))?;
         if let Some(longer) = &mut self.longer {
-            let course = Course { scene: self.scene, plan: self.plan, h: self.h, control: self.control };
+            let Self { scene, plan, h, energy, control, .. } = self;
+            let course = Course { scene, plan, h: *h, energy, control };
             longer.follow((&self.starts, &self.simulation), self.t, self.t - self.before, &course);
         }
         Ok(())
@@ -467,7 +464,7 @@ impl Stepper for RigidBodyRun<'_> {
         diagnostics.vi = Some(self.work.clone());
         diagnostics.checks = self.checks.clone();
         match &self.longer {
-            Some(longer) => longer.comparison.judge(self.is_default, TWO_DIGITS, &mut diagnostics.checks),
+            Some(longer) => longer.comparison.judge(TWO_DIGITS, &mut diagnostics.checks),
             None => not_compared(
                 &mut diagnostics.checks,
                 &format!(

@@ -6,7 +6,7 @@ use super::quadrature::NEGLIGIBLE;
 use super::reducers::{Reducers, Reducing};
 use super::sensitivities::Sensitivities;
 use super::statistics::{OverTime, Statistics};
-use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory, Verdict, Version};
+use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory};
 use numerics::Interval;
 use problem::{Control, Stop};
 use std::collections::BTreeMap;
@@ -233,29 +233,16 @@ impl<'a> Run<'a> {
             self.diagnostics.checks.caveat("stop_not_proven", message);
         }
         self.diagnostics.wall_seconds = self.began.elapsed().as_secs_f64();
-        let verdict = Verdict::default();
         Ended {
             solution: Solution {
-                version: Version,
                 status,
-                verdict,
-                provenance: None,
                 error,
                 ended_by,
                 trajectory,
                 diagnostics: self.diagnostics,
-                sensitivities: None,
-                event_slopes: Vec::new(),
-                orbit: None,
-                steady_state: None,
-                branch: None,
-                table: None,
-                summary: None,
-                fit: None,
-                solution: None,
-                study: None,
                 collected: collected.unwrap_or_default(),
                 dense,
+                ..Solution::default()
             },
             x: self.x,
             derivatives,

@@ -23,6 +23,9 @@ const BEFORE_END: f64 = 1e-9;
 /// Why a run has no derivatives that was made without them.
 const NOT_ASKED: &str = "derivatives were not asked for";
 
+/// Changes of the initial state and of the period.
+pub(super) type Correction = (Vec<f64>, f64);
+
 /// A run over one period.
 #[derive(Clone, Debug)]
 pub(super) struct Shot {
@@ -58,12 +61,12 @@ impl Shot {
     }
 
     /// The Newton correction of the initial state and of the period.
-    pub fn correction(&self, phase: Option<usize>, rtol: f64) -> Option<(Vec<f64>, f64)> {
+    pub fn correction(&self, phase: Option<usize>, rtol: f64) -> Option<Correction> {
         self.correction_for(self, phase, rtol)
     }
 
     /// The correction of another run by the derivatives of this one.
-    fn correction_for(&self, other: &Self, phase: Option<usize>, rtol: f64) -> Option<(Vec<f64>, f64)> {
+    fn correction_for(&self, other: &Self, phase: Option<usize>, rtol: f64) -> Option<Correction> {
         let n = self.from.len();
         let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);
         let mut unit = self.scale.clone();
@@ -83,16 +86,16 @@ impl Shot {
         (of_period.is_finite() && change.iter().all(|value| value.is_finite())).then_some((change, of_period))
     }
 
-    /// The size of the correction of another run by the derivatives of this one, relative to that of this one (the natural
+    /// The size of the correction of another run by the derivatives of this one, relative to its `own` (the natural
     /// monotonicity test of Deuflhard 2011, *Newton Methods for Nonlinear Problems*, section 3.3.1). It does not depend on
     /// the units of the residual, and a run that enters another mode passes although its residual hardly falls.
-    pub fn contraction(&self, other: &Self, phase: Option<usize>, rtol: f64) -> Option<f64> {
-        let size = |(change, of_period): (Vec<f64>, f64)| {
+    pub fn contraction(&self, own: &Correction, other: &Self, phase: Option<usize>, rtol: f64) -> Option<f64> {
+        let size = |(change, of_period): &Correction| {
             let parts = change.iter().zip(&self.scale).map(|(change, scale)| change / scale);
             parts.chain([of_period / (rtol * self.period)]).fold(0.0, |most: f64, part| most.max(part.abs()))
         };
-        let own = size(self.correction(phase, rtol)?);
-        (own > 0.0).then_some(size(self.correction_for(other, phase, rtol)?) / own)
+        let own = size(own);
+        (own > 0.0).then_some(size(&self.correction_for(other, phase, rtol)?) / own)
     }
 
     /// The multipliers, by decreasing modulus.

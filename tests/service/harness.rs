@@ -7,7 +7,7 @@ use dvi::problem::Stop;
 use dvi::service::jobs::{Client, Solver};
 use dvi::service::worker::{Confinement, Launcher, Start, serve};
 use dvi::service::{Options, Service};
-use dvi::solution::{Diagnostics, Field, Solution, Status, Trajectory, Verdict, Version};
+use dvi::solution::{Field, Solution, Status, Trajectory, Verdict};
 use http_body_util::BodyExt;
 use hyper::body::Frame;
 use serde_json::Value;
@@ -32,28 +32,7 @@ pub fn halving(status: Status) -> Solution {
     let fields = vec![Field { name: "x".to_owned(), values: vec![1.0, 0.5] }];
     let trajectory = Trajectory { t: vec![0.0, 1.0], fields, events: vec![] };
     let verdict = Verdict { trusted: status == Status::Completed, ..Verdict::default() };
-    Solution {
-        version: Version,
-        status,
-        verdict,
-        error: None,
-        ended_by: None,
-        sensitivities: None,
-        event_slopes: Vec::new(),
-        trajectory,
-        diagnostics: Diagnostics::default(),
-        orbit: None,
-        provenance: None,
-        steady_state: None,
-        branch: None,
-        table: None,
-        summary: None,
-        fit: None,
-        solution: None,
-        study: None,
-        collected: Vec::new(),
-        dense: None,
-    }
+    Solution { status, verdict, trajectory, ..Solution::default() }
 }
 
 /// A launcher of workers on threads of this process, with a solver controlled by a test. They talk to the front through

@@ -27,7 +27,7 @@ mod varying;
 
 pub use memory::Size;
 pub use sequential::sequential;
-pub use varying::Coefficients;
+pub use varying::{Coefficients, admissible};
 
 use nalgebra::Vector3;
 use polyhedral::Polyhedral;

@@ -15,6 +15,14 @@ const ROUNDS: usize = 60;
 /// Change of a coefficient, which has no unit, at which iterations end: the law is solved no more accurately.
 const SETTLED: f64 = 1e-11;
 
+/// Coefficients down to minus this are rounding of zero.
+const ROUNDING: f64 = 1e-12;
+
+/// A coefficient of friction that can be: not negative, but for rounding.
+pub fn admissible(mu: f64) -> Option<f64> {
+    (mu.is_finite() && mu >= -ROUNDING).then_some(mu.max(0.0))
+}
+
 /// The iteration for the coefficients of one step.
 #[derive(Clone, Debug, Default)]
 pub struct Coefficients {

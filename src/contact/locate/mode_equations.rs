@@ -21,7 +21,7 @@
 use super::enclosed_forces::Inverse;
 use super::mode::{Status, held};
 use crate::delassus::dot;
-use crate::velocity_step::admissible;
+use crate::law::admissible;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, RowDVector, Vector2, Vector3};
 use numerics::Interval;
 use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};

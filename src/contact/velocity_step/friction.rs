@@ -2,19 +2,11 @@
 
 use super::{State, VelocityStep};
 use crate::active_contacts::ActiveContacts;
-use crate::law::{Coefficients, Contacts, Report};
+use crate::law::{Coefficients, Contacts, Report, admissible};
 use crate::settings::ContactError;
 use nalgebra::{Vector2, Vector3};
 use problem::Control;
 use vi::Outcome;
-
-/// Coefficients down to minus this are rounding of zero.
-const ROUNDING: f64 = 1e-12;
-
-/// A coefficient of friction that can be: not negative, but for rounding.
-pub(crate) fn admissible(mu: f64) -> Option<f64> {
-    (mu.is_finite() && mu >= -ROUNDING).then_some(mu.max(0.0))
-}
 
 /// The velocities of contacts at the ends of a step without impulses, and at its beginning; with gaps and restitution.
 pub(super) struct Motion<'a> {

@@ -11,14 +11,12 @@
 //! tangent of the contact frame is therefore multiplied by `c`.
 
 use super::contact::frame;
+use contact::law::admissible;
 use expression::Tape;
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 /// The number of inputs of a coefficient that varies, after the time: the place of the contact, and the speed of the slip.
 pub const INPUTS: usize = 4;
-
-/// Coefficients down to minus this are rounding of zero.
-const ROUNDING: f64 = 1e-12;
 
 /// A coefficient of friction that varies.
 #[derive(Clone, Debug)]
@@ -40,7 +38,7 @@ impl Coefficient {
         let mut out = [0.0; 2];
         let outputs = if self.is_mean { 2 } else { 1 };
         self.program.evaluate(t, &inputs, &mut out[..outputs]);
-        let of = |mu: f64| if mu.is_finite() && mu >= -ROUNDING { Ok(mu.max(0.0)) } else { Err(mu) };
+        let of = |mu: f64| admissible(mu).ok_or(mu);
         let first = of(out[0])?;
         if self.is_mean { Ok((first * of(out[1])?).sqrt()) } else { Ok(first) }
     }

@@ -108,7 +108,6 @@ pub fn write_table(table: &mut dyn Table, trajectory: &Trajectory, out: &mut dyn
 mod tests {
     use super::*;
     use crate::{Diagnostics, Event, EventKind, Failure, Field, Status};
-    use crate::{Verdict, Version};
 
     fn field(name: &str, values: &[f64]) -> Field {
         Field { name: name.to_owned(), values: values.to_vec() }
@@ -140,28 +139,7 @@ mod tests {
     fn the_json_of_a_solution_has_its_columns_by_name() {
         let trajectory = Trajectory { t: vec![0.0, 0.5], fields: vec![field("x", &[1.0, 2.0])], events: vec![] };
         let diagnostics = Diagnostics::default();
-        let solution = Solution {
-            version: Version,
-            status: Status::Completed,
-            verdict: Verdict::default(),
-            error: None,
-            ended_by: None,
-            sensitivities: None,
-            event_slopes: Vec::new(),
-            trajectory,
-            diagnostics,
-            orbit: None,
-            provenance: None,
-            steady_state: None,
-            branch: None,
-            table: None,
-            summary: None,
-            fit: None,
-            solution: None,
-            study: None,
-            collected: Vec::new(),
-            dense: None,
-        };
+        let solution = Solution { status: Status::Completed, trajectory, diagnostics, ..Solution::default() };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();
         let read: serde_json::Value = serde_json::from_slice(&json).unwrap();
@@ -201,28 +179,8 @@ mod tests {
         };
         let error = Failure { code: "step_too_small".into(), message: "\"h\"".to_owned(), time: 0.1, state: vec![2.0] };
         let diagnostics = Diagnostics::default();
-        let solution = Solution {
-            version: Version,
-            status: Status::Failed,
-            verdict: Verdict::default(),
-            error: Some(error),
-            ended_by: None,
-            sensitivities: None,
-            event_slopes: Vec::new(),
-            trajectory,
-            diagnostics,
-            orbit: None,
-            provenance: None,
-            steady_state: None,
-            branch: None,
-            table: None,
-            summary: None,
-            fit: None,
-            solution: None,
-            study: None,
-            collected: Vec::new(),
-            dense: None,
-        };
+        let solution =
+            Solution { status: Status::Failed, error: Some(error), trajectory, diagnostics, ..Solution::default() };
         let mut json = Vec::new();
         write_json(&solution, &mut json).unwrap();
         let read = read_json(&json).unwrap();

@@ -1,34 +1,13 @@
 //! Pictures are read back by an independent reader of XML.
 
 use super::*;
-use crate::{Diagnostics, Failure, Reason, Series, Study, StudyRun, Trajectory, Verdict, Version};
+use crate::{Failure, Reason, Series, Study, StudyRun, Trajectory};
 use roxmltree::Node;
 
 fn solution(t: Vec<f64>, columns: Vec<Vec<f64>>) -> Solution {
     let field = |(k, values)| Field { name: format!("x{k}"), values };
     let trajectory = Trajectory { t, fields: columns.into_iter().enumerate().map(field).collect(), events: vec![] };
-    Solution {
-        version: Version,
-        status: Status::Completed,
-        verdict: Verdict::default(),
-        error: None,
-        ended_by: None,
-        sensitivities: None,
-        event_slopes: Vec::new(),
-        trajectory,
-        diagnostics: Diagnostics::default(),
-        orbit: None,
-        provenance: None,
-        steady_state: None,
-        branch: None,
-        table: None,
-        summary: None,
-        fit: None,
-        solution: None,
-        study: None,
-        collected: Vec::new(),
-        dense: None,
-    }
+    Solution { status: Status::Completed, trajectory, ..Solution::default() }
 }
 
 /// Draws a solution, parses the picture and passes it to `look`.

@@ -19,7 +19,7 @@ fn assert_trusted(solution: &Solution) {
     assert!(solution.verdict.trusted, "{:?}", solution.verdict);
 }
 
-/// The error of time stepping, of which the verdict tells no less than a half, and nothing else.
+/// Asserts that the verdict estimates at least half of an error of time stepping, and finds no other fault; returns the error.
 fn assert_error_is_told(solution: &Solution, error: f64) -> f64 {
     let largest = column(solution, "x").iter().fold(0.0_f64, |most, x| most.max(x.abs()));
     let (told, _) = solution.diagnostics.checks.get(CheckCode::LocalError).expect("an estimate of the error");

@@ -3,7 +3,7 @@ use super::*;
 use crate::columnar::PART;
 use crate::encodings::{self, Csv};
 use crate::{Column, Incomplete, TableProvenance, Values, Words};
-use crate::{Diagnostics, Event, EventKind, Excerpt, Field, Solution, Status, Verdict, Version};
+use crate::{Diagnostics, Event, EventKind, Excerpt, Field, Solution, Status};
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
@@ -15,26 +15,10 @@ fn solution(rows: usize) -> Solution {
     let events =
         vec![Event { t: 0.5, kind: EventKind::Slip, of: "\"trajectory\":{\"t\":[],\"fields\":{},".to_owned() }];
     Solution {
-        version: Version,
         status: Status::Completed,
-        verdict: Verdict::default(),
-        error: None,
-        ended_by: None,
-        sensitivities: None,
-        event_slopes: Vec::new(),
         trajectory: Trajectory { t, fields, events },
         diagnostics: Diagnostics { switches: 7, ..Diagnostics::default() },
-        orbit: None,
-        provenance: None,
-        steady_state: None,
-        branch: None,
-        table: None,
-        summary: None,
-        fit: None,
-        solution: None,
-        study: None,
-        collected: Vec::new(),
-        dense: None,
+        ..Solution::default()
     }
 }
 
