@@ -5,7 +5,7 @@
 
 use super::Contacts;
 use nalgebra::Vector3;
-use vi::coulomb::solve_contact;
+use vi::coulomb::{Role, solve_contact, solve_patch};
 
 /// Largest number of strikes per contact; the simultaneous law takes over from there.
 const STRIKES: usize = 1000;
@@ -14,21 +14,33 @@ const STRIKES: usize = 1000;
 const ROUNDING: f64 = 1e-13;
 
 /// The strikes in their order, each with its contact and its impulse, from the velocities before the step. Friction in
-/// each strike is that of a single contact with a disk.
+/// each strike is that of a single contact with a disk, or on a patch with its torque.
 pub fn sequential(contacts: &Contacts<'_>) -> Vec<(usize, Vector3<f64>)> {
     let n = contacts.gap.len();
     let mut u = contacts.before.to_vec();
     let least = ROUNDING * u.iter().fold(0.0_f64, |most, u| most.max(u.norm()));
     let mut strikes = Vec::new();
     while strikes.len() < STRIKES * n {
-        let closed = |k: &usize| u[*k].x < -least && contacts.closes(*k, u[*k].x);
+        let closed = |k: &usize| !contacts.is_torque(*k) && u[*k].x < -least && contacts.closes(*k, u[*k].x);
         let Some(k) = (0..n).filter(closed).min_by(|&a, &b| u[a].x.total_cmp(&u[b].x)) else { break };
         let q = Vector3::new((1.0 + contacts.restitution[k]) * u[k].x, u[k].y, u[k].z);
-        let Some(strike) = solve_contact(contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };
-        strikes.push((k, strike));
-        // W is symmetric up to rounding: row k equals column k.
-        for (l, block) in contacts.delassus.row(k) {
-            u[l] += block.transpose() * strike;
+        let first = strikes.len();
+        if contacts.roles.get(k) == Some(&Role::Force) {
+            let [force, torque] =
+                solve_patch(contacts.delassus, k, &[q, u[k + 1]], contacts.mu[k], &[Vector3::zeros(); 2]);
+            if force.x <= 0.0 {
+                break;
+            }
+            strikes.extend([(k, force), (k + 1, torque)]);
+        } else {
+            let Some(strike) = solve_contact(contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };
+            strikes.push((k, strike));
+        }
+        for &(row, strike) in &strikes[first..] {
+            // W is symmetric up to rounding: rows equal columns.
+            for (l, block) in contacts.delassus.row(row) {
+                u[l] += block.transpose() * strike;
+            }
         }
     }
     strikes

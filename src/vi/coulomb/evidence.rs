@@ -3,6 +3,7 @@
 
 use super::CoulombProblem;
 use super::cone::{FrictionCone, tangent};
+use super::patch::Role;
 use nalgebra::Vector3;
 
 /// The residuals of Coulomb's law at a point. Norms are those of the user's `r` and `u`, unscaled.
@@ -25,17 +26,29 @@ impl Evidence {
     pub fn of(problem: &CoulombProblem, r: &[Vector3<f64>]) -> Self {
         let mut evidence = Self::default();
         let (mut map, mut q_norm, mut r_norm, mut u_norm) = (0.0, 0.0, 0.0, 0.0);
+        let mut maps = problem.has_patches().then(|| vec![Vector3::zeros(); r.len()]);
+        if let Some(maps) = &mut maps {
+            let u: Vec<Vector3<f64>> = (0..r.len()).map(|k| problem.velocity(k, r)).collect();
+            problem.natural_maps(|k| r[k], |k| u[k], |k, map| maps[k] = map);
+        }
         for (k, (r_k, (q, &mu))) in r.iter().zip(problem.q().iter().zip(problem.mu())).enumerate() {
             let u = problem.velocity(k, r);
-            map += FrictionCone { mu }.natural_map(*r_k, u).norm_squared();
+            let of_law = maps.as_ref().map(|maps| maps[k]);
+            map += of_law.unwrap_or_else(|| FrictionCone { mu }.natural_map(*r_k, u)).norm_squared();
             q_norm += q.norm_squared();
             r_norm += r_k.norm_squared();
             u_norm += u.norm_squared();
+            if problem.role(k) == Role::Torque {
+                continue;
+            }
             let (slip, friction) = (tangent(&u), tangent(r_k));
             evidence.signorini = evidence.signorini.max(r_k.x.min(u.x).abs());
             evidence.cone_violation = evidence.cone_violation.max(friction.norm() - mu * r_k.x);
             let gap = (friction.dot(&slip) + mu * r_k.x * slip.norm()).abs();
-            evidence.dissipation_gap = evidence.dissipation_gap.max(gap);
+            // The power of a patch has further terms, which the natural map judges.
+            if problem.role(k) == Role::Point {
+                evidence.dissipation_gap = evidence.dissipation_gap.max(gap);
+            }
         }
         evidence.natural_map = f64::sqrt(map);
         let size: f64 = q_norm.max(r_norm).max(u_norm).sqrt();

@@ -10,6 +10,8 @@
 //! contacts outnumber degrees of freedom, so that no one method solves every instance (Acary, Bremond and Huber 2018,
 //! *On solving contact problems with Coulomb friction: formulations and numerical comparisons*): [`Coulomb`] runs
 //! block Gauss-Seidel, proximal Newton and ADMM in turn, depending on the residual.
+//!
+//! A contact on a patch, with drilling and rolling friction, takes two block rows with a [set of its own](patch).
 
 mod admm;
 mod alart_curnier;
@@ -18,9 +20,11 @@ mod blocks;
 mod cone;
 mod evidence;
 mod gauss_seidel;
+mod limit_surface;
 mod linear;
 mod local;
 mod newton;
+mod patch;
 mod portfolio;
 mod problem;
 mod scaling;
@@ -30,6 +34,8 @@ mod tests;
 pub use blocks::BlockMatrix;
 pub use cone::FrictionCone;
 pub use evidence::Evidence;
+pub use limit_surface::mean_speed;
 pub use local::solve_contact;
+pub use patch::{Role, solve_patch};
 pub use portfolio::{Attempt, Coulomb, Limits, Method, Report};
 pub use problem::{CoulombProblem, CoulombProblemError};

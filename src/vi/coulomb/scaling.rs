@@ -5,6 +5,7 @@
 
 use super::CoulombProblem;
 use super::cone::FrictionCone;
+use super::patch::Role;
 use nalgebra::Vector3;
 
 /// The residual of a point.
@@ -39,10 +40,17 @@ impl Scaling {
             let d = (problem.matrix().diagonal(k).trace() / 3.0).powf(-0.5);
             if d.is_finite() && d > 0.0 { d } else { 1.0 }
         }));
+        // A patch has one unit: that of its force.
+        for k in (0..problem.contacts()).filter(|&k| problem.role(k) == Role::Torque) {
+            self.d[k] = self.d[k - 1];
+        }
         problem.scale_into(&self.d, &mut self.problem);
     }
 
     pub fn residual(&self, r: &[Vector3<f64>]) -> Residual {
+        if self.problem.has_patches() {
+            return self.residual_with_patches(r);
+        }
         let (mut scaled, mut plain) = ([0.0; 4], [0.0; 4]);
         for (k, &r_k) in r.iter().enumerate() {
             let u = self.problem.velocity(k, r);
@@ -53,13 +61,21 @@ impl Scaling {
                 }
             }
         }
-        let [map, q, r, u] = scaled.map(f64::sqrt);
-        if map == 0.0 || map.is_nan() {
-            return Residual { relative: map, strict: map };
+        Residual::of(scaled, plain)
+    }
+
+    fn residual_with_patches(&self, r: &[Vector3<f64>]) -> Residual {
+        let u: Vec<Vector3<f64>> = (0..r.len()).map(|k| self.problem.velocity(k, r)).collect();
+        let (mut scaled, mut plain) = ([0.0; 4], [0.0; 4]);
+        for (sums, power) in [(&mut scaled, 0), (&mut plain, 1)] {
+            let unit = |k: usize| self.d[k].powi(power);
+            let of = |k: usize, map: Vector3<f64>| {
+                let terms = [map, self.problem.q()[k] / unit(k), r[k] * unit(k), u[k] / unit(k)];
+                sums.iter_mut().zip(terms).for_each(|(sum, v)| *sum += v.norm_squared());
+            };
+            self.problem.natural_maps(|k| r[k] * unit(k), |k| u[k] / unit(k), of);
         }
-        let [plain_map, plain_q, plain_r, plain_u] = plain.map(f64::sqrt);
-        let relative = (map / q.max(r).max(u)).max(plain_map / plain_q.max(plain_r).max(plain_u));
-        Residual { relative, strict: relative.max(map / (q.max(u) + (IMPULSE_ROOM * r).min(LARGEST_ROOM * q))) }
+        Residual::of(scaled, plain)
     }
 
     pub fn scale<'a>(&'a self, r: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {
@@ -68,5 +84,18 @@ impl Scaling {
 
     pub fn unscale<'a>(&'a self, r: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {
         r.iter().zip(&self.d).map(|(r, d)| r * *d)
+    }
+}
+
+impl Residual {
+    /// The residual from the squared norms of map, `q`, `r` and `u`.
+    fn of(scaled: [f64; 4], plain: [f64; 4]) -> Self {
+        let [map, q, r, u] = scaled.map(f64::sqrt);
+        if map == 0.0 || map.is_nan() {
+            return Residual { relative: map, strict: map };
+        }
+        let [plain_map, plain_q, plain_r, plain_u] = plain.map(f64::sqrt);
+        let relative = (map / q.max(r).max(u)).max(plain_map / plain_q.max(plain_r).max(plain_u));
+        Residual { relative, strict: relative.max(map / (q.max(u) + (IMPULSE_ROOM * r).min(LARGEST_ROOM * q))) }
     }
 }
