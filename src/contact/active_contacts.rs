@@ -75,12 +75,14 @@ impl ActiveContacts {
         h: f64,
     ) -> Contacts<'a> {
         let Self { delassus, mu, cone, .. } = self;
+        let delassus = crate::law::Delassus::Blocks(delassus);
         Contacts { delassus, free, before, gap, mu, restitution, cone, h }
     }
 
     /// Input of the contact law without friction, restitution and gaps.
     pub fn without_friction<'a>(&'a self, free: &'a [Vector3<f64>]) -> Contacts<'a> {
         let Self { delassus, cone, zeros, none, .. } = self;
+        let delassus = crate::law::Delassus::Blocks(delassus);
         Contacts { delassus, free, before: zeros, gap: none, mu: none, restitution: none, cone, h: 1.0 }
     }
 

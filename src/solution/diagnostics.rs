@@ -124,6 +124,10 @@ pub struct ViCounts {
     pub pivots: u64,
     /// The largest natural-map residual of an accepted step.
     pub largest_residual: f64,
+    /// The largest residual of the law of contact with a proximal term, which is solved where contacts are too many for the
+    /// law itself.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub largest_proximal_residual: Option<f64>,
     /// The solvers that failed before another succeeded.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tried: Vec<Tried>,

@@ -7,6 +7,7 @@ use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, 
 use analysis::Analysis;
 use contact::Settings;
 use contact::energy::Energy;
+use contact::law::worse_of;
 use models::rigid_bodies::{Body, Law, MoreauStepping, Motion, MultibodySystem, StepFailure, between};
 use problem::Control;
 
@@ -274,6 +275,8 @@ impl<'a> RigidBodyRun<'a> {
         self.work.solves += report.solves;
         self.work.pivots += report.iterations;
         self.work.largest_residual = self.work.largest_residual.max(report.residual);
+        self.work.largest_proximal_residual =
+            worse_of(self.work.largest_proximal_residual, report.proximal_residual);
         if report.solves > 0 {
             self.work.solver = report.solver;
         }

@@ -1,16 +1,20 @@
 //! Memory estimate of the contact law for one island, known before assembly. `W` has a block for every pair of contacts
-//! on one body, so that it grows with the square of the number of contacts of that body.
+//! on one body, so that it grows with the square of the number of contacts of that body; its factors grow with the number
+//! of contacts.
 
-use super::{Cone, MOST_FACTORISED};
+use super::{Cone, MOST_FACTORISED, is_factored};
 use nalgebra::{Matrix3, Vector3};
+use vi::coulomb::Grip;
 
 /// The size of the contact problem of one island.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Size {
     /// The number of contacts.
     pub contacts: usize,
-    /// The number of assembled blocks of `W`.
+    /// The number of blocks of `W`, if they are assembled.
     pub blocks: usize,
+    /// Whether contacts are coupled through bodies alone, so that many contacts need the factors of `W` only.
+    pub has_factors: bool,
     /// The admissible set of friction; `None` without friction.
     pub friction: Option<Cone>,
 }
@@ -21,6 +25,8 @@ const BLOCK: usize = size_of::<Matrix3<f64>>() + size_of::<usize>();
 const COPIES: usize = 4;
 /// Bytes of a block during assembly.
 const ENTRY: usize = size_of::<(usize, usize, Matrix3<f64>)>();
+/// Bytes of the factors of a contact, as given and as scaled, with its diagonal block.
+const FACTORS: usize = 2 * size_of::<(Grip, [u32; 2])>() + 2 * size_of::<Matrix3<f64>>();
 /// Vectors of impulses and velocities: data, iterates, and the history of the acceleration of sweeps.
 const VECTORS: usize = 40;
 /// Dense matrices of Newton's method and of ADMM, each with its factors; and those of complementary pivoting.
@@ -30,9 +36,15 @@ const PIVOTED: usize = 2;
 impl Size {
     /// Bytes needed to solve for the impulses.
     pub fn bytes(&self) -> usize {
-        let blocks = self.blocks.saturating_mul(COPIES * BLOCK + ENTRY);
+        let in_factors = self.has_factors && is_factored(self.contacts, self.friction);
+        let operator = if in_factors {
+            self.contacts.saturating_mul(FACTORS)
+        } else {
+            self.blocks.saturating_mul(COPIES * BLOCK + ENTRY)
+        };
         let vectors = self.contacts.saturating_mul(VECTORS * size_of::<Vector3<f64>>());
-        blocks.saturating_add(vectors).saturating_add(self.dense_numbers().saturating_mul(size_of::<f64>()))
+        let dense = if in_factors { 0 } else { self.dense_numbers().saturating_mul(size_of::<f64>()) };
+        operator.saturating_add(vectors).saturating_add(dense)
     }
 
     fn dense_numbers(&self) -> usize {

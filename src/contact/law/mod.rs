@@ -29,11 +29,11 @@ pub use memory::Size;
 pub use sequential::sequential;
 pub use varying::{Coefficients, admissible};
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use polyhedral::Polyhedral;
 use problem::Control;
 use vi::Outcome;
-use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, Evidence, Limits};
+use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, Factored, Limits, ProximalSweeps};
 
 /// The admissible set of friction impulses, for `mu r_n = 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,12 +45,39 @@ pub enum Cone {
     Polyhedral(usize),
 }
 
+/// The Delassus operator.
+#[derive(Clone, Copy, Debug)]
+pub enum Delassus<'a> {
+    /// By its blocks.
+    Blocks(&'a BlockMatrix),
+    /// By its factors, for many contacts; see [`is_factored`].
+    Factors(&'a Factored),
+}
+
+impl Delassus<'_> {
+    /// `W r`.
+    pub fn product(&self, r: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        match self {
+            Self::Blocks(blocks) => (0..r.len()).map(|k| blocks.row_product(k, r)).collect(),
+            Self::Factors(factors) => factors.product(r),
+        }
+    }
+
+    /// The block `W_kk`.
+    fn diagonal(&self, k: usize) -> Matrix3<f64> {
+        match self {
+            Self::Blocks(blocks) => *blocks.diagonal(k),
+            Self::Factors(factors) => factors.diagonal(k),
+        }
+    }
+}
+
 /// The contacts of one step.
 #[derive(Clone, Copy, Debug)]
 pub struct Contacts<'a> {
     /// `W`, in 3 x 3 blocks; a direction in which a contact cannot slip has any positive diagonal entry and zeros in
     /// its row and column.
-    pub delassus: &'a BlockMatrix,
+    pub delassus: Delassus<'a>,
     /// `u_free`, the velocities at the end of the step without impulses.
     pub free: &'a [Vector3<f64>],
     /// `u-`, the velocities at the beginning of the step.
@@ -80,6 +107,8 @@ pub struct Report {
     pub iterations: u64,
     /// The residual of the law, relative to the larger of velocities and impulses.
     pub residual: f64,
+    /// The residual of the law with a proximal term, which is solved if the contacts are too many for the law itself.
+    pub proximal_residual: Option<f64>,
     /// The fraction of the restitution that was applied: below one if the whole would have added energy.
     pub restitution: f64,
 }
@@ -87,7 +116,19 @@ pub struct Report {
 impl Report {
     /// The report of no problem.
     pub fn none() -> Self {
-        Self { outcome: Outcome::Solved, solver: "none", solves: 0, iterations: 0, residual: 0.0, restitution: 1.0 }
+        Self { outcome: Outcome::Solved, solver: "none", solves: 0, iterations: 0, residual: 0.0, proximal_residual: None, restitution: 1.0 }
+    }
+
+    /// Takes the result of a solve of Coulomb's law, with its residual with a proximal term, if it has one.
+    fn take(&mut self, solved: vi::coulomb::Report, proximal: Option<f64>) {
+        self.solver = solved.attempts.last().map_or("start", |attempt| attempt.method.name());
+        self.iterations += solved.attempts.iter().map(|attempt| attempt.iterations as u64).sum::<u64>();
+        self.residual = solved.evidence.relative;
+        self.proximal_residual = proximal;
+        self.outcome = match solved.outcome {
+            Outcome::Limit if proximal.unwrap_or(self.residual) <= UNSOLVED => Outcome::Solved,
+            outcome => outcome,
+        };
     }
 
     /// Adds the work of an earlier solve to the report.
@@ -103,16 +144,23 @@ impl Report {
         Self {
             outcome: worse.outcome,
             residual: self.residual.max(other.residual),
+            proximal_residual: worse_of(self.proximal_residual, other.proximal_residual),
             restitution: self.restitution.min(other.restitution),
             ..self
         }
     }
 }
 
+/// The larger of two residuals, of which either may be missing.
+pub fn worse_of(a: Option<f64>, b: Option<f64>) -> Option<f64> {
+    a.into_iter().chain(b).reduce(f64::max)
+}
+
 /// The solvers of the law, with their workspace.
 #[derive(Debug)]
 pub struct Law {
     coulomb: Coulomb,
+    proximal: ProximalSweeps,
     problem: CoulombProblem,
     polyhedral: Polyhedral,
     target: Vec<f64>,
@@ -132,6 +180,12 @@ const MOST_FACTORISED: usize = 600;
 /// Largest number of frictionless contacts for dense pivoting; above it sweeps and sparse factors cost less.
 const MOST_PIVOTED: usize = 100;
 
+/// Whether the contacts of an island are so many that the law needs the factors of their Delassus operator, and not its
+/// blocks.
+pub fn is_factored(contacts: usize, friction: Option<Cone>) -> bool {
+    contacts > MOST_FACTORISED && friction.is_none_or(|cone| cone == Cone::Quadratic)
+}
+
 /// The admissible set of a contact that can slip in one direction only.
 const SEGMENT: Cone = Cone::Polyhedral(2);
 
@@ -148,6 +202,7 @@ impl Law {
                 factorised: MOST_FACTORISED,
                 ..Limits::default()
             }),
+            proximal: ProximalSweeps::default(),
             problem: CoulombProblem::default(),
             polyhedral: Polyhedral::default(),
             target: Vec::new(),
@@ -196,11 +251,19 @@ impl Law {
         let shifted = contacts.free.iter().zip(&self.target);
         let q: Vec<Vector3<f64>> = shifted.map(|(u, w)| Vector3::new(u.x - w, u.y, u.z)).collect();
         report.solves += 1;
+        let blocks = match contacts.delassus {
+            Delassus::Blocks(blocks) => blocks,
+            Delassus::Factors(factors) => {
+                let solved = self.proximal.solve(factors, &q, contacts.mu, r, &self.coulomb.limits, control);
+                report.take(solved.report, Some(solved.solved));
+                return;
+            }
+        };
         let round = |k: usize| contacts.mu[k] > 0.0 && contacts.cone[k] == Cone::Quadratic;
         let faceted = |k: usize| contacts.mu[k] > 0.0 && contacts.cone[k] != Cone::Quadratic;
         let pivots = r.len() <= MOST_PIVOTED || (0..r.len()).any(faceted);
         if pivots && !(0..r.len()).any(round) {
-            self.polyhedral.solve(contacts, &q, r, report, control);
+            self.polyhedral.solve(contacts, blocks, &q, r, report, control);
             let over = matches!(report.outcome, Outcome::Solved | Outcome::Interrupted);
             if over || (0..r.len()).any(|k| faceted(k) && contacts.cone[k] != SEGMENT) {
                 return;
@@ -210,16 +273,9 @@ impl Law {
             r.fill(Vector3::zeros());
             report.solves += 1;
         }
-        if self.problem.replace(contacts.delassus, &q, contacts.mu).is_ok() {
+        if self.problem.replace(blocks, &q, contacts.mu).is_ok() {
             let solved = self.coulomb.solve(&self.problem, r, control);
-            let Evidence { relative, .. } = solved.evidence;
-            report.solver = solved.attempts.last().map_or("start", |attempt| attempt.method.name());
-            report.iterations += solved.attempts.iter().map(|attempt| attempt.iterations as u64).sum::<u64>();
-            report.residual = relative;
-            report.outcome = match solved.outcome {
-                Outcome::Limit if relative <= UNSOLVED => Outcome::Solved,
-                outcome => outcome,
-            };
+            report.take(solved, None);
         } else {
             report.outcome = Outcome::Breakdown;
         }
@@ -266,9 +322,9 @@ impl Law {
 }
 
 impl Contacts<'_> {
-    /// `u+` of contact `k`.
-    pub fn after(&self, k: usize, r: &[Vector3<f64>]) -> Vector3<f64> {
-        self.delassus.row_product(k, r) + self.free[k]
+    /// `u+` of every contact.
+    pub fn after(&self, r: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        self.delassus.product(r).iter().zip(self.free).map(|(change, free)| change + free).collect()
     }
 
     /// Whether the contact can rebound.
@@ -283,9 +339,8 @@ impl Contacts<'_> {
 
     /// The dissipation `-<r, u+ + u->/2`, and the size of its terms.
     fn dissipation(&self, r: &[Vector3<f64>]) -> (f64, f64) {
-        (0..r.len()).fold((0.0, 0.0), |(sum, size), k| {
-            let (after, before) = (self.after(k, r), self.before[k]);
-            (sum - 0.5 * r[k].dot(&(after + before)), size + r[k].norm() * (after.norm() + before.norm()))
+        self.after(r).iter().zip(self.before).zip(r).fold((0.0, 0.0), |(sum, size), ((after, before), r)| {
+            (sum - 0.5 * r.dot(&(after + before)), size + r.norm() * (after.norm() + before.norm()))
         })
     }
 }

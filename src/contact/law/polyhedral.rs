@@ -14,6 +14,7 @@
 use super::{Cone, Contacts, Report};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use problem::{Control, ConvexSet};
+use vi::coulomb::BlockMatrix;
 use vi::{AffineVi, Lemke, Outcome, ViSolver};
 
 /// The complementarity problem and its solver.
@@ -47,13 +48,14 @@ impl Polyhedral {
     pub fn solve(
         &mut self,
         contacts: &Contacts<'_>,
+        delassus: &BlockMatrix,
         q: &[Vector3<f64>],
         r: &mut [Vector3<f64>],
         report: &mut Report,
         control: &Control,
     ) {
         self.units.clear();
-        self.units.extend((0..r.len()).map(|k| unit(contacts.delassus.diagonal(k))));
+        self.units.extend((0..r.len()).map(|k| unit(delassus.diagonal(k))));
         let last = std::mem::take(&mut self.unknowns);
         for k in 0..r.len() {
             self.unknowns.push((k, Unknown::Impulse(Vector3::x())));
@@ -72,7 +74,7 @@ impl Polyhedral {
             self.z.clear();
             self.z.resize(m, 0.0);
         }
-        let matrix = DMatrix::from_fn(m, m, |i, j| self.entry(contacts, i, j));
+        let matrix = DMatrix::from_fn(m, m, |i, j| self.entry(contacts, delassus, i, j));
         let q: Vec<f64> = self
             .unknowns
             .iter()
@@ -102,12 +104,12 @@ impl Polyhedral {
         };
     }
 
-    fn entry(&self, contacts: &Contacts<'_>, i: usize, j: usize) -> f64 {
+    fn entry(&self, contacts: &Contacts<'_>, delassus: &BlockMatrix, i: usize, j: usize) -> f64 {
         let ((k, row), (l, column)) = (self.unknowns[i], self.unknowns[j]);
         match (row, column) {
             (Unknown::Impulse(row), Unknown::Impulse(column)) => {
                 let units = self.units[k] * self.units[l];
-                contacts.delassus.block(k, l).map_or(0.0, |block| row.dot(&(block * column)) * units)
+                delassus.block(k, l).map_or(0.0, |block| row.dot(&(block * column)) * units)
             }
             (Unknown::Impulse(row), Unknown::Slip) if k == l && row.x == 0.0 => 1.0,
             (Unknown::Slip, Unknown::Impulse(column)) if k == l => {

@@ -3,7 +3,7 @@
 //! cradle), where the simultaneous law gives every ball a share at once. Between two contacts with `e < 1` strikes may
 //! follow each other without end; beyond a limit the remaining approach is left to the simultaneous law.
 
-use super::Contacts;
+use super::{Contacts, Delassus};
 use nalgebra::Vector3;
 use vi::coulomb::solve_contact;
 
@@ -24,11 +24,16 @@ pub fn sequential(contacts: &Contacts<'_>) -> Vec<(usize, Vector3<f64>)> {
         let closed = |k: &usize| u[*k].x < -least && contacts.closes(*k, u[*k].x);
         let Some(k) = (0..n).filter(closed).min_by(|&a, &b| u[a].x.total_cmp(&u[b].x)) else { break };
         let q = Vector3::new((1.0 + contacts.restitution[k]) * u[k].x, u[k].y, u[k].z);
-        let Some(strike) = solve_contact(contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };
+        let Some(strike) = solve_contact(&contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };
         strikes.push((k, strike));
-        // W is symmetric up to rounding: row k equals column k.
-        for (l, block) in contacts.delassus.row(k) {
-            u[l] += block.transpose() * strike;
+        match contacts.delassus {
+            // W is symmetric up to rounding: row k equals column k.
+            Delassus::Blocks(blocks) => blocks.row(k).for_each(|(l, block)| u[l] += block.transpose() * strike),
+            Delassus::Factors(factors) => {
+                let mut alone = vec![Vector3::zeros(); n];
+                alone[k] = strike;
+                u.iter_mut().zip(factors.product(&alone)).for_each(|(u, change)| *u += change);
+            }
         }
     }
     strikes

@@ -24,7 +24,7 @@ fn strike(
 ) -> (Vec<Vector3<f64>>, Report) {
     let n = before.len();
     let contacts = Contacts {
-        delassus,
+        delassus: Delassus::Blocks(delassus),
         free: before,
         before,
         gap: &vec![0.0; n],
@@ -72,7 +72,7 @@ fn balls_struck_one_after_the_other_hand_the_blow_to_the_last() {
     let delassus = line(&masses);
     let before = [Vector3::new(-1.0, 0.0, 0.0), Vector3::zeros(), Vector3::zeros(), Vector3::zeros()];
     let contacts = Contacts {
-        delassus: &delassus,
+        delassus: Delassus::Blocks(&delassus),
         free: &before,
         before: &before,
         gap: &[0.0; 4],
@@ -132,7 +132,7 @@ fn an_open_gap_may_close_and_no_more() {
     let delassus = BlockMatrix::from_blocks(1, [(0, 0, Matrix3::identity())]).unwrap();
     let free = [Vector3::new(-3.0, 0.0, 0.0)];
     let contacts = Contacts {
-        delassus: &delassus,
+        delassus: Delassus::Blocks(&delassus),
         free: &free,
         before: &free,
         gap: &[2e-3],
@@ -160,7 +160,7 @@ fn polygons_with_more_corners_come_to_the_disk() {
     let free = [Vector3::new(-1.0, 2.0, 0.5), Vector3::new(-2.0, -1.0, 1.0), Vector3::new(-0.5, 0.3, -2.0)];
     let solve = |cone: Cone| {
         let contacts = Contacts {
-            delassus: &delassus,
+            delassus: Delassus::Blocks(&delassus),
             free: &free,
             before: &free,
             gap: &[0.0; 3],
@@ -208,7 +208,7 @@ fn a_block_on_two_corners_whose_slips_differ_by_rounding_is_struck_by_the_law() 
             let delassus = BlockMatrix::from_blocks(2, places.map(|(k, l)| (k, l, block(k, l))).to_vec()).unwrap();
             let before = corners.map(|rows| Vector3::from_fn(|i, _| (0..3).map(|n| rows[i][n] * v[n]).sum()));
             let contacts = Contacts {
-                delassus: &delassus,
+                delassus: Delassus::Blocks(&delassus),
                 free: &before,
                 before: &before,
                 gap: &[0.0; 2],

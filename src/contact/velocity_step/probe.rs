@@ -225,12 +225,13 @@ impl VelocityStep<'_> {
         if report.outcome != Outcome::Solved {
             return Err(ContactError::Unsolved { t: state.t, contacts: contacts.len(), residual: report.residual });
         }
+        let after = law.after(&r);
         let probed = |i: usize| Probed {
             contact: contacts[i],
             r: r[i],
             before: before[i],
             free: free[i],
-            after: law.after(i, &r),
+            after: after[i],
             rounding: rounding[i],
             change: near.change(i, &(free[i] - before[i]), &r[i]),
             mu: near.friction()[i],

@@ -9,7 +9,7 @@ use super::contact::Contact;
 use super::motion::Motion;
 use nalgebra::Matrix3;
 use problem::Control;
-use vi::coulomb::BlockMatrix;
+use vi::coulomb::{BlockMatrix, Factored, Grip, Mobility};
 
 /// Rows assembled between two polls of [`Control`].
 const ROWS_AT_ONCE: usize = 1 << 6;
@@ -74,4 +74,15 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
 /// `W` of an island without joints; `None` if `control` asks to stop.
 pub fn matrix(contacts: &[Contact], moving: &[Motion], control: &Control) -> Option<BlockMatrix> {
     BlockMatrix::from_blocks(contacts.len(), blocks(contacts, moving, control)?)
+}
+
+/// `W` of an island without joints, in factors.
+pub fn factors(contacts: &[Contact], moving: &[Motion]) -> Factored {
+    let mobility = |motion: &Motion| Mobility { linear: motion.mass.recip(), angular: motion.mobility };
+    let grip = |contact: &Contact| Grip {
+        bodies: contact.bodies,
+        linear: contact.frame,
+        angular: [-contact.angular(0), contact.angular(1)],
+    };
+    Factored::new(moving.iter().map(mobility), contacts.iter().map(grip))
 }

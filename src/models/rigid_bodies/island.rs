@@ -23,11 +23,10 @@ use super::prescribed::{Ground, Grounding};
 use super::scene::MultibodySystem;
 use super::signals::Signals;
 use contact::ImpactLaw;
-use contact::law::{Coefficients, Cone, Contacts, Law, Report, sequential};
+use contact::law::{Coefficients, Cone, Contacts, Delassus, Law, Report, is_factored, sequential};
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
 use vi::Outcome;
-use vi::coulomb::BlockMatrix;
 
 /// Data shared by all islands of a multibody system.
 #[derive(Debug)]
@@ -286,13 +285,22 @@ impl Island {
         }
         self.steps = 1;
         // On interruption the caller discards the island.
-        let Some(matrix) = delassus::matrix(&self.contacts, &self.moving, control) else { return };
+        let is_rough = self.contacts.iter().any(|contact| contact.law.is_rough());
+        let (blocks, factors);
+        let matrix = if is_factored(self.contacts.len(), is_rough.then_some(self.cone)) {
+            factors = delassus::factors(&self.contacts, &self.moving);
+            Delassus::Factors(&factors)
+        } else {
+            let Some(assembled) = delassus::matrix(&self.contacts, &self.moving, control) else { return };
+            blocks = assembled;
+            Delassus::Blocks(&blocks)
+        };
         let moving = &self.moving;
         let of = |body: u32| (moving[body as usize].velocity, moving[body as usize].omega);
         let free = self.contacts.iter().map(|contact| contact.velocity(of) + Vector3::x() * contact.bias).collect();
         let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
         let impulses = self.contacts.iter().map(|contact| contact.impulse).collect();
-        let impulses = self.impulses(&matrix, free, &gaps, true, h, impulses, law, control);
+        let impulses = self.impulses(matrix, free, &gaps, true, h, impulses, law, control);
         for (contact, impulse) in self.contacts.iter_mut().zip(impulses) {
             contact.impulse = impulse;
             for side in [0, 1] {
@@ -335,7 +343,7 @@ impl Island {
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn impulses(
         &mut self,
-        matrix: &BlockMatrix,
+        delassus: Delassus<'_>,
         mut free: Vec<Vector3<f64>>,
         gap: &[f64],
         rebounds: bool,
@@ -360,10 +368,9 @@ impl Island {
         let (restitution, cone) = (&restitution[..], &cone[..]);
         if rebounds && self.impact_law == ImpactLaw::Sequential {
             let contacts =
-                Contacts { delassus: matrix, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
+                Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
             sequential(&contacts).into_iter().for_each(|(k, strike)| struck[k] += strike);
-            for k in 0..gap.len() {
-                let change = matrix.row_product(k, &struck);
+            for (k, change) in delassus.product(&struck).iter().enumerate() {
                 before[k] += change;
                 free[k] += change;
             }
@@ -371,11 +378,11 @@ impl Island {
         let mut coefficients = Coefficients::default();
         loop {
             let contacts =
-                Contacts { delassus: matrix, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
+                Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
             let mut report = law.impulses(&contacts, &mut r, control);
             let mut is_over = !varies || report.outcome != Outcome::Solved;
             if !is_over {
-                let after: Vec<Vector3<f64>> = (0..r.len()).map(|k| contacts.after(k, &r)).collect();
+                let after = contacts.after(&r);
                 let mut due = mu.clone();
                 if !self.take_coefficients(&after, h, &mut due) {
                     report.outcome = Outcome::Breakdown;

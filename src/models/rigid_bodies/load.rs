@@ -1,6 +1,7 @@
 //! Memory estimate for the contacts of a multibody system, updated while contacts are detected and before matrices are
 //! assembled. All contacts on the same body are coupled, and so are all contacts of an island on bodies with joints:
-//! the matrix size grows as the square of the number of contacts on a body.
+//! the matrix size grows as the square of the number of contacts on a body, but where the contacts of an island without
+//! joints are so many that factors of the matrix take its place.
 //!
 //! Islands are disjoint sets of bodies, merged as contacts are found (union-find, Tarjan 1975). Islands are solved in
 //! parallel, as many at a time as there are threads; the estimate assumes that these are the largest.
@@ -191,7 +192,9 @@ impl Island {
     fn bytes(&self, friction: Option<Cone>) -> usize {
         // Blocks of contacts coupled through joints, besides blocks of contacts on the same body.
         let coupled = self.joined.saturating_mul(self.joined);
-        let size = Size { contacts: self.contacts, blocks: self.blocks.saturating_add(coupled), friction };
+        let blocks = self.blocks.saturating_add(coupled);
+        let has_factors = self.joined == 0;
+        let size = Size { contacts: self.contacts, blocks, has_factors, friction };
         size.bytes().saturating_add(coupled.saturating_mul(OF_COUPLING)).saturating_add(self.linkages)
     }
 }

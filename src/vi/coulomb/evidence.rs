@@ -23,15 +23,21 @@ pub struct Evidence {
 impl Evidence {
     /// Evaluates the residuals at `r`; NaN if a value is not finite.
     pub fn of(problem: &CoulombProblem, r: &[Vector3<f64>]) -> Self {
+        Self::of_contacts((0..r.len()).map(|k| (problem.mu()[k], problem.q()[k], r[k], problem.velocity(k, r))))
+    }
+
+    /// Evaluates the residuals of contacts with their `mu`, `q`, `r` and `u`.
+    pub(super) fn of_contacts(
+        contacts: impl Iterator<Item = (f64, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
+    ) -> Self {
         let mut evidence = Self::default();
         let (mut map, mut q_norm, mut r_norm, mut u_norm) = (0.0, 0.0, 0.0, 0.0);
-        for (k, (r_k, (q, &mu))) in r.iter().zip(problem.q().iter().zip(problem.mu())).enumerate() {
-            let u = problem.velocity(k, r);
-            map += FrictionCone { mu }.natural_map(*r_k, u).norm_squared();
+        for (mu, q, r_k, u) in contacts {
+            map += FrictionCone { mu }.natural_map(r_k, u).norm_squared();
             q_norm += q.norm_squared();
             r_norm += r_k.norm_squared();
             u_norm += u.norm_squared();
-            let (slip, friction) = (tangent(&u), tangent(r_k));
+            let (slip, friction) = (tangent(&u), tangent(&r_k));
             evidence.signorini = evidence.signorini.max(r_k.x.min(u.x).abs());
             evidence.cone_violation = evidence.cone_violation.max(friction.norm() - mu * r_k.x);
             let gap = (friction.dot(&slip) + mu * r_k.x * slip.norm()).abs();

@@ -40,7 +40,7 @@ pub fn solve_contact(matrix: &Matrix3<f64>, q: &Vector3<f64>, mu: f64) -> Option
 pub(super) enum Diagonal {
     /// Normal and tangents are decoupled, and the tangents are isotropic, as for spheres: stick and slip have closed
     /// forms with `1 / W_nn` and `1 / W_tt`.
-    Isotropic { of_normal: f64, of_tangent: f64 },
+    Isotropic { w_nn: f64, w_tt: f64, of_normal: f64, of_tangent: f64 },
     /// Any other matrix.
     Full(Matrix3<f64>),
 }
@@ -63,9 +63,18 @@ impl Diagonal {
         ];
         let w_nn = matrix[(0, 0)];
         if w_nn > 0.0 && w_tt > 0.0 && rest.iter().all(|x| x.abs() <= DECOUPLED * w_tt) {
-            Self::Isotropic { of_normal: w_nn.recip(), of_tangent: w_tt.recip() }
+            Self::Isotropic { w_nn, w_tt, of_normal: w_nn.recip(), of_tangent: w_tt.recip() }
         } else {
             Self::Full(*matrix)
+        }
+    }
+
+    /// `W r`.
+    #[inline]
+    pub fn times(&self, r: &Vector3<f64>) -> Vector3<f64> {
+        match *self {
+            Self::Isotropic { w_nn, w_tt, .. } => Vector3::new(w_nn * r.x, w_tt * r.y, w_tt * r.z),
+            Self::Full(ref matrix) => matrix * r,
         }
     }
 
@@ -76,7 +85,7 @@ impl Diagonal {
             return Some(Vector3::zeros());
         }
         match *self {
-            Self::Isotropic { of_normal, of_tangent } => {
+            Self::Isotropic { of_normal, of_tangent, .. } => {
                 let normal = -q.x * of_normal;
                 let stick = tangent(&q) * -of_tangent;
                 let (size, radius) = (stick.norm_squared(), mu * normal);

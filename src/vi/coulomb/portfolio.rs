@@ -6,7 +6,8 @@
 //! 4. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
 //!    state, so that nothing is lost if Newton fails again.
 //!
-//! If contacts are too many for a factorisation, sweeps only, up to their limit.
+//! If contacts are too many for a factorisation, sweeps only, up to their limit; where the operator is known in factors,
+//! [`ProximalSweeps`](super::ProximalSweeps) go on.
 //!
 //! No method decides on its own success: the residual is recomputed from the problem.
 

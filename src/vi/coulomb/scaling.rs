@@ -5,7 +5,7 @@
 
 use super::CoulombProblem;
 use super::cone::FrictionCone;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// The residual of a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -35,31 +35,16 @@ pub(super) struct Scaling {
 impl Scaling {
     pub fn fit(&mut self, problem: &CoulombProblem) {
         self.d.clear();
-        self.d.extend((0..problem.contacts()).map(|k| {
-            let d = (problem.matrix().diagonal(k).trace() / 3.0).powf(-0.5);
-            if d.is_finite() && d > 0.0 { d } else { 1.0 }
-        }));
+        self.d.extend((0..problem.contacts()).map(|k| unit(problem.matrix().diagonal(k))));
         problem.scale_into(&self.d, &mut self.problem);
     }
 
     pub fn residual(&self, r: &[Vector3<f64>]) -> Residual {
-        let (mut scaled, mut plain) = ([0.0; 4], [0.0; 4]);
-        for (k, &r_k) in r.iter().enumerate() {
-            let u = self.problem.velocity(k, r);
-            let (cone, q, d) = (FrictionCone { mu: self.problem.mu()[k] }, self.problem.q()[k], self.d[k]);
-            for (sums, r, u, q) in [(&mut scaled, r_k, u, q), (&mut plain, r_k * d, u / d, q / d)] {
-                for (sum, v) in sums.iter_mut().zip([cone.natural_map(r, u), q, r, u]) {
-                    *sum += v.norm_squared();
-                }
-            }
-        }
-        let [map, q, r, u] = scaled.map(f64::sqrt);
-        if map == 0.0 || map.is_nan() {
-            return Residual { relative: map, strict: map };
-        }
-        let [plain_map, plain_q, plain_r, plain_u] = plain.map(f64::sqrt);
-        let relative = (map / q.max(r).max(u)).max(plain_map / plain_q.max(plain_r).max(plain_u));
-        Residual { relative, strict: relative.max(map / (q.max(u) + (IMPULSE_ROOM * r).min(LARGEST_ROOM * q))) }
+        let contact = |(k, r_k): (usize, &Vector3<f64>)| {
+            let cone = FrictionCone { mu: self.problem.mu()[k] };
+            (cone, self.d[k], *r_k, self.problem.velocity(k, r), self.problem.q()[k])
+        };
+        residual(r.iter().enumerate().map(contact))
     }
 
     pub fn scale<'a>(&'a self, r: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {
@@ -69,4 +54,31 @@ impl Scaling {
     pub fn unscale<'a>(&'a self, r: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {
         r.iter().zip(&self.d).map(|(r, d)| r * *d)
     }
+}
+
+/// The scale `d_k` of a contact with the block `W_kk`.
+pub(super) fn unit(diagonal: &Matrix3<f64>) -> f64 {
+    let d = (diagonal.trace() / 3.0).powf(-0.5);
+    if d.is_finite() && d > 0.0 { d } else { 1.0 }
+}
+
+/// The residual of contacts with their cone, `d`, and the scaled `r`, `u` and `q`.
+pub(super) fn residual(
+    contacts: impl Iterator<Item = (FrictionCone, f64, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
+) -> Residual {
+    let (mut scaled, mut plain) = ([0.0; 4], [0.0; 4]);
+    for (cone, d, r, u, q) in contacts {
+        for (sums, r, u, q) in [(&mut scaled, r, u, q), (&mut plain, r * d, u / d, q / d)] {
+            for (sum, v) in sums.iter_mut().zip([cone.natural_map(r, u), q, r, u]) {
+                *sum += v.norm_squared();
+            }
+        }
+    }
+    let [map, q, r, u] = scaled.map(f64::sqrt);
+    if map == 0.0 || map.is_nan() {
+        return Residual { relative: map, strict: map };
+    }
+    let [plain_map, plain_q, plain_r, plain_u] = plain.map(f64::sqrt);
+    let relative = (map / q.max(r).max(u)).max(plain_map / plain_q.max(plain_r).max(plain_u));
+    Residual { relative, strict: relative.max(map / (q.max(u) + (IMPULSE_ROOM * r).min(LARGEST_ROOM * q))) }
 }

@@ -94,6 +94,8 @@ pub struct ContactReport {
     pub solver: &'static str,
     /// The largest residual of the contact law.
     pub residual: f64,
+    /// The largest residual of the law with a proximal term, which is solved in islands of many contacts.
+    pub proximal_residual: Option<f64>,
     /// Whether a restitution was reduced because it would have added energy.
     pub is_limited: bool,
 }
@@ -106,6 +108,7 @@ impl ContactReport {
         self.solver = law.solver;
         let residual = if law.outcome == Outcome::Breakdown { f64::INFINITY } else { law.residual };
         self.residual = self.residual.max(residual);
+        self.proximal_residual = law::worse_of(self.proximal_residual, law.proximal_residual);
         self.is_limited |= law.restitution < 1.0;
     }
 }

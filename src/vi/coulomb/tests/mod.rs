@@ -1,6 +1,7 @@
 //! Coulomb's law against independent solutions: closed forms, statics, another solver.
 
 mod closed_forms;
+mod factors;
 mod local;
 mod parts;
 mod stacks;

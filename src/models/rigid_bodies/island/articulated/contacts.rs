@@ -9,7 +9,7 @@ use super::restoration::restore;
 use super::{
     Ended, Guess, Home, ITERATIONS, Kept, LOSS, LOSS_IN_IMPACTS, ROOM, STAGNANT, STIFF, end, iterate, stiffness,
 };
-use contact::law::Law;
+use contact::law::{Delassus, Law};
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
 use vi::Outcome;
@@ -170,7 +170,7 @@ impl Island {
                 start[k] + compliance.whole.row_product(k, &next) - compliance.symmetric.row_product(k, &next)
             };
             let free: Vec<Vector3<f64>> = (0..p.len()).map(of).collect();
-            let impulses = self.impulses(&compliance.symmetric, free, gaps, false, h, next.clone(), law, control);
+            let impulses = self.impulses(Delassus::Blocks(&compliance.symmetric), free, gaps, false, h, next.clone(), law, control);
             if self.report.is_some_and(|report| report.outcome != Outcome::Solved) {
                 return None;
             }
@@ -235,7 +235,7 @@ impl Island {
             let free = self.free_velocities(velocities, matrix, &p);
             // The contacts are closed at the end of the step: gaps are zero.
             let gaps = vec![0.0; p.len()];
-            r = self.impulses(matrix, free, &gaps, true, h, p.clone(), law, control);
+            r = self.impulses(Delassus::Blocks(matrix), free, &gaps, true, h, p.clone(), law, control);
         }
         let work =
             |contact: &Contact, velocities: &[Vector6<f64>]| contact.velocity(|body| apart(&velocities[body as usize]));

@@ -5,7 +5,7 @@ use super::super::super::linkage::Linked;
 use super::super::super::midpoint::{apart, twist};
 use super::super::{Island, Mechanism, Unsolved};
 use super::compliance::{Compliance, respond};
-use contact::law::Law;
+use contact::law::{Delassus, Law};
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
 
@@ -27,7 +27,7 @@ impl Island {
             let none = vec![Vector3::zeros(); self.contacts.len()];
             let free = self.free_velocities(&velocities, &matrix, &none);
             let gaps: Vec<f64> = self.contacts.iter().map(|contact| contact.gap).collect();
-            let impulses = self.impulses(&matrix, free, &gaps, false, 1.0, none, law, control);
+            let impulses = self.impulses(Delassus::Blocks(&matrix), free, &gaps, false, 1.0, none, law, control);
             respond(&self.contacts, &mut linked, &homes, &impulses);
             linked.iter().for_each(|linked| linked.add(&mut velocities));
         }

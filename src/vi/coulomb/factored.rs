@@ -1,0 +1,132 @@
+//! The Delassus operator of rigid bodies in factors,
+//!
+//! ```text
+//! u = W r + q,    W = J M^-1 J^T,    M^-1 = diag(m_b^-1 I, I_b^-1),    J_k = +-[E_k  A_k] for the two bodies of contact k
+//! ```
+//!
+//! The memory, and the time of a product, are linear in the number of contacts, however many of them a body has. The
+//! blocks of `W` itself are as many as there are pairs of contacts on one body.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// The inverse mass and the inverse inertia of a body, in world axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Mobility {
+    /// `1 / m`.
+    pub linear: f64,
+    /// `I^-1`.
+    pub angular: Matrix3<f64>,
+}
+
+/// The velocity and the angular velocity of a body.
+pub type Twist = (Vector3<f64>, Vector3<f64>);
+
+/// The rows `J_k` of a contact: `u = E (v_2 - v_1) + A_1 w_1 + A_2 w_2`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grip {
+    /// The indices of both bodies; `None` for a body that does not move.
+    pub bodies: [Option<u32>; 2],
+    /// `E`.
+    pub linear: Matrix3<f64>,
+    /// `A_1` and `A_2`.
+    pub angular: [Matrix3<f64>; 2],
+}
+
+/// `W` in factors.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Factored {
+    /// The mobilities of the bodies; the last is zero, and stands for every body that does not move.
+    mobilities: Vec<Mobility>,
+    /// The rows of the contacts, with the indices of their bodies among the mobilities.
+    rows: Vec<(Grip, [u32; 2])>,
+}
+
+impl Factored {
+    /// Takes the mobilities of bodies and the rows of contacts.
+    ///
+    /// # Panics
+    /// If a row names a body that is not there.
+    pub fn new(mobilities: impl IntoIterator<Item = Mobility>, grips: impl IntoIterator<Item = Grip>) -> Self {
+        let mut mobilities: Vec<Mobility> = mobilities.into_iter().collect();
+        let ground = mobilities.len() as u32;
+        mobilities.push(Mobility::default());
+        let place = |body: Option<u32>| {
+            let place = body.unwrap_or(ground);
+            assert!(place <= ground, "each body has a mobility");
+            place
+        };
+        Self { rows: grips.into_iter().map(|grip| (grip, grip.bodies.map(place))).collect(), mobilities }
+    }
+
+    /// The number of contacts.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Whether there are no contacts.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Multiplies the rows of each contact by its factor: `W` becomes `D W D`.
+    pub(super) fn scale(&mut self, d: &[f64]) {
+        for ((grip, _), &d) in self.rows.iter_mut().zip(d) {
+            grip.linear *= d;
+            grip.angular.iter_mut().for_each(|angular| *angular *= d);
+        }
+    }
+
+    /// Writes `M^-1 J^T r`, the velocities that the impulses give to the bodies.
+    pub fn twists(&self, r: &[Vector3<f64>], twists: &mut Vec<Twist>) {
+        twists.clear();
+        twists.resize(self.mobilities.len(), Twist::default());
+        for ((grip, [a, b]), r) in self.rows.iter().zip(r) {
+            let push = grip.linear.tr_mul(r);
+            let first = &mut twists[*a as usize];
+            *first = (first.0 - push, first.1 + grip.angular[0].tr_mul(r));
+            let second = &mut twists[*b as usize];
+            *second = (second.0 + push, second.1 + grip.angular[1].tr_mul(r));
+        }
+        for ((v, w), mobility) in twists.iter_mut().zip(&self.mobilities) {
+            (*v, *w) = (*v * mobility.linear, mobility.angular * *w);
+        }
+    }
+
+    /// `J_k` times the velocities of the bodies.
+    #[inline]
+    pub fn row_product(&self, k: usize, twists: &[Twist]) -> Vector3<f64> {
+        let (grip, [a, b]) = &self.rows[k];
+        let ((v_1, w_1), (v_2, w_2)) = (&twists[*a as usize], &twists[*b as usize]);
+        grip.linear * (v_2 - v_1) + grip.angular[0] * w_1 + grip.angular[1] * w_2
+    }
+
+    /// Adds `M^-1 J_k^T r`, the effect of one impulse, to the velocities of the bodies.
+    #[inline]
+    pub fn push(&self, k: usize, r: &Vector3<f64>, twists: &mut [Twist]) {
+        let (grip, bodies) = &self.rows[k];
+        let push = grip.linear.tr_mul(r);
+        for (side, sign) in [(0, -1.0), (1, 1.0)] {
+            let (body, mobility) = (bodies[side] as usize, &self.mobilities[bodies[side] as usize]);
+            twists[body].0 += push * (sign * mobility.linear);
+            twists[body].1 += mobility.angular * grip.angular[side].tr_mul(r);
+        }
+    }
+
+    /// The block `W_kk`.
+    pub fn diagonal(&self, k: usize) -> Matrix3<f64> {
+        let (grip, bodies) = &self.rows[k];
+        let of = |side: usize| {
+            let mobility = &self.mobilities[bodies[side] as usize];
+            grip.linear * grip.linear.transpose() * mobility.linear
+                + grip.angular[side] * mobility.angular * grip.angular[side].transpose()
+        };
+        of(0) + of(1)
+    }
+
+    /// `W r`.
+    pub fn product(&self, r: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut twists = Vec::new();
+        self.twists(r, &mut twists);
+        (0..self.len()).map(|k| self.row_product(k, &twists)).collect()
+    }
+}
