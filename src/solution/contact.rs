@@ -493,6 +493,7 @@ fn tell(step: &VelocityStep<'_>, model: &MechanicalModel, (ahead, steps): (f64, 
             solves: work.solves,
             pivots: work.iterations,
             largest_residual: work.residual,
+            largest_proximal_residual: None,
             tried: Vec::new(),
         };
     }

@@ -195,6 +195,7 @@ impl Stepper for ObstacleRun<'_> {
             solves: counts.solves,
             pivots: counts.passes,
             largest_residual: counts.residual,
+            largest_proximal_residual: None,
             tried: Vec::new(),
         };
         diagnostics.vi = diagnostics.vi.take().map(|_| counted);

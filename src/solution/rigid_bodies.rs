@@ -275,8 +275,7 @@ impl<'a> RigidBodyRun<'a> {
         self.work.solves += report.solves;
         self.work.pivots += report.iterations;
         self.work.largest_residual = self.work.largest_residual.max(report.residual);
-        self.work.largest_proximal_residual =
-            worse_of(self.work.largest_proximal_residual, report.proximal_residual);
+        self.work.largest_proximal_residual = worse_of(self.work.largest_proximal_residual, report.proximal_residual);
         if report.solves > 0 {
             self.work.solver = report.solver;
         }

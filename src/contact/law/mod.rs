@@ -116,7 +116,15 @@ pub struct Report {
 impl Report {
     /// The report of no problem.
     pub fn none() -> Self {
-        Self { outcome: Outcome::Solved, solver: "none", solves: 0, iterations: 0, residual: 0.0, proximal_residual: None, restitution: 1.0 }
+        Self {
+            outcome: Outcome::Solved,
+            solver: "none",
+            solves: 0,
+            iterations: 0,
+            residual: 0.0,
+            proximal_residual: None,
+            restitution: 1.0,
+        }
     }
 
     /// Takes the result of a solve of Coulomb's law, with its residual with a proximal term, if it has one.

@@ -367,8 +367,7 @@ impl Island {
         let mut struck = vec![Vector3::zeros(); gap.len()];
         let (restitution, cone) = (&restitution[..], &cone[..]);
         if rebounds && self.impact_law == ImpactLaw::Sequential {
-            let contacts =
-                Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
+            let contacts = Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
             sequential(&contacts).into_iter().for_each(|(k, strike)| struck[k] += strike);
             for (k, change) in delassus.product(&struck).iter().enumerate() {
                 before[k] += change;
@@ -377,8 +376,7 @@ impl Island {
         }
         let mut coefficients = Coefficients::default();
         loop {
-            let contacts =
-                Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
+            let contacts = Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
             let mut report = law.impulses(&contacts, &mut r, control);
             let mut is_over = !varies || report.outcome != Outcome::Solved;
             if !is_over {

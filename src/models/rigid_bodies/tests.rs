@@ -140,7 +140,9 @@ fn contacts_at_the_start_are_counted_as_a_step_finds_them() {
     simulation.step(0.0, 1e-3, &Control::new()).unwrap();
     assert_eq!(simulation.contacts.len(), 20);
     // Blocks: all pairs of contacts on the tray, and one diagonal block per sphere for its second body.
-    let bytes = |blocks| ::contact::law::Size { contacts: 20, blocks, has_factors: true, friction: Some(Cone::Quadratic) }.bytes();
+    let bytes = |blocks| {
+        ::contact::law::Size { contacts: 20, blocks, has_factors: true, friction: Some(Cone::Quadratic) }.bytes()
+    };
     let law = bytes(20 * 20 + 16);
     let rest = load.bytes() - law;
     assert!(rest < 20 * 2048, "{rest}");

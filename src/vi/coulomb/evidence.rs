@@ -27,9 +27,7 @@ impl Evidence {
     }
 
     /// Evaluates the residuals of contacts with their `mu`, `q`, `r` and `u`.
-    pub(super) fn of_contacts(
-        contacts: impl Iterator<Item = (f64, Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
-    ) -> Self {
+    pub(super) fn of_contacts(contacts: impl Iterator<Item = (f64, Vector3<f64>, Vector3<f64>, Vector3<f64>)>) -> Self {
         let mut evidence = Self::default();
         let (mut map, mut q_norm, mut r_norm, mut u_norm) = (0.0, 0.0, 0.0, 0.0);
         for (mu, q, r_k, u) in contacts {

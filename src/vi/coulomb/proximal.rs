@@ -117,7 +117,10 @@ impl ProximalSweeps {
         } else {
             Outcome::Limit
         };
-        ProximalReport { report: Report { outcome, evidence, attempts: self.attempts.clone() }, solved: solved.relative }
+        ProximalReport {
+            report: Report { outcome, evidence, attempts: self.attempts.clone() },
+            solved: solved.relative,
+        }
     }
 
     /// Copies and scales a problem.

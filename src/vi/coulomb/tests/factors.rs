@@ -93,11 +93,7 @@ fn sweeps_in_factors_find_the_solution_of_the_other_methods() {
 fn redundant_contacts_carry_the_weight() {
     let plate = Mobility { linear: 0.5, angular: Matrix3::from_diagonal(&Vector3::new(3.0, 3.0, 1.5)) };
     let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
-    let frame = Matrix3::from_rows(&[
-        Vector3::z().transpose(),
-        Vector3::x().transpose(),
-        Vector3::y().transpose(),
-    ]);
+    let frame = Matrix3::from_rows(&[Vector3::z().transpose(), Vector3::x().transpose(), Vector3::y().transpose()]);
     let grip = |&(x, y): &(f64, f64)| {
         let arm: Vector3<f64> = Vector3::new(x, y, -0.1);
         Grip { bodies: [None, Some(0)], linear: frame, angular: [Matrix3::zeros(), -frame * arm.cross_matrix()] }

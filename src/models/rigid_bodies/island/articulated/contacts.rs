@@ -170,7 +170,16 @@ impl Island {
                 start[k] + compliance.whole.row_product(k, &next) - compliance.symmetric.row_product(k, &next)
             };
             let free: Vec<Vector3<f64>> = (0..p.len()).map(of).collect();
-            let impulses = self.impulses(Delassus::Blocks(&compliance.symmetric), free, gaps, false, h, next.clone(), law, control);
+            let impulses = self.impulses(
+                Delassus::Blocks(&compliance.symmetric),
+                free,
+                gaps,
+                false,
+                h,
+                next.clone(),
+                law,
+                control,
+            );
             if self.report.is_some_and(|report| report.outcome != Outcome::Solved) {
                 return None;
             }
