@@ -79,10 +79,6 @@ pub fn matrix(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
 /// `W` of an island without joints, in factors.
 pub fn factors(contacts: &[Contact], moving: &[Motion]) -> Factored {
     let mobility = |motion: &Motion| Mobility { linear: motion.mass.recip(), angular: motion.mobility };
-    let grip = |contact: &Contact| Grip {
-        bodies: contact.bodies,
-        linear: contact.frame,
-        angular: [-contact.angular(0), contact.angular(1)],
-    };
+    let grip = |contact: &Contact| Grip { bodies: contact.bodies, frame: contact.frame, arms: contact.arms };
     Factored::new(moving.iter().map(mobility), contacts.iter().map(grip))
 }

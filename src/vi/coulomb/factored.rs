@@ -1,10 +1,10 @@
 //! The Delassus operator of rigid bodies in factors,
 //!
 //! ```text
-//! u = W r + q,    W = J M^-1 J^T,    M^-1 = diag(m_b^-1 I, I_b^-1),    J_k = +-[E_k  A_k] for the two bodies of contact k
+//! u = W r + q,    W = J M^-1 J^T,    M^-1 = diag(m_b^-1 I, I_b^-1),    J_k = +-E_k [I  -[p]x] for the two bodies of contact k
 //! ```
 //!
-//! The memory, and the time of a product, are linear in the number of contacts, however many of them a body has. The
+//! with the arm `p` from the centre of the body to the contact. The memory, and the time of a product, are linear in the number of contacts, however many of them a body has. The
 //! blocks of `W` itself are as many as there are pairs of contacts on one body.
 
 use nalgebra::{Matrix3, Vector3};
@@ -21,15 +21,15 @@ pub struct Mobility {
 /// The velocity and the angular velocity of a body.
 pub type Twist = (Vector3<f64>, Vector3<f64>);
 
-/// The rows `J_k` of a contact: `u = E (v_2 - v_1) + A_1 w_1 + A_2 w_2`.
+/// The rows `J_k` of a contact: `u = E (v_2 + w_2 x p_2 - v_1 - w_1 x p_1)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grip {
     /// The indices of both bodies; `None` for a body that does not move.
     pub bodies: [Option<u32>; 2],
-    /// `E`.
-    pub linear: Matrix3<f64>,
-    /// `A_1` and `A_2`.
-    pub angular: [Matrix3<f64>; 2],
+    /// `E`: the normal and two tangents as rows.
+    pub frame: Matrix3<f64>,
+    /// `p_1` and `p_2`.
+    pub arms: [Vector3<f64>; 2],
 }
 
 /// `W` in factors.
@@ -71,8 +71,7 @@ impl Factored {
     /// Multiplies the rows of each contact by its factor: `W` becomes `D W D`.
     pub(super) fn scale(&mut self, d: &[f64]) {
         for ((grip, _), &d) in self.rows.iter_mut().zip(d) {
-            grip.linear *= d;
-            grip.angular.iter_mut().for_each(|angular| *angular *= d);
+            grip.frame *= d;
         }
     }
 
@@ -81,11 +80,11 @@ impl Factored {
         twists.clear();
         twists.resize(self.mobilities.len(), Twist::default());
         for ((grip, [a, b]), r) in self.rows.iter().zip(r) {
-            let push = grip.linear.tr_mul(r);
+            let push = grip.frame.tr_mul(r);
             let first = &mut twists[*a as usize];
-            *first = (first.0 - push, first.1 + grip.angular[0].tr_mul(r));
+            *first = (first.0 - push, first.1 - grip.arms[0].cross(&push));
             let second = &mut twists[*b as usize];
-            *second = (second.0 + push, second.1 + grip.angular[1].tr_mul(r));
+            *second = (second.0 + push, second.1 + grip.arms[1].cross(&push));
         }
         for ((v, w), mobility) in twists.iter_mut().zip(&self.mobilities) {
             (*v, *w) = (*v * mobility.linear, mobility.angular * *w);
@@ -97,18 +96,18 @@ impl Factored {
     pub fn row_product(&self, k: usize, twists: &[Twist]) -> Vector3<f64> {
         let (grip, [a, b]) = &self.rows[k];
         let ((v_1, w_1), (v_2, w_2)) = (&twists[*a as usize], &twists[*b as usize]);
-        grip.linear * (v_2 - v_1) + grip.angular[0] * w_1 + grip.angular[1] * w_2
+        grip.frame * (v_2 - v_1 + w_2.cross(&grip.arms[1]) - w_1.cross(&grip.arms[0]))
     }
 
     /// Adds `M^-1 J_k^T r`, the effect of one impulse, to the velocities of the bodies.
     #[inline]
     pub fn push(&self, k: usize, r: &Vector3<f64>, twists: &mut [Twist]) {
         let (grip, bodies) = &self.rows[k];
-        let push = grip.linear.tr_mul(r);
-        for (side, sign) in [(0, -1.0), (1, 1.0)] {
+        let push = grip.frame.tr_mul(r);
+        for (side, push) in [(0, -push), (1, push)] {
             let (body, mobility) = (bodies[side] as usize, &self.mobilities[bodies[side] as usize]);
-            twists[body].0 += push * (sign * mobility.linear);
-            twists[body].1 += mobility.angular * grip.angular[side].tr_mul(r);
+            twists[body].0 += push * mobility.linear;
+            twists[body].1 += mobility.angular * grip.arms[side].cross(&push);
         }
     }
 
@@ -117,8 +116,8 @@ impl Factored {
         let (grip, bodies) = &self.rows[k];
         let of = |side: usize| {
             let mobility = &self.mobilities[bodies[side] as usize];
-            grip.linear * grip.linear.transpose() * mobility.linear
-                + grip.angular[side] * mobility.angular * grip.angular[side].transpose()
+            let angular = grip.frame * grip.arms[side].cross_matrix();
+            grip.frame * grip.frame.transpose() * mobility.linear + angular * mobility.angular * angular.transpose()
         };
         of(0) + of(1)
     }

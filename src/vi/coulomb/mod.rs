@@ -19,6 +19,7 @@ mod cone;
 mod evidence;
 mod factored;
 mod gauss_seidel;
+mod interior_point;
 mod linear;
 mod local;
 mod newton;

@@ -14,6 +14,7 @@
 use super::admm::Admm;
 use super::anderson::Anderson;
 use super::gauss_seidel::Sweeps;
+use super::interior_point::InteriorPoint;
 use super::newton::ProximalNewton;
 use super::scaling::{Residual, Scaling};
 use super::{CoulombProblem, Evidence, solve_contact};
@@ -70,6 +71,8 @@ pub enum Method {
     GaussSeidel,
     /// Nonsmooth Newton in a proximal iteration.
     ProximalNewton,
+    /// Interior point.
+    InteriorPoint,
     /// ADMM.
     Admm,
 }
@@ -81,6 +84,7 @@ impl Method {
             Self::Exact => "exact",
             Self::GaussSeidel => "block_gauss_seidel",
             Self::ProximalNewton => "proximal_newton",
+            Self::InteriorPoint => "interior_point",
             Self::Admm => "admm",
         }
     }
@@ -263,6 +267,17 @@ impl Coulomb {
             let task = Task { scaling: &self.scaling, tolerance, control };
             let (steps, after) = newton.improve(&task, &mut self.work, start, factorisations);
             self.record(Method::ProximalNewton, steps, start, after);
+            if admm.is_none() && !self.is_over(control) {
+                let Some(mut interior) = InteriorPoint::new(&self.scaling) else { return };
+                self.work.clone_from(&self.best);
+                let before = self.residual;
+                let task = Task { scaling: &self.scaling, tolerance, control };
+                let (steps, after) = interior.improve(&task, &mut self.work, before, 100);
+                if std::env::var("TRACE").is_ok() {
+                    eprintln!("n {} ip {steps}: {:.1e} {:.1e}", self.best.len(), before.strict, after.strict);
+                }
+                self.record(Method::InteriorPoint, steps, before, after);
+            }
             if admm.is_none() {
                 admm = Admm::new(&self.scaling, &self.best);
             }

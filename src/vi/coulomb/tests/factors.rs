@@ -19,16 +19,16 @@ fn random_contacts(random: &mut Random, bodies: u32, contacts: usize) -> (Factor
     let grips: Vec<Grip> = (0..contacts as u32)
         .map(|k| Grip {
             bodies: [(k % 3 != 0).then_some(k % bodies), Some((k + 1) % bodies)],
-            linear: random.matrix(),
-            angular: [random.matrix(), random.matrix()],
+            frame: random.matrix(),
+            arms: [random.vector(), random.vector()],
         })
         .collect();
     let side = |grip: &Grip, body: u32| {
         let on = |side: usize| grip.bodies[side] == Some(body);
         let zero = Matrix3::zeros();
         match (on(0), on(1)) {
-            (true, _) => (-grip.linear, grip.angular[0]),
-            (_, true) => (grip.linear, grip.angular[1]),
+            (true, _) => (-grip.frame, grip.frame * grip.arms[0].cross_matrix()),
+            (_, true) => (grip.frame, -grip.frame * grip.arms[1].cross_matrix()),
             _ => (zero, zero),
         }
     };
@@ -94,9 +94,10 @@ fn redundant_contacts_carry_the_weight() {
     let plate = Mobility { linear: 0.5, angular: Matrix3::from_diagonal(&Vector3::new(3.0, 3.0, 1.5)) };
     let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
     let frame = Matrix3::from_rows(&[Vector3::z().transpose(), Vector3::x().transpose(), Vector3::y().transpose()]);
-    let grip = |&(x, y): &(f64, f64)| {
-        let arm: Vector3<f64> = Vector3::new(x, y, -0.1);
-        Grip { bodies: [None, Some(0)], linear: frame, angular: [Matrix3::zeros(), -frame * arm.cross_matrix()] }
+    let grip = |&(x, y): &(f64, f64)| Grip {
+        bodies: [None, Some(0)],
+        frame,
+        arms: [Vector3::zeros(), Vector3::new(x, y, -0.1)],
     };
     let factors = Factored::new([plate], corners.iter().map(grip));
     // Falls at 1, slides at 0.2 along x: friction 0.5 stops both.
