@@ -1,35 +1,51 @@
-//! A primal-dual interior-point method for Coulomb's law, in the form of de Saxce,
+//! A primal-dual interior-point method for Coulomb's law in the form of de Saxce,
 //!
 //! ```text
-//! u = W r + q,    y = u + (mu |u_t|, 0, 0),    r in K_mu,  y in K_mu*,  r o y = 0
+//! u = W r + q,    y = u + (mu |u_t|, 0, 0),    K_mu in r  _|_  y in K_mu*
 //! ```
 //!
 //! (Acary, Armand, Nguyen and Prasad 2023, *Second-order cone programming for frictional contact mechanics using interior point
-//! algorithm*, with the slip speed as a function of the unknowns in place of an outer iteration; Mehrotra 1992; the scaling of
-//! Nesterov and Todd 1997). In the coordinates `z = (mu r_n, r_t)` and `s = (y_n/mu, y_t)` both cones are the cone of Lorentz. With the
-//! scaling `V`, for which `V z = V^-1 s = l`, a step solves
+//! algorithm*, here with the slip speed as a function of the unknowns in place of an outer iteration; Mehrotra 1992). In the
+//! coordinates `z = T r`, `s = T^-1 y`, `T = diag(mu, 1, 1)`, both cones are the cone of [Lorentz](super::lorentz). With the scaling
+//! `V`, for which `V z = V^-1 s = l`, a step solves
 //!
 //! ```text
-//! N W dr + T V^2 T dr = T V d - (u + (mu |u_t|, 0, 0) - y),    N = I + n (0, mu u_t/|u_t|)^T,    T = diag(mu, 1, 1)
+//! (N W + T V^2 T) dr = T V d - (u + (mu |u_t|, 0, 0) - y),    N = I + n (0, mu u_t/|u_t|)^T,
+//! l o d = sigma m e - l o l - (V^-1 ds) o (V dz)
 //! ```
 //!
-//! where `l o d = sigma m e - l o l - (V^-1 ds) o (V dz)`. The matrix has the pattern of `W`, and is regular also where `W` is not. The
-//! number of steps hardly depends on the number of contacts; what the last digits need, Newton's method does from here.
+//! where `m` is the mean of `<z, s>`. The matrix has the pattern of `W`, and is regular also where `W` is not. The number of steps hardly
+//! depends on the number of contacts.
+//!
+//! The slip speed makes the law non-monotone, so that iterates may leave the neighbourhood of the central path, where steps become
+//! short. A short step is followed by one that only centres; if the method stalls all the same, it starts again at another
+//! distance from the boundary of the cones.
 
-use super::cone::{FrictionCone, join, tangent};
+use super::cone::{FrictionCone, tangent};
 use super::linear::BlockSystem;
+use super::lorentz::{NtScaling, longest, product, quotient};
 use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
-/// The fraction of the way to the boundary of the cones that a step takes; the rest vanishes with the residual.
-const FRACTION: f64 = 0.995;
+/// The fraction of the way to the boundary of the cones that a step takes. Values near 1, as for convex problems, lead to the
+/// boundary and away from the central path.
+const FRACTION: f64 = 0.9;
 
-/// A step shorter than this is no progress; after `STALLS` in a row the method ends.
+/// After a step shorter than this the next one only centres.
+const LONG: f64 = 0.5;
+
+/// A step shorter than this is no progress; after `STALLS` in a row the method starts again.
 const SHORT: f64 = 1e-3;
 const STALLS: usize = 3;
 
-/// The state of a contact: `z` and `s`, in Lorentz cones; on a half-line, without friction.
+/// The distances from the boundary of the cones at the starts, in units of the root mean square of `q`.
+const ROOMS: [f64; 3] = [1.0, 10.0, 0.1];
+
+/// A residual from which the contact states are known, and Newton's method needs a step or two.
+const KNOWN: f64 = 1e-8;
+
+/// The state of a contact inside the cones: `z` and `s`.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
     mu: f64,
@@ -37,146 +53,111 @@ struct Pair {
     s: Vector3<f64>,
 }
 
-/// The scaling of a contact: `V = beta (2 v v^T - J)`; the square root of `s/z` without friction.
-#[derive(Clone, Copy, Debug)]
-enum Nt {
-    Cone { beta: f64, v: Vector3<f64> },
-    Line(f64),
-}
-
-/// `J v`, the reflection of the tangential part.
-fn reflect(v: &Vector3<f64>) -> Vector3<f64> {
-    Vector3::new(v.x, -v.y, -v.z)
-}
-
-/// `v^T J v`, positive within the cone.
-fn determinant(v: &Vector3<f64>) -> f64 {
-    let slip = tangent(v).norm();
-    (v.x - slip) * (v.x + slip)
-}
-
-/// The product of the Jordan algebra of the cone.
-fn jordan(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
-    join(a.dot(b), tangent(b) * a.x + tangent(a) * b.x)
-}
-
-/// The solution `d` of `l o d = b`.
-fn divide(b: &Vector3<f64>, l: &Vector3<f64>) -> Vector3<f64> {
-    let normal = (l.x * b.x - tangent(l).dot(&tangent(b))) / determinant(l);
-    join(normal, (tangent(b) - tangent(l) * normal) / l.x)
-}
-
-impl Nt {
-    fn of(pair: &Pair) -> Self {
-        if pair.mu == 0.0 {
-            return Self::Line((pair.s.x / pair.z.x).sqrt());
-        }
-        let [of_z, of_s] = [&pair.z, &pair.s].map(|v| determinant(v).sqrt());
-        let (z, s) = (pair.z / of_z, pair.s / of_s);
-        let gamma = (0.5 * (1.0 + z.dot(&s))).sqrt();
-        let w = (s + reflect(&z)) / (2.0 * gamma);
-        let v = (w + Vector3::x()) / (2.0 * (w.x + 1.0)).sqrt();
-        Self::Cone { beta: (of_s / of_z).sqrt(), v }
-    }
-
-    /// `V x`.
-    fn times(&self, x: &Vector3<f64>) -> Vector3<f64> {
-        match self {
-            Self::Cone { beta, v } => (v * (2.0 * v.dot(x)) - reflect(x)) * *beta,
-            Self::Line(root) => x * *root,
-        }
-    }
-
-    /// `V^-1 x`.
-    fn divide(&self, x: &Vector3<f64>) -> Vector3<f64> {
-        match self {
-            Self::Cone { beta, v } => {
-                let v = reflect(v);
-                (v * (2.0 * v.dot(x)) - reflect(x)) / *beta
-            }
-            Self::Line(root) => x / *root,
-        }
-    }
-
-    /// `V^2`.
-    fn square(&self) -> Matrix3<f64> {
-        let columns = [Vector3::x(), Vector3::y(), Vector3::z()].map(|e| self.times(&self.times(&e)));
-        Matrix3::from_columns(&columns)
-    }
-}
-
-/// The largest step, up to 1, from `x` along `dx` within the cone of Lorentz.
-fn longest(x: &Vector3<f64>, dx: &Vector3<f64>) -> f64 {
-    // The first positive root of det(x + a dx) = c + 2 b a + a^2 d.
-    let (c, d) = (determinant(x), determinant(dx));
-    let b = x.x * dx.x - tangent(x).dot(&tangent(dx));
-    let mut most = if dx.x < 0.0 { -x.x / dx.x } else { f64::INFINITY };
-    let discriminant = b * b - c * d;
-    if discriminant >= 0.0 {
-        let q = -(b + discriminant.sqrt().copysign(b));
-        for root in [q / d, c / q] {
-            if root > 0.0 {
-                most = most.min(root);
-            }
-        }
-    }
-    most.min(1.0)
-}
-
 impl Pair {
-    /// `T v` and `T^-1 v`.
-    fn widen(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        Vector3::new(self.mu * v.x, v.y, v.z)
-    }
-
-    fn narrow(&self, v: &Vector3<f64>) -> Vector3<f64> {
-        Vector3::new(v.x / self.mu, v.y, v.z)
-    }
-
-    /// The pair of an impulse and a velocity, moved into the interior by `room`.
+    /// The projections of an impulse and a velocity into the cones, moved inside by `room`.
     fn inside(mu: f64, r: &Vector3<f64>, u: &Vector3<f64>, room: f64) -> Self {
         let room = Vector3::x() * room;
         if mu == 0.0 {
             return Self { mu, z: Vector3::x() * r.x.max(0.0) + room, s: Vector3::x() * u.x.max(0.0) + room };
         }
-        let unset = Self { mu, z: Vector3::zeros(), s: Vector3::zeros() };
-        let lorentz = FrictionCone { mu: 1.0 };
         let y = FrictionCone { mu }.augment(*u);
-        Self { mu, z: lorentz.project(unset.widen(r)) + room, s: lorentz.project(unset.narrow(&y)) + room }
+        let lorentz = FrictionCone { mu: 1.0 };
+        let z = lorentz.project(widened(mu, r)) + room;
+        Self { mu, z, s: lorentz.project(Vector3::new(y.x / mu, y.y, y.z)) + room }
     }
 
+    /// `V`; without friction on the half-line, where only the first column counts.
+    fn scaling(&self) -> NtScaling {
+        NtScaling::of(&self.z, &self.s)
+    }
+
+    /// `r`.
     fn impulse(&self) -> Vector3<f64> {
-        if self.mu == 0.0 { self.z } else { self.narrow(&self.z) }
+        if self.mu == 0.0 { self.z } else { Vector3::new(self.z.x / self.mu, self.z.y, self.z.z) }
     }
 
-    /// The largest step within both cones.
-    fn longest(&self, (dz, ds): &(Vector3<f64>, Vector3<f64>)) -> f64 {
-        if self.mu == 0.0 {
-            let of = |x: f64, dx: f64| if dx < 0.0 { (-x / dx).min(1.0) } else { 1.0 };
-            return of(self.z.x, dz.x).min(of(self.s.x, ds.x));
-        }
-        longest(&self.z, dz).min(longest(&self.s, ds))
-    }
-
-    /// `u + (mu |u_t|, 0, 0) - y`; in the normal direction only without friction.
-    fn gap(&self, u: &Vector3<f64>) -> Vector3<f64> {
+    /// `u + (mu |u_t|, 0, 0) - y`.
+    fn defect(&self, u: &Vector3<f64>) -> Vector3<f64> {
         if self.mu == 0.0 {
             return Vector3::x() * (u.x - self.s.x);
         }
-        FrictionCone { mu: self.mu }.augment(*u) - self.widen(&self.s)
+        FrictionCone { mu: self.mu }.augment(*u) - widened(self.mu, &self.s)
     }
+
+    /// `N W_ij`; without friction the normal row alone.
+    fn turned(&self, u: &Vector3<f64>, block: &Matrix3<f64>) -> Matrix3<f64> {
+        let mut turned = *block;
+        if self.mu == 0.0 {
+            turned.row_mut(1).fill(0.0);
+            turned.row_mut(2).fill(0.0);
+            return turned;
+        }
+        let (slip, speed) = (tangent(u), tangent(u).norm());
+        if speed > 0.0 {
+            let along = slip * (self.mu / speed);
+            let more = block.row(1) * along.x + block.row(2) * along.y;
+            turned.set_row(0, &(block.row(0) + more));
+        }
+        turned
+    }
+
+    /// `T V^2 T`; without friction tangential impulses are zero.
+    fn stiffness(&self, scaling: &NtScaling) -> Matrix3<f64> {
+        let square = scaling.square();
+        if self.mu == 0.0 {
+            return Matrix3::from_diagonal(&Vector3::new(square[(0, 0)], 1.0, 1.0));
+        }
+        let widen = Matrix3::from_diagonal(&Vector3::new(self.mu, 1.0, 1.0));
+        widen * square * widen
+    }
+
+    /// `T x`, as of a change of the impulse; without friction the normal component alone.
+    fn change(&self, dr: &Vector3<f64>) -> Vector3<f64> {
+        if self.mu == 0.0 { Vector3::x() * dr.x } else { widened(self.mu, dr) }
+    }
+
+    /// The largest step, up to 1, along which both stay in their cones.
+    fn longest(&self, change: &Change) -> f64 {
+        longest(&self.z, &change.z).min(longest(&self.s, &change.s))
+    }
+}
+
+/// `T x`.
+fn widened(mu: f64, x: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::new(mu * x.x, x.y, x.z)
+}
+
+/// The changes `dz` and `ds` of a contact.
+#[derive(Clone, Copy, Debug, Default)]
+struct Change {
+    z: Vector3<f64>,
+    s: Vector3<f64>,
+}
+
+/// What a step aims at.
+#[derive(Clone, Copy, Debug)]
+enum Aim {
+    /// The solution, at first order.
+    Solution,
+    /// The central path with the mean `sigma m`, at second order after a step to the solution.
+    Path(f64),
+    /// The point of the central path with the mean `m`.
+    Centre(f64),
 }
 
 /// The method, for problems of one pattern; allocates when built.
 pub(super) struct InteriorPoint {
     system: BlockSystem,
     pairs: Vec<Pair>,
-    scalings: Vec<Nt>,
-    velocities: Vec<Vector3<f64>>,
-    directions: Vec<(Vector3<f64>, Vector3<f64>)>,
-    right: Vec<f64>,
+    scalings: Vec<NtScaling>,
     impulses: Vec<Vector3<f64>>,
-    changes: Vec<Vector3<f64>>,
+    velocities: Vec<Vector3<f64>>,
+    /// `V d` and the changes of the contacts.
+    targets: Vec<Vector3<f64>>,
+    changes: Vec<Change>,
+    right: Vec<f64>,
+    /// The length of the last step.
+    last: f64,
 }
 
 impl InteriorPoint {
@@ -187,16 +168,17 @@ impl InteriorPoint {
             system: BlockSystem::new(scaling.problem.matrix())?,
             pairs: Vec::with_capacity(n),
             scalings: Vec::with_capacity(n),
-            velocities: Vec::with_capacity(n),
-            directions: vec![Default::default(); n],
-            right: vec![0.0; 3 * n],
             impulses: Vec::with_capacity(n),
-            changes: vec![Vector3::zeros(); n],
+            velocities: Vec::with_capacity(n),
+            targets: vec![Vector3::zeros(); n],
+            changes: vec![Change::default(); n],
+            right: vec![0.0; 3 * n],
+            last: 1.0,
         })
     }
 
-    /// Improves `r`, which has the residual `residual`, within `budget` steps; returns their number and the residual of the best
-    /// point found, which is written to `r`.
+    /// Improves `r`, which has the residual `residual`, within `budget` steps from each start; returns the number of steps and the
+    /// residual of the best point found, which is written to `r`.
     pub fn improve(
         &mut self,
         task: &Task<'_>,
@@ -206,142 +188,114 @@ impl InteriorPoint {
     ) -> (usize, Residual) {
         let problem = &task.scaling.problem;
         let n = problem.contacts();
-        let room = (problem.q().iter().map(Vector3::norm_squared).sum::<f64>() / n as f64).sqrt();
-        self.pairs.clear();
-        self.pairs.extend((0..n).map(|k| Pair::inside(problem.mu()[k], &r[k], &problem.velocity(k, r), room)));
-        let (mut stalls, mut steps) = (0, 0);
-        while steps < budget && stalls < STALLS && !task.is_over(residual.strict) {
-            steps += 1;
-            let Some(length) = self.step(task.scaling) else { break };
-            stalls = if length < SHORT { stalls + 1 } else { 0 };
-            self.refresh(task.scaling);
-            let found = task.scaling.residual(&self.impulses);
-            if found.strict < residual.strict {
-                residual = found;
-                r.copy_from_slice(&self.impulses);
+        let size = (problem.q().iter().map(Vector3::norm_squared).sum::<f64>() / n as f64).sqrt();
+        let mut steps = 0;
+        for room in ROOMS {
+            if residual.strict <= KNOWN {
+                break;
             }
+            let pair = |k: usize| Pair::inside(problem.mu()[k], &r[k], &problem.velocity(k, r), room * size);
+            self.pairs.clear();
+            self.pairs.extend((0..n).map(pair));
+            self.last = 1.0;
+            steps += self.descend(task, r, &mut residual, budget);
         }
         (steps, residual)
     }
 
-    /// Writes impulses and velocities of the current point.
-    fn refresh(&mut self, scaling: &Scaling) {
+    /// Makes steps from the current point, and writes each that lowers the residual to `r`; returns their number.
+    fn descend(&mut self, task: &Task<'_>, r: &mut [Vector3<f64>], residual: &mut Residual, budget: usize) -> usize {
+        let (mut stalls, mut steps) = (0, 0);
+        self.evaluate(task.scaling);
+        while steps < budget && stalls < STALLS && !task.is_over(residual.strict) {
+            steps += 1;
+            if self.step(task.scaling).is_none() {
+                break;
+            }
+            stalls = if self.last < SHORT { stalls + 1 } else { 0 };
+            self.evaluate(task.scaling);
+            let found = task.scaling.residual(&self.impulses);
+            if found.strict < residual.strict {
+                *residual = found;
+                r.copy_from_slice(&self.impulses);
+            }
+        }
+        steps
+    }
+
+    /// Writes the impulses and velocities of the current point.
+    fn evaluate(&mut self, scaling: &Scaling) {
         self.impulses.clear();
         self.impulses.extend(self.pairs.iter().map(Pair::impulse));
         self.velocities.clear();
         self.velocities.extend((0..self.pairs.len()).map(|k| scaling.problem.velocity(k, &self.impulses)));
     }
 
-    /// Makes a step, and returns its length; `None` if there is no direction.
-    fn step(&mut self, scaling: &Scaling) -> Option<f64> {
-        self.refresh(scaling);
+    /// Makes a step; `None` if there is no direction.
+    fn step(&mut self, scaling: &Scaling) -> Option<()> {
         self.scalings.clear();
-        self.scalings.extend(self.pairs.iter().map(Nt::of));
+        self.scalings.extend(self.pairs.iter().map(Pair::scaling));
         let (pairs, scalings, velocities) = (&self.pairs, &self.scalings, &self.velocities);
         let factored = self.system.factorise(scaling.problem.matrix(), |i, j, block| {
-            let product = turned(&pairs[i], &velocities[i], block);
-            if i == j { product + stiffness(&pairs[i], &scalings[i]) } else { product }
+            let turned = pairs[i].turned(&velocities[i], block);
+            if i == j { turned + pairs[i].stiffness(&scalings[i]) } else { turned }
         });
         if !factored {
             return None;
         }
-        let gap = self.complementarity();
-        let forward = |nt: &Nt, pair: &Pair| -> Vector3<f64> {
-            let l = nt.times(&pair.z);
-            if pair.mu == 0.0 { -l } else { divide(&-jordan(&l, &l), &l) }
+        let mean = self.mean_after(0.0);
+        let most = if self.last < LONG {
+            self.direct(Aim::Centre(mean))?
+        } else {
+            let to_solution = self.direct(Aim::Solution)?;
+            let sigma = (self.mean_after(to_solution) / mean).clamp(0.0, 1.0).powi(3);
+            self.direct(Aim::Path(sigma * mean))?
         };
-        let targets: Vec<Vector3<f64>> =
-            self.scalings.iter().zip(&self.pairs).map(|(nt, pair)| forward(nt, pair)).collect();
-        let affine = self.direct(&targets)?;
-        let left: f64 = self
-            .pairs
-            .iter()
-            .zip(&self.directions)
-            .map(|(pair, (dz, ds))| (pair.z + dz * affine).dot(&(pair.s + ds * affine)))
-            .sum();
-        let sigma = (left / (gap * self.pairs.len() as f64)).clamp(0.0, 1.0).powi(3);
-        let corrected = |(nt, pair, (dz, ds)): (&Nt, &Pair, &(Vector3<f64>, Vector3<f64>))| -> Vector3<f64> {
-            let l = nt.times(&pair.z);
-            let second = jordan(&nt.divide(ds), &nt.times(dz));
-            let first = jordan(&l, &l);
-            let wanted = Vector3::x() * (sigma * gap) - first - second;
-            if pair.mu == 0.0 { Vector3::x() * (wanted.x / l.x) } else { divide(&wanted, &l) }
-        };
-        let targets: Vec<Vector3<f64>> = self
-            .scalings
-            .iter()
-            .zip(&self.pairs)
-            .zip(&self.directions)
-            .map(|((nt, pair), direction)| corrected((nt, pair, direction)))
-            .collect();
-        let most = self.direct(&targets)?;
-        let length = (FRACTION * most).min(1.0);
-        for (pair, (dz, ds)) in self.pairs.iter_mut().zip(&self.directions) {
-            pair.z += dz * length;
-            pair.s += ds * length;
+        self.last = (FRACTION * most).min(1.0);
+        for (pair, change) in self.pairs.iter_mut().zip(&self.changes) {
+            pair.z += change.z * self.last;
+            pair.s += change.s * self.last;
         }
-        Some(length)
+        Some(())
     }
 
-    /// The mean of `<z, s>` over the contacts.
-    fn complementarity(&self) -> f64 {
-        self.pairs.iter().map(|pair| pair.z.dot(&pair.s)).sum::<f64>() / self.pairs.len() as f64
+    /// The mean of `<z, s>` after a step of this length.
+    fn mean_after(&self, length: f64) -> f64 {
+        let after = |(pair, change): (&Pair, &Change)| (pair.z + change.z * length).dot(&(pair.s + change.s * length));
+        self.pairs.iter().zip(&self.changes).map(after).sum::<f64>() / self.pairs.len() as f64
     }
 
-    /// Computes the directions for the targets `d`; returns the largest step along them, `None` if they are not finite.
-    fn direct(&mut self, targets: &[Vector3<f64>]) -> Option<f64> {
-        for (k, right) in self.right.chunks_exact_mut(3).enumerate() {
-            let (pair, nt) = (&self.pairs[k], &self.scalings[k]);
-            let wanted = nt.times(&targets[k]);
-            let wanted = if pair.mu == 0.0 { Vector3::x() * wanted.x } else { pair.widen(&wanted) };
-            right.copy_from_slice((wanted - pair.gap(&self.velocities[k])).as_slice());
+    /// Computes the changes of a step; returns the largest length of it, `None` if it is not finite.
+    fn direct(&mut self, aim: Aim) -> Option<f64> {
+        for (k, (target, right)) in self.targets.iter_mut().zip(self.right.chunks_exact_mut(3)).enumerate() {
+            let (pair, scaling) = (&self.pairs[k], &self.scalings[k]);
+            let l = scaling.times(&pair.z);
+            let square = product(&l, &l);
+            let wanted = match aim {
+                Aim::Solution => -square,
+                Aim::Centre(mean) => Vector3::x() * mean - square,
+                Aim::Path(mean) => {
+                    let Change { z, s } = self.changes[k];
+                    Vector3::x() * mean - square - product(&scaling.divide(&s), &scaling.times(&z))
+                }
+            };
+            *target = scaling.times(&quotient(&wanted, &l));
+            right.copy_from_slice((pair.change(target) - pair.defect(&self.velocities[k])).as_slice());
         }
         if !self.system.solve(&mut self.right) {
             return None;
         }
-        for (change, d) in self.changes.iter_mut().zip(self.right.chunks_exact(3)) {
-            *change = Vector3::new(d[0], d[1], d[2]);
-        }
         let mut most = 1.0_f64;
-        for (k, direction) in self.directions.iter_mut().enumerate() {
-            let (pair, nt) = (&self.pairs[k], &self.scalings[k]);
-            let dz = if pair.mu == 0.0 { Vector3::x() * self.changes[k].x } else { pair.widen(&self.changes[k]) };
-            *direction = (dz, nt.times(&targets[k]) - nt.times(&nt.times(&dz)));
-            let longest = pair.longest(direction);
-            if longest.is_nan() {
+        for (k, (change, dr)) in self.changes.iter_mut().zip(self.right.chunks_exact(3)).enumerate() {
+            let (pair, scaling) = (&self.pairs[k], &self.scalings[k]);
+            change.z = pair.change(&Vector3::new(dr[0], dr[1], dr[2]));
+            change.s = self.targets[k] - scaling.times(&scaling.times(&change.z));
+            let longest = pair.longest(change);
+            if !longest.is_finite() {
                 return None;
             }
             most = most.min(longest);
         }
         Some(most)
-    }
-}
-
-/// `N W_ij`; of a contact without friction the normal row alone.
-fn turned(pair: &Pair, u: &Vector3<f64>, block: &Matrix3<f64>) -> Matrix3<f64> {
-    if pair.mu == 0.0 {
-        return Matrix3::from_rows(&[
-            block.row(0).into_owned(),
-            Vector3::zeros().transpose(),
-            Vector3::zeros().transpose(),
-        ]);
-    }
-    let slip = tangent(u);
-    let speed = slip.norm();
-    let along = if speed > 0.0 { slip * (pair.mu / speed) } else { Vector2::zeros() };
-    let mut turned = *block;
-    let more = block.row(1) * along.x + block.row(2) * along.y;
-    turned.row_mut(0).zip_apply(&more, |entry, more| *entry += more);
-    turned
-}
-
-/// `T V^2 T`.
-fn stiffness(pair: &Pair, nt: &Nt) -> Matrix3<f64> {
-    match nt {
-        Nt::Line(root) => Matrix3::from_diagonal(&Vector3::new(root * root, 1.0, 1.0)),
-        Nt::Cone { .. } => {
-            let widen = Matrix3::from_diagonal(&Vector3::new(pair.mu, 1.0, 1.0));
-            widen * nt.square() * widen
-        }
     }
 }

@@ -9,7 +9,7 @@
 //! *The bipotential method*). The problem is neither an optimisation nor monotone, and `W` is singular as soon as
 //! contacts outnumber degrees of freedom, so that no one method solves every instance (Acary, Bremond and Huber 2018,
 //! *On solving contact problems with Coulomb friction: formulations and numerical comparisons*): [`Coulomb`] runs
-//! block Gauss-Seidel, proximal Newton and ADMM in turn, depending on the residual.
+//! block Gauss-Seidel, an interior-point method, proximal Newton and ADMM in turn, depending on the residual.
 
 mod admm;
 mod alart_curnier;
@@ -22,6 +22,7 @@ mod gauss_seidel;
 mod interior_point;
 mod linear;
 mod local;
+mod lorentz;
 mod newton;
 mod portfolio;
 mod problem;

@@ -2,8 +2,9 @@
 //!
 //! 1. One contact: its exact solution.
 //! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate predicts the tolerance within few sweeps.
-//! 3. Proximal Newton, from the best point so far.
-//! 4. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
+//! 3. The interior-point method, from the best point so far.
+//! 4. Proximal Newton, from the best point so far: it adds the last digits, or tries again.
+//! 5. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
 //!    state, so that nothing is lost if Newton fails again.
 //!
 //! If contacts are too many for a factorisation, sweeps only, up to their limit; where the operator is known in factors,
@@ -38,7 +39,8 @@ pub struct Limits {
     /// Gauss-Seidel continues only while its rate predicts the tolerance within this number of further sweeps, or
     /// within the number that costs as much as one dense factorisation. Default 100.
     pub sweeps: usize,
-    /// Largest number of factorisations in one attempt of Newton's method. Default 40.
+    /// Largest number of factorisations in one attempt of Newton's method, and from one start of the interior-point method.
+    /// Default 40.
     pub factorisations: usize,
     /// Largest total number of ADMM iterations, and of sweeps. Default 30,000; a problem without a solution uses all of
     /// them.
@@ -71,7 +73,7 @@ pub enum Method {
     GaussSeidel,
     /// Nonsmooth Newton in a proximal iteration.
     ProximalNewton,
-    /// Interior point.
+    /// A primal-dual interior-point method.
     InteriorPoint,
     /// ADMM.
     Admm,
@@ -252,8 +254,22 @@ impl Coulomb {
         self.attempts.push(Attempt { method, iterations: sweeps, before, after });
     }
 
-    /// Runs Newton's method and ADMM in turn.
+    /// Runs the interior-point method.
+    fn pass_through_the_interior(&mut self, control: &Control) {
+        let Some(mut method) = InteriorPoint::new(&self.scaling) else { return };
+        let before = self.residual;
+        self.work.clone_from(&self.best);
+        let task = Task { scaling: &self.scaling, tolerance: self.limits.tolerance, control };
+        let (steps, after) = method.improve(&task, &mut self.work, before, self.limits.factorisations);
+        self.record(Method::InteriorPoint, steps, before, after);
+    }
+
+    /// Runs the interior-point method, then Newton's method and ADMM in turn.
     fn alternate(&mut self, control: &Control) {
+        if self.is_over(control) {
+            return;
+        }
+        self.pass_through_the_interior(control);
         if self.is_over(control) {
             return;
         }
@@ -267,17 +283,6 @@ impl Coulomb {
             let task = Task { scaling: &self.scaling, tolerance, control };
             let (steps, after) = newton.improve(&task, &mut self.work, start, factorisations);
             self.record(Method::ProximalNewton, steps, start, after);
-            if admm.is_none() && !self.is_over(control) {
-                let Some(mut interior) = InteriorPoint::new(&self.scaling) else { return };
-                self.work.clone_from(&self.best);
-                let before = self.residual;
-                let task = Task { scaling: &self.scaling, tolerance, control };
-                let (steps, after) = interior.improve(&task, &mut self.work, before, 100);
-                if std::env::var("TRACE").is_ok() {
-                    eprintln!("n {} ip {steps}: {:.1e} {:.1e}", self.best.len(), before.strict, after.strict);
-                }
-                self.record(Method::InteriorPoint, steps, before, after);
-            }
             if admm.is_none() {
                 admm = Admm::new(&self.scaling, &self.best);
             }
