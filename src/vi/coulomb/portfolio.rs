@@ -2,8 +2,8 @@
 //!
 //! 1. One contact: its exact solution.
 //! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate predicts the tolerance within few sweeps.
-//! 3. The interior-point method, from the best point so far.
-//! 4. Proximal Newton, from the best point so far: it adds the last digits, or tries again.
+//! 3. Proximal Newton, from the best point so far: its contact states are often those of the solution.
+//! 4. The interior-point method, which finds the contact states, then Newton again for the last digits.
 //! 5. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
 //!    state, so that nothing is lost if Newton fails again.
 //!
@@ -264,15 +264,12 @@ impl Coulomb {
         self.record(Method::InteriorPoint, steps, before, after);
     }
 
-    /// Runs the interior-point method, then Newton's method and ADMM in turn.
+    /// Runs Newton's method, then once the interior-point method, then Newton's method and ADMM in turn.
     fn alternate(&mut self, control: &Control) {
         if self.is_over(control) {
             return;
         }
-        self.pass_through_the_interior(control);
-        if self.is_over(control) {
-            return;
-        }
+        let mut has_passed = false;
         let Some(mut newton) = ProximalNewton::new(&self.scaling) else { return };
         self.work.clone_from(&self.best);
         let mut start = self.residual;
@@ -283,6 +280,13 @@ impl Coulomb {
             let task = Task { scaling: &self.scaling, tolerance, control };
             let (steps, after) = newton.improve(&task, &mut self.work, start, factorisations);
             self.record(Method::ProximalNewton, steps, start, after);
+            if !has_passed && !self.is_over(control) {
+                has_passed = true;
+                self.pass_through_the_interior(control);
+                self.work.clone_from(&self.best);
+                start = self.residual;
+                continue;
+            }
             if admm.is_none() {
                 admm = Admm::new(&self.scaling, &self.best);
             }
