@@ -1,12 +1,13 @@
 //! Integration of a mechanical system: contacts, energies and failures by name.
 
 use super::given_steps::{GIVEN_STEPS, GivenSteps};
-use super::longer_steps::{Comparison, Kind};
+use super::longer_run::{LongerRun, TimeStepped};
+use super::longer_steps::Kind;
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
 use super::run::{Ended, Plan, Run, Stepper, run_to_end};
 use super::sensitivities::{self, FollowedMotion};
 use super::{
-    CheckCode, Checks, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
+    CheckCode, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
 };
 use analysis::Analysis;
 use contact::energy::Energy;
@@ -60,11 +61,11 @@ pub(super) fn integrate_contact_once(
     let ContactPlan { settings, located: Some(radau) } = contact else {
         let mut same = model.problem();
         return run_to_end(plan, control, diagnostics, || {
-            let longer = Settings { step: 2.0 * contact.settings.step, ..contact.settings };
-            let longer = TimeStepping::new(&mut *same, longer, state.clone(), plan.end);
-            let longer = LongerSteps::new(longer, plan, &state, contact.settings.default_step);
+            let longer = TimeStepping::new(&mut *same, contact.settings, state.clone(), plan.end);
+            let longer = TimeSteppingRun { stepper: longer, longer: None, outputs: Outputs::new(model, control, plan) };
+            let longer = LongerRun::new(longer, plan, contact.settings.default_step);
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
-            Ok(TimeSteppingRun { stepper, longer, outputs })
+            Ok(TimeSteppingRun { stepper, longer: Some(Box::new(longer)), outputs })
         });
     };
     let mut run = Run::new(plan, control, diagnostics);
@@ -248,69 +249,91 @@ impl<'p> Outputs<'p> {
     }
 }
 
-/// A run with steps twice as long, beside time stepping.
-struct LongerSteps<'p> {
-    stepper: TimeStepping<'p>,
-    /// The coordinates, then the velocities.
-    comparison: Comparison,
-}
-
-impl<'p> LongerSteps<'p> {
-    fn new(stepper: TimeStepping<'p>, plan: &Plan, State { q, v, .. }: &State, is_default: bool) -> Self {
-        let kinds = q.iter().map(|_| Kind::Position).chain(v.iter().map(|_| Kind::Velocity));
-        let named = plan.names.iter().zip(kinds).enumerate();
-        let quantities = named.map(|(k, (name, kind))| (format!("`{name}`"), kind, k..k + 1));
-        let mut comparison = Comparison::new(quantities, plan, is_default);
-        q.iter().chain(v).enumerate().for_each(|(k, value)| comparison.meet(k, value.abs()));
-        Self { stepper, comparison }
-    }
-
-    /// Judges the comparison. Coordinates are measured in one unit where a gap is a difference of them.
-    fn judge(&mut self, run: &TimeStepping<'_>, checks: &mut Checks) {
-        let n = run.state.q.len();
-        let groups = run.step.alike();
-        let of_v: Vec<Vec<usize>> = groups.iter().map(|group| group.iter().map(|k| n + k).collect()).collect();
-        self.comparison.share_units(&[groups, of_v].concat());
-        self.comparison.judge(GIVEN_STEPS, checks);
-    }
-
-    /// Compares the end of the last step of a run with this one.
-    fn follow(&mut self, run: &TimeStepping<'_>, control: &Control) {
-        let State { t, q, v } = &run.state;
-        let (n, h) = (q.len(), t - run.last.t);
-        for k in 0..n {
-            let kick = run.step.kicks[k].abs();
-            self.comparison.meet(k, q[k].abs().max(h * kick));
-            self.comparison.meet(n + k, v[k].abs().max(kick));
-            self.comparison.strike(k, v[k] - run.last.v[k] - run.step.kicks[k], kick, h);
-        }
-        while self.comparison.goes_on() && self.stepper.state.t < *t && !self.stepper.is_done() {
-            if let Err(error) = self.stepper.advance(control) {
-                self.comparison.fail(error.to_string());
-            }
-        }
-        if !self.comparison.goes_on() {
-            return;
-        }
-        let TimeStepping { state, last, .. } = &self.stepper;
-        let length = state.t - last.t;
-        let part = (t - last.t) / length;
-        for (k, (q, (from, to))) in q.iter().zip(last.q.iter().zip(&state.q)).enumerate() {
-            self.comparison.differ(k, (q - (from + part * (to - from))).abs(), length);
-        }
-        // The scheme has velocities at the ends of its steps only.
-        if state.t == *t {
-            self.comparison.pass(length);
-            (0..n).for_each(|k| self.comparison.differ(n + k, (v[k] - state.v[k]).abs(), length));
-        }
-    }
-}
-
 /// Time stepping with named outputs.
 struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
-    longer: LongerSteps<'p>,
+    longer: Option<Box<LongerRun<Self>>>,
     outputs: Outputs<'p>,
+}
+
+impl TimeSteppingRun<'_> {
+    /// Writes all outputs where the coordinates are displaced by `by` from those of the end of the last step.
+    fn write_displaced(&mut self, by: impl Fn(usize) -> f64, out: &mut [f64]) {
+        let TimeStepping { state, impulses, energy, .. } = &self.stepper;
+        let n = state.q.len();
+        for i in 0..n {
+            (out[i], out[n + i]) = (state.q[i] + by(i), state.v[i]);
+        }
+        self.outputs.write(state.t, impulses, energy, out);
+    }
+}
+
+impl TimeStepped for TimeSteppingRun<'_> {
+    fn begin(&self) -> f64 {
+        self.stepper.last.t
+    }
+
+    fn step_to(&mut self, end: f64) -> Result<(), Failure> {
+        let made = self.stepper.advance_to(end, self.outputs.control);
+        self.outputs.reach(&self.stepper.state);
+        made.map_err(|error| self.outputs.failure(error, self.stepper.state.t))
+    }
+
+    fn kinds(&self) -> Vec<Kind> {
+        use Kind::{Continuous, Jumping};
+        let structure = self.outputs.model.structure();
+        let n = structure.coordinates;
+        let mut kinds = vec![Continuous; n];
+        kinds.resize(2 * n, Jumping);
+        for contact in &structure.contacts {
+            kinds.push(Continuous);
+            kinds.resize(kinds.len() + 1 + contact.slips, Jumping);
+        }
+        // Kinetic and potential energy, work of forces and of drives, friction, impacts.
+        kinds.extend([Jumping, Continuous, Continuous, Jumping, Jumping, Jumping]);
+        kinds
+    }
+
+    fn resolve(&mut self, out: &mut [f64]) {
+        let h = self.stepper.state.t - self.stepper.last.t;
+        let kicks = self.stepper.step.kicks.clone();
+        let mut at = vec![0.0; out.len()];
+        self.write_displaced(|_| 0.0, &mut at);
+        self.write_displaced(|i| h * kicks[i], out);
+        out.iter_mut().zip(&at).for_each(|(out, at)| *out = (*out - at).abs());
+        let n = kicks.len();
+        out[n..2 * n].iter_mut().zip(&kicks).for_each(|(out, kick)| *out = kick.abs());
+        // What forces do to a body at rest in a step: its energy, and their impulse.
+        let energy = self.stepper.step.kick.powi(2);
+        let first = out.len() - ENERGIES.len();
+        out[first..].iter_mut().for_each(|out| *out = out.max(energy));
+    }
+
+    fn strike(&mut self, out: &mut [f64]) -> bool {
+        let TimeStepping { state, last, step, .. } = &self.stepper;
+        let h = state.t - last.t;
+        // What contacts carry throughout the step is no larger than the forces, and is not displaced in time.
+        let displaced: Vec<f64> = (0..state.q.len())
+            .map(|k| {
+                let (change, kick) = (state.v[k] - last.v[k] - step.kicks[k], step.kicks[k].abs());
+                h * (change.abs() - kick).max(0.0).copysign(change)
+            })
+            .collect();
+        if displaced.iter().all(|by| *by == 0.0) {
+            return false;
+        }
+        let mut at = vec![0.0; out.len()];
+        self.write_displaced(|_| 0.0, &mut at);
+        self.write_displaced(|i| displaced[i], out);
+        out.iter_mut().zip(&at).for_each(|(out, at)| *out -= at);
+        true
+    }
+
+    fn events(&self) -> Vec<Event> {
+        let mut events = Vec::new();
+        self.outputs.events(0.0, &mut self.stepper.new_events.clone(), &mut events);
+        events
+    }
 }
 
 impl Stepper for TimeSteppingRun<'_> {
@@ -334,7 +357,10 @@ impl Stepper for TimeSteppingRun<'_> {
         let made = self.stepper.advance(self.outputs.control);
         self.outputs.reach(&self.stepper.state);
         made.map_err(|error| self.outputs.failure(error, self.stepper.state.t))?;
-        self.longer.follow(&self.stepper, self.outputs.control);
+        if let Some(mut longer) = self.longer.take() {
+            longer.follow(self);
+            self.longer = Some(longer);
+        }
         Ok(())
     }
 
@@ -363,8 +389,16 @@ impl Stepper for TimeSteppingRun<'_> {
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         let steps = Steps { accepted: self.stepper.accepted, ..Steps::default() };
         tell(&self.stepper.step, self.outputs.model, (0.0, steps), diagnostics);
+        if let Some(mut longer) = self.longer.take() {
+            longer.finish(self);
+            // Coordinates are measured in one unit where a gap is a difference of them.
+            let n = self.stepper.state.q.len();
+            let groups = self.stepper.step.alike();
+            let of_v: Vec<Vec<usize>> = groups.iter().map(|group| group.iter().map(|k| n + k).collect()).collect();
+            longer.comparison.share_units(&[groups, of_v].concat());
+            longer.judge(GIVEN_STEPS, &mut diagnostics.checks);
+        }
         let checks = &mut diagnostics.checks;
-        self.longer.judge(&self.stepper, checks);
         check_energy(&self.stepper.energy, Accuracy::Fixed, checks);
         check_violations(&self.stepper.violations, &self.outputs.model.contacts, Accuracy::Fixed, checks);
     }

@@ -18,6 +18,7 @@ use super::drive::DriveState;
 use super::friction::Coefficient;
 use super::joint::{Joint, Reaction};
 use super::linkage::Linkage;
+use super::made_parts::MadeParts;
 use super::motion::Motion;
 use super::prescribed::{Ground, Grounding};
 use super::scene::MultibodySystem;
@@ -45,6 +46,8 @@ pub struct Mechanism<'a> {
     pub signals: &'a Signals,
     /// The bodies with prescribed motion, from the beginning of the step on.
     pub grounds: Vec<Ground>,
+    /// The parts of another run, if those of this one are to be at least twice as long.
+    pub exceeded: Option<MadeParts>,
 }
 
 impl<'a> Mechanism<'a> {
@@ -64,6 +67,7 @@ impl<'a> Mechanism<'a> {
             gravity: scene.gravity,
             signals: &scene.signals,
             grounds: Vec::new(),
+            exceeded: None,
         }
     }
 
@@ -212,6 +216,10 @@ pub struct Island {
     guess: Option<Guess>,
     /// The number of steps.
     pub steps: u64,
+    /// The parts in which it made its step, if the step is implicit.
+    pub made: Vec<[f64; 2]>,
+    /// The time in which they are not at least twice as long as those of the run that they should exceed.
+    pub repeated: f64,
     /// The number of Newton iterations, in accepted and rejected steps.
     pub newton: u64,
     /// The friction cone or its approximation.
@@ -246,6 +254,8 @@ impl Island {
             accelerations: Vec::new(),
             guess: None,
             steps: 0,
+            made: Vec::new(),
+            repeated: 0.0,
             newton: 0,
             cone,
             impact_law,
@@ -267,6 +277,8 @@ impl Island {
         self.actions.clear();
         self.done = Work::default();
         (self.largest_energy, self.steps, self.newton) = (0.0, 0, 0);
+        self.made.clear();
+        self.repeated = 0.0;
         (self.parts, self.guess) = (Parts::default(), None);
         self.accelerations.clear();
         (self.report, self.unsolved) = (None, None);
