@@ -61,7 +61,8 @@ pub(super) fn integrate_contact_once(
     let ContactPlan { settings, located: Some(radau) } = contact else {
         let mut same = model.problem();
         return run_to_end(plan, control, diagnostics, || {
-            let longer = TimeStepping::new(&mut *same, contact.settings, state.clone(), plan.end);
+            let mut longer = TimeStepping::new(&mut *same, contact.settings, state.clone(), plan.end);
+            longer.step.is_beside = true;
             let longer = TimeSteppingRun { stepper: longer, longer: None, outputs: Outputs::new(model, control, plan) };
             let longer = LongerRun::new(longer, plan, contact.settings.default_step);
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
@@ -304,7 +305,8 @@ impl TimeStepped for TimeSteppingRun<'_> {
         let n = kicks.len();
         out[n..2 * n].iter_mut().zip(&kicks).for_each(|(out, kick)| *out = kick.abs());
         // What forces do to a body at rest in a step: its energy, and their impulse.
-        let energy = self.stepper.step.kick.powi(2);
+        let State { t, q, .. } = &self.stepper.state;
+        let energy = 2.0 * self.outputs.problem.energies(*t, q, &kicks).kinetic;
         let first = out.len() - ENERGIES.len();
         out[first..].iter_mut().for_each(|out| *out = out.max(energy));
     }
