@@ -6,6 +6,7 @@ use super::longer_steps::Kind;
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
 use super::run::{Ended, Plan, Run, Stepper, run_to_end};
 use super::sensitivities::{self, FollowedMotion};
+use super::unseen_data::{InTime, UnseenData};
 use super::{
     CheckCode, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
 };
@@ -17,7 +18,7 @@ use contact::{
     TimeStepping, VelocityStep,
 };
 use models::{ENERGIES, MechanicalModel};
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
 use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
 
@@ -63,10 +64,15 @@ pub(super) fn integrate_contact_once(
         return run_to_end(plan, control, diagnostics, || {
             let mut longer = TimeStepping::new(&mut *same, contact.settings, state.clone(), plan.end);
             longer.step.is_beside = true;
-            let longer = TimeSteppingRun { stepper: longer, longer: None, outputs: Outputs::new(model, control, plan) };
+            let longer = TimeSteppingRun {
+                stepper: longer,
+                longer: None,
+                outputs: Outputs::new(model, control, plan),
+                unseen: UnseenForces::default(),
+            };
             let longer = LongerRun::new(longer, plan, contact.settings.default_step);
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
-            Ok(TimeSteppingRun { stepper, longer: Some(Box::new(longer)), outputs })
+            Ok(TimeSteppingRun { stepper, longer: Some(Box::new(longer)), outputs, unseen: UnseenForces::default() })
         });
     };
     let mut run = Run::new(plan, control, diagnostics);
@@ -255,6 +261,35 @@ struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
     longer: Option<Box<LongerRun<Self>>>,
     outputs: Outputs<'p>,
+    unseen: UnseenForces,
+}
+
+/// What forces that depend on time do between the beginnings of steps.
+#[derive(Default)]
+struct UnseenForces {
+    data: UnseenData,
+    /// For each coordinate what they displace it and its velocity by, and bounds on the error of that.
+    displaced: Vec<[f64; 2]>,
+    unknown: Vec<[f64; 2]>,
+}
+
+/// The forces at one state, as functions of time.
+struct ForcesInTime<'s> {
+    problem: &'s mut dyn Mechanical,
+    state: &'s State,
+    ranges: Vec<Interval>,
+}
+
+impl InTime for ForcesInTime<'_> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        self.problem.forces(t, &self.state.q, &self.state.v, out);
+    }
+
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        self.problem.enclose_in_time(t, &self.state.q, &self.state.v, &mut self.ranges);
+        let forces = out.len();
+        out.copy_from_slice(&self.ranges[..forces]);
+    }
 }
 
 impl TimeSteppingRun<'_> {
@@ -328,6 +363,50 @@ impl TimeStepped for TimeSteppingRun<'_> {
         self.write_displaced(|_| 0.0, &mut at);
         self.write_displaced(|i| displaced[i], out);
         out.iter_mut().zip(&at).for_each(|(out, at)| *out -= at);
+        true
+    }
+
+    fn miss(&mut self, out: &mut [f64]) -> bool {
+        let structure = self.outputs.model.structure();
+        let TimeStepping { state, last, .. } = &self.stepper;
+        let (n, rows, h) = (structure.coordinates, structure.rows(), state.t - last.t);
+        if !structure.depends_on_time {
+            return false;
+        }
+        let UnseenForces { data, displaced, unknown } = &mut self.unseen;
+        displaced.resize(n, [0.0; 2]);
+        unknown.resize(n, [0.0; 2]);
+        let problem = &mut *self.outputs.problem;
+        let mut in_time = ForcesInTime { problem, state: last, ranges: vec![Interval::LINE; n + 2 * rows] };
+        let (mut missed, mut left) = (vec![0.0; n], vec![0.0; n]);
+        if data.integrate(n, [last.t, state.t], &mut in_time) {
+            // A step takes the forces at its beginning.
+            let mut used = vec![0.0; n];
+            in_time.at(last.t, &mut used);
+            let mut mass = DMatrix::zeros(n, n);
+            self.outputs.problem.mass(last.t, &last.q, &mut mass);
+            let Some(mass) = mass.cholesky().map(|mass| mass.inverse()) else { return false };
+            for (j, [sum, unknown]) in data.integrals.iter().enumerate() {
+                let impulse = sum - h * used[j];
+                for i in 0..n {
+                    missed[i] += mass[(i, j)] * impulse;
+                    left[i] += (mass[(i, j)] * unknown).abs();
+                }
+            }
+        }
+        for i in 0..n {
+            for (sums, change) in [(&mut displaced[i], missed[i]), (&mut unknown[i], left[i])] {
+                sums[0] += h * (sums[1] + 0.5 * change);
+                sums[1] += change;
+            }
+        }
+        let at = |k: usize, i: usize| displaced[i][k].abs() + unknown[i][k];
+        let by: [Vec<f64>; 2] = [0, 1].map(|k| (0..n).map(|i| at(k, i)).collect());
+        let mut now = vec![0.0; out.len()];
+        self.write_displaced(|_| 0.0, &mut now);
+        self.write_displaced(|i| by[0][i], out);
+        out.iter_mut().zip(&now).for_each(|(out, now)| *out -= now);
+        out[n..2 * n].copy_from_slice(&by[1]);
         true
     }
 

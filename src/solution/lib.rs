@@ -38,6 +38,7 @@ mod summary;
 mod table;
 mod trajectory;
 mod uniqueness;
+mod unseen_data;
 mod verdict;
 mod version;
 

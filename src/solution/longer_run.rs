@@ -8,6 +8,9 @@ use super::reducers::{Reduction, Selected};
 use super::run::{Plan, Stepper};
 use super::{Checks, Event, Failure};
 
+/// Output times this close to the end of a step, as a part of it, are at the end.
+const WITHIN: f64 = 1e-6;
+
 /// Time stepping that can be compared with longer steps.
 pub(super) trait TimeStepped: Stepper + Sized {
     /// The time at which the last step began.
@@ -28,6 +31,12 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// Writes for each output by what it is displaced if the impacts in the last step are off by the step; returns false if
     /// there are none.
     fn strike(&mut self, out: &mut [f64]) -> bool;
+
+    /// Writes for each output by what it is displaced at the end of the last step by data that vary within steps, beyond
+    /// what the steps see of them; returns false if there are none.
+    fn miss(&mut self, _out: &mut [f64]) -> bool {
+        false
+    }
 
     /// The events of the last step.
     fn events(&self) -> Vec<Event>;
@@ -60,7 +69,13 @@ pub(super) struct LongerRun<S> {
     free: Vec<Row>,
     y: Vec<f64>,
     changes: Vec<f64>,
+    /// The columns at the end of the last step of the run.
+    last: Vec<f64>,
+    /// The output times, and the index of the next one.
+    times: Vec<f64>,
+    next: usize,
     start: f64,
+    end: f64,
     events: Vec<SelectedEvents>,
 }
 
@@ -134,17 +149,10 @@ impl<S: TimeStepped> LongerRun<S> {
         comparison.meet(&y, 0.0);
         let (open, free) = (Vec::new(), Vec::new());
         let changes = vec![0.0; y.len()];
-        Self {
-            stepper,
-            columns,
-            comparison,
-            open,
-            free,
-            y,
-            changes,
-            start: plan.start,
-            events: SelectedEvents::of(plan),
-        }
+        let times = plan.times.clone().unwrap_or_default();
+        let (start, end, last) = (plan.start, plan.end, y.clone());
+        let events = SelectedEvents::of(plan);
+        Self { stepper, columns, comparison, open, free, y, changes, last, times, next: 0, start, end, events }
     }
 
     /// Follows the last step of a run.
@@ -168,8 +176,28 @@ impl<S: TimeStepped> LongerRun<S> {
         self.changes.fill(0.0);
         if run.strike(&mut self.changes[..outputs]) {
             self.columns.displace(t, &row.y, &mut self.changes);
-            self.comparison.strike(&self.changes);
+            self.comparison.strike(&self.changes, self.end - t);
         }
+        self.changes.fill(0.0);
+        if run.miss(&mut self.changes[..outputs]) {
+            self.columns.displace(t, &row.y, &mut self.changes);
+            self.comparison.miss(&self.changes);
+        }
+        while let Some(&at) = self.times.get(self.next)
+            && at <= t
+        {
+            self.next += 1;
+            let part = (at - run.begin()) / h;
+            if part > WITHIN && part < 1.0 - WITHIN {
+                let mut y = std::mem::take(&mut self.y);
+                self.read(run, at, &mut y);
+                let line = self.last.iter().zip(&row.y).map(|(from, to)| from + part * (to - from));
+                self.changes.iter_mut().zip(line).for_each(|(out, line)| *out = line);
+                self.comparison.look_within(&y, &self.changes);
+                self.y = y;
+            }
+        }
+        self.last.copy_from_slice(&row.y);
         if !self.events.is_empty() {
             let events = run.events();
             self.events.iter_mut().for_each(|of| of.take(&events, 0, h));

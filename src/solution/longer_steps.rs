@@ -74,6 +74,10 @@ pub(super) struct Quantity {
     integrals: [f64; 2],
     /// The sum of the squares of what impacts, each off by a step, change of it.
     impacts: f64,
+    /// The largest displacement by data that steps do not see.
+    missed: f64,
+    /// The sum of the distances of values within steps from the lines between the ends.
+    held: f64,
     /// The value at the end of the last step.
     last: f64,
     /// The numbers of changes of sign of both runs, and the largest error of the time of one, relative to the time since the
@@ -97,6 +101,8 @@ impl Quantity {
             distance: 0.0,
             integrals: [0.0; 2],
             impacts: 0.0,
+            missed: 0.0,
+            held: 0.0,
             last: 0.0,
             crossings: [0; 2],
             late: 0.0,
@@ -158,7 +164,7 @@ impl Quantity {
     }
 
     /// The error relative to its size, and how it is told. Velocities were compared over the time `compared`.
-    fn errors(&self, compared: f64, repeated: f64) -> [(f64, String); 2] {
+    fn errors(&self, compared: f64, repeated: f64, within: u32) -> [(f64, String); 4] {
         let over = if self.is_continuous() { 1.0 } else { compared };
         let size = self.size.max(self.least).max(ROUNDING * self.largest);
         let relative = |error: f64| if error == 0.0 { 0.0 } else { error / size };
@@ -177,7 +183,14 @@ impl Quantity {
             "and {name} is estimated to be off {when} {apart:.1e} of its largest {of}, by which it differs with steps twice \
              as long"
         );
-        [(by_impacts, impacts), (apart, what)]
+        let held = relative(self.held / f64::from(within.max(1)));
+        let between = format!(
+            "and {name} is off by {held:.1e} of its largest {of} at times within steps, in the mean: ask for ends of steps"
+        );
+        let missed = relative(self.missed);
+        let unseen =
+            format!("and data that vary within a step move {name} by {missed:.1e} of its largest {of}, unseen by it");
+        [(by_impacts, impacts), (held, between), (missed, unseen), (apart, what)]
     }
 }
 
@@ -194,6 +207,8 @@ pub(super) struct Comparison {
     repeated: f64,
     /// The part of a difference that is the error.
     share: f64,
+    /// The number of output times within steps.
+    within: u32,
     /// Errors of other kinds, relative, with what they are errors of.
     others: Vec<(f64, String)>,
     /// Why the other run came to an end.
@@ -204,7 +219,8 @@ impl Comparison {
     /// Prepares a comparison from the time `start` on.
     pub fn new(quantities: Vec<Quantity>, start: f64, is_default: bool) -> Self {
         let (compared, repeated, share) = (0.0, 0.0, 1.0);
-        Self { quantities, is_default, start, compared, repeated, share, others: Vec::new(), failed: None }
+        let others = Vec::new();
+        Self { quantities, is_default, start, compared, repeated, share, within: 0, others, failed: None }
     }
 
     /// Notes the columns of the run at the end of a step of length `h`, or at the start.
@@ -236,11 +252,34 @@ impl Comparison {
         }
     }
 
-    /// Notes by what impacts of a step, each off by a step of length `h`, displace the columns.
-    pub fn strike(&mut self, displaced: &[f64]) {
+    /// Notes by what impacts of a step, each off by the step, displace the columns; the time `remaining` is left of the run.
+    pub fn strike(&mut self, displaced: &[f64], remaining: f64) {
         for quantity in &mut self.quantities {
-            if quantity.kind == Kind::Continuous && quantity.measure == Measure::Values {
-                quantity.impacts += displaced[quantity.column].powi(2);
+            let by = displaced[quantity.column];
+            quantity.impacts += match quantity.measure {
+                Measure::Values if quantity.kind == Kind::Continuous => by * by,
+                Measure::Integral { is_squared: false } => (by * remaining).powi(2),
+                Measure::Integral { is_squared: true } => (2.0 * quantity.largest * by * remaining).powi(2),
+                Measure::Values | Measure::Crossings => 0.0,
+            };
+        }
+    }
+
+    /// Compares columns at a time within a step with those on the line between its ends, for what is not continuous: of what is
+    /// held throughout a step, the end says nothing of the values before it.
+    pub fn look_within(&mut self, at: &[f64], line: &[f64]) {
+        self.within += 1;
+        for quantity in self.quantities.iter_mut().filter(|of| !of.is_continuous()) {
+            quantity.held += (at[quantity.column] - line[quantity.column]).abs();
+        }
+    }
+
+    /// Notes by how much data that vary within steps displace the columns, beyond what the steps see of them.
+    pub fn miss(&mut self, displaced: &[f64]) {
+        for quantity in self.quantities.iter_mut().filter(|of| of.measure == Measure::Values) {
+            let by = displaced[quantity.column].abs();
+            if is_worse(by, quantity.missed) {
+                quantity.missed = by;
             }
         }
     }
@@ -318,8 +357,8 @@ impl Comparison {
         let repeated = repeated.min(MOST_REPEATED);
         let judged = self.quantities.iter().filter(|of| of.kind != Kind::Residual);
         let errors = judged.flat_map(|of| {
-            let [impacts, (apart, what)] = of.errors(self.compared, repeated);
-            [impacts, (self.share * apart, what)]
+            let [impacts, held, missed, (apart, what)] = of.errors(self.compared, repeated, self.within);
+            [impacts, held, missed, (self.share * apart, what)]
         });
         for (error, what) in errors.chain(self.others.iter().cloned()) {
             if is_worse(error, worst.0) {

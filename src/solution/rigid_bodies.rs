@@ -4,13 +4,18 @@ use super::longer_run::{LongerRun, TimeStepped};
 use super::longer_steps::{Kind, MOST_COMPARED, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
+use super::unseen_data::{InTime, UnseenData};
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use analysis::Analysis;
 use contact::Settings;
 use contact::energy::Energy;
 use contact::law::worse_of;
-use models::rigid_bodies::{Body, Law, MoreauStepping, Motion, MultibodySystem, OF_SCENE, StepFailure, between};
+use expression::{IntervalWorkspace, Tape};
+use models::rigid_bodies::{
+    Action, Body, Law, MoreauStepping, Motion, MultibodySystem, OF_BODY, OF_SCENE, OUTPUTS, StepFailure, between, state,
+};
 use nalgebra::{Quaternion, Vector3};
+use numerics::Interval;
 use problem::{Control, EventKind};
 
 /// Largest permitted error of a body's motion, relative to its largest value: two digits. Bodies in space are stepped at
@@ -81,6 +86,8 @@ struct RigidBodyRun<'a> {
     forces: [Vec<f64>; 2],
     coordinates: Vec<bool>,
     energy: Energy,
+    /// The balance at the beginning of the last step.
+    energy_before: Energy,
     work: ViCounts,
     /// Number of steps in which a restitution was reduced.
     limited: u64,
@@ -92,8 +99,100 @@ struct RigidBodyRun<'a> {
     events: usize,
     checks: Checks,
     longer: Option<Box<LongerRun<Self>>>,
+    /// What forces that depend on time do between the midpoints of steps.
+    unseen: Vec<UnseenAction>,
     /// Joint outputs at the end of the step before the last one.
     forces_before: Vec<f64>,
+}
+
+/// A force on a body, as a function of time at one state of the bodies.
+struct UnseenAction {
+    program: Tape,
+    boxes: IntervalWorkspace,
+    data: UnseenData,
+    /// The moving body that it acts on, by its index.
+    own: usize,
+    /// The states of its bodies.
+    inputs: Vec<f64>,
+    out: Vec<f64>,
+    ranges: Vec<Interval>,
+    /// By what the body is displaced in space and in its velocity, and turned; and bounds on the error of that.
+    displaced: [[Vector3<f64>; 2]; 2],
+    unknown: [[f64; 2]; 2],
+}
+
+/// The functions of time of an action.
+struct ActionInTime<'s> {
+    program: &'s mut Tape,
+    boxes: &'s mut IntervalWorkspace,
+    inputs: &'s [f64],
+    out: &'s mut [f64],
+    ranges: &'s mut [Interval],
+}
+
+impl InTime for ActionInTime<'_> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        self.program.evaluate(t, self.inputs, self.out);
+        out.copy_from_slice(&self.out[..out.len()]);
+    }
+
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        let inputs: Vec<Interval> = self.inputs.iter().map(|value| Interval::point(*value)).collect();
+        self.program.enclose(t, &inputs, self.boxes, self.ranges);
+        out.copy_from_slice(&self.ranges[..out.len()]);
+    }
+}
+
+impl UnseenAction {
+    /// The actions on moving bodies.
+    fn all(scene: &MultibodySystem) -> Vec<Self> {
+        let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
+        let new = |action: &Action| {
+            let own = moving.binary_search(&action.bodies.first()?.0).ok()?;
+            let at = |(body, centre): &(usize, Vector3<f64>)| {
+                let body = &scene.bodies[*body];
+                state(centre, &body.pose, &body.velocity, &body.omega)
+            };
+            Some(Self {
+                program: action.program.clone(),
+                boxes: IntervalWorkspace::new(&action.program),
+                data: UnseenData::default(),
+                own,
+                inputs: action.bodies.iter().flat_map(at).collect(),
+                out: vec![0.0; OUTPUTS],
+                ranges: vec![Interval::LINE; OUTPUTS],
+                displaced: [[Vector3::zeros(); 2]; 2],
+                unknown: [[0.0; 2]; 2],
+            })
+        };
+        scene.actions.iter().filter_map(new).collect()
+    }
+
+    /// Adds a step in which the body has the given motion at its end.
+    fn step(&mut self, [from, to]: [f64; 2], motion: &Motion, (is_local, at): (bool, &Vector3<f64>)) {
+        let h = to - from;
+        let Self { program, boxes, data, inputs, out, ranges, displaced, unknown, .. } = self;
+        let mut in_time = ActionInTime { program, boxes, inputs, out, ranges };
+        let (mut missed, mut left) = ([Vector3::zeros(); 2], [0.0; 2]);
+        if data.integrate(6, [from, to], &mut in_time) {
+            // A step takes the forces at its midpoint.
+            let mut used = [0.0; 6];
+            in_time.at(from + 0.5 * h, &mut used);
+            let part = |k: usize| Vector3::from_fn(|i, _| data.integrals[3 * k + i][0] - h * used[3 * k + i]);
+            let bound = |k: usize| (0..3).map(|i| data.integrals[3 * k + i][1]).sum::<f64>();
+            let turn = |of: Vector3<f64>| if is_local { motion.pose.rotation * of } else { of };
+            let (force, arm) = (turn(part(0)), motion.pose.rotation * at);
+            missed = [force / motion.mass, motion.mobility * (turn(part(1)) + arm.cross(&force))];
+            left = [bound(0) / motion.mass, motion.mobility.norm() * (bound(1) + arm.norm() * bound(0))];
+        }
+        for k in 0..2 {
+            let change = displaced[k][1] + missed[k] * 0.5;
+            displaced[k][0] += change * h;
+            displaced[k][1] += missed[k];
+            unknown[k][0] += h * (unknown[k][1] + 0.5 * left[k]);
+            unknown[k][1] += left[k];
+        }
+    }
 }
 
 /// The time after a number of steps of size `h`, without a last step that would be zero up to rounding.
@@ -130,6 +229,7 @@ impl<'a> RigidBodyRun<'a> {
         if is_compared {
             let longer = Self::of(scene, plan, settings, control, begin()?);
             course.simulation.record_parts();
+            course.unseen = UnseenAction::all(scene);
             course.longer = Some(Box::new(LongerRun::new(longer, plan, settings.default_step)));
         }
         Ok(course)
@@ -159,6 +259,7 @@ impl<'a> RigidBodyRun<'a> {
             forces: Default::default(),
             coordinates,
             energy: Energy::default(),
+            energy_before: Energy::default(),
             work: ViCounts::default(),
             limited: 0,
             halved: 0,
@@ -167,10 +268,12 @@ impl<'a> RigidBodyRun<'a> {
             checks: Checks::default(),
             longer: None,
             forces_before: Vec::new(),
+            unseen: Vec::new(),
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
         course.energy = Energy::new(kinetic, potential);
+        course.energy_before = course.energy;
         // Energy scale for bodies at rest: their weights times their sizes.
         let weight = |body: &Body| body.mass * scene.gravity.norm() * body.collider.reach();
         course.energy.meet(scene.bodies.iter().filter(|body| !body.fixed).map(weight).sum());
@@ -182,6 +285,7 @@ impl<'a> RigidBodyRun<'a> {
     fn book(&mut self) {
         let report = &self.simulation.report;
         let [kinetic, potential] = self.simulation.energies();
+        self.energy_before = self.energy;
         let before = self.energy.kinetic_at_end.max(report.kinetic);
         self.energy.dissipate(-report.work[1], -report.work[0], before);
         self.energy.lost_beyond_restitution -= report.elastic_work;
@@ -310,8 +414,11 @@ impl TimeStepped for RigidBodyRun<'_> {
         let (of_bodies, others) = out.split_at_mut(self.states.len());
         let (mut energy, mut weight) = (0.0, 0.0);
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
-        for ((body, motion), out) in moving.zip(&self.simulation.ends).zip(of_bodies.chunks_exact_mut(13)) {
+        let motions = self.simulation.ends.iter().zip(&self.simulation.pushed);
+        for ((body, (motion, pushed)), out) in moving.zip(motions).zip(of_bodies.chunks_exact_mut(13)) {
             let reach = body.collider.reach();
+            // A body without contacts has no motion but that of the forces on it.
+            let fall = if *pushed { fall } else { 0.0 };
             let spin = motion.omega.norm() * reach;
             let rounding = ROUNDING_OF_BODIES * (motion.pose.translation.vector.norm() + reach);
             out[..3].fill((h * fall).max(rounding));
@@ -363,6 +470,34 @@ impl TimeStepped for RigidBodyRun<'_> {
             *out = now[k] - 2.0 * before[k] + self.forces_before.get(k).copied().unwrap_or(before[k]);
         }
         true
+    }
+
+    fn miss(&mut self, out: &mut [f64]) -> bool {
+        let mut unseen = std::mem::take(&mut self.unseen);
+        let moves = |action: &&Action| action.bodies.first().is_some_and(|(body, _)| !self.scene.bodies[*body].fixed);
+        for (unseen, action) in unseen.iter_mut().zip(self.scene.actions.iter().filter(moves)) {
+            for ((body, _), inputs) in action.bodies.iter().zip(unseen.inputs.chunks_exact_mut(OF_BODY.len())) {
+                let place = self.scene.bodies[..*body].iter().filter(|body| !body.fixed).count();
+                if !self.scene.bodies[*body].fixed {
+                    inputs.copy_from_slice(&self.states[OF_BODY.len() * place..][..OF_BODY.len()]);
+                }
+            }
+            let motion = &self.simulation.ends[unseen.own];
+            unseen.step([self.before, self.t], motion, (action.is_local, &action.at));
+            let out = &mut out[OF_BODY.len() * unseen.own..][..OF_BODY.len()];
+            let rotation = motion.pose.rotation.into_inner();
+            for i in 0..3 {
+                out[i] += unseen.displaced[0][0][i] + unseen.unknown[0][0];
+                out[7 + i] += unseen.displaced[0][1][i] + unseen.unknown[0][1];
+                out[10 + i] += unseen.displaced[1][1][i] + unseen.unknown[1][1];
+            }
+            let turned = Quaternion::from_parts(0.0, 0.5 * unseen.displaced[1][0]) * rotation;
+            for (out, turned) in out[3..7].iter_mut().zip([turned.w, turned.i, turned.j, turned.k]) {
+                *out += turned + 0.5 * unseen.unknown[1][0];
+            }
+        }
+        self.unseen = unseen;
+        !self.unseen.is_empty()
     }
 
     fn events(&self) -> Vec<Event> {
@@ -417,22 +552,24 @@ impl Stepper for RigidBodyRun<'_> {
         if t < end {
             self.write_states(end);
         }
-        let [kinetic, potential] = self.simulation.energies();
         let report = &self.simulation.report;
-        let Energy { dissipated_by_friction, lost_in_impacts, .. } = self.energy;
+        let h = self.t - self.before;
+        let fraction = if h > 0.0 { ((t - self.before) / h).clamp(0.0, 1.0) } else { 1.0 };
+        let within = |of: fn(&Energy) -> f64| {
+            let [from, to] = [of(&self.energy_before), of(&self.energy)];
+            if fraction == 1.0 { to } else { from + fraction * (to - from) }
+        };
         let values = [
-            kinetic,
-            potential,
-            dissipated_by_friction,
-            lost_in_impacts,
+            within(|energy| energy.kinetic_at_end),
+            within(|energy| energy.potential_at_end),
+            within(|energy| energy.dissipated_by_friction),
+            within(|energy| energy.lost_in_impacts),
             report.closed as f64,
             report.penetration,
             report.normal_impulse,
         ];
         let (of_scene, forces) = of_scene.split_at_mut(values.len());
         of_scene.copy_from_slice(&values);
-        let h = self.t - self.before;
-        let fraction = if h > 0.0 { ((t - self.before) / h).clamp(0.0, 1.0) } else { 1.0 };
         let [before, after] = &self.forces;
         for (k, force) in forces.iter_mut().enumerate() {
             *force = if self.coordinates[k] { before[k] + fraction * (after[k] - before[k]) } else { after[k] };

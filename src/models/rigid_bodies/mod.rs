@@ -38,7 +38,7 @@ pub use joint::{Joint, JointKind};
 pub use load::Load;
 pub use made_parts::MadeParts;
 pub use motion::Motion;
-pub use outputs::{OF_BODY, OF_SCENE, between};
+pub use outputs::{OF_BODY, OF_SCENE, between, state};
 pub use polyhedron::Polyhedron;
 pub use prescribed::{Angular, Linear, Prescription};
 pub use scene::{Body, Law, Laws, MultibodySystem, Overlap};
