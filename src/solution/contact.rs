@@ -380,9 +380,11 @@ impl TimeStepped for TimeSteppingRun<'_> {
         let mut in_time = ForcesInTime { problem, state: last, ranges: vec![Interval::LINE; n + 2 * rows] };
         let (mut missed, mut left) = (vec![0.0; n], vec![0.0; n]);
         if data.integrate(n, [last.t, state.t], &mut in_time) {
-            // A step takes the forces at its beginning.
-            let mut used = vec![0.0; n];
+            // Steps take the forces at their beginnings, for velocities that are those of the middle: the rule of trapezoids.
+            let [mut used, mut at_end] = [vec![0.0; n], vec![0.0; n]];
             in_time.at(last.t, &mut used);
+            in_time.at(state.t, &mut at_end);
+            used.iter_mut().zip(at_end).for_each(|(used, at_end)| *used = 0.5 * (*used + at_end));
             let mut mass = DMatrix::zeros(n, n);
             self.outputs.problem.mass(last.t, &last.q, &mut mass);
             let Some(mass) = mass.cholesky().map(|mass| mass.inverse()) else { return false };
