@@ -102,8 +102,8 @@ pub struct VelocityStep<'p> {
     pub(super) atol: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
-    /// Whether impacts of one step that do not happen at once follow the other law of impacts, for comparison with a run that
-    /// follows the law.
+    /// Whether impacts of one step that do not happen at once follow the sequential law, for comparison with a run in which
+    /// they happen at once.
     pub is_beside: bool,
     pub(super) f: Vec<f64>,
     /// The velocity change by forces in the last step, as a norm in the metric of `M`.
@@ -422,12 +422,10 @@ impl<'p> VelocityStep<'p> {
             if report.restitution == 1.0 && r.iter().zip(&restitution).all(is_elastic) {
                 self.contacted.beyond_restitution = self.contacted.impacts;
             }
-            if self.is_beside && impact_law == self.impact_law && self.strikes_in_turn(&near, &r, &before) {
+            let is_at_once = impact_law == ImpactLaw::Simultaneous;
+            if self.is_beside && is_at_once && rebounds && self.strikes_in_turn(&near, &r, &before) {
                 is_again = true;
-                impact_law = match impact_law {
-                    ImpactLaw::Simultaneous => ImpactLaw::Sequential,
-                    ImpactLaw::Sequential => ImpactLaw::Simultaneous,
-                };
+                impact_law = ImpactLaw::Sequential;
             }
         }
         Ok(())

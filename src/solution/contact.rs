@@ -2,7 +2,7 @@
 
 use super::given_steps::{GIVEN_STEPS, GivenSteps};
 use super::longer_run::{LongerRun, TimeStepped};
-use super::longer_steps::Kind;
+use super::longer_steps::{KNOWN_ENERGY, Kind};
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
 use super::run::{Ended, Plan, Run, Stepper, run_to_end};
 use super::sensitivities::{self, FollowedMotion};
@@ -343,7 +343,8 @@ impl TimeStepped for TimeSteppingRun<'_> {
         let State { t, q, .. } = &self.stepper.state;
         let energy = 2.0 * self.outputs.problem.energies(*t, q, &kicks).kinetic;
         let first = out.len() - ENERGIES.len();
-        out[first..].iter_mut().for_each(|out| *out = out.max(energy));
+        let known = KNOWN_ENERGY * self.stepper.energy.size();
+        out[first..].iter_mut().for_each(|out| *out = out.max(energy).max(known));
     }
 
     fn strike(&mut self, out: &mut [f64]) -> bool {

@@ -23,6 +23,10 @@ pub const MOST_COMPARED: usize = 100;
 /// show.
 const MOST_REPEATED: f64 = 0.5;
 
+/// The part of the largest energy below which energies are not compared with themselves: losses that are zero, such as those of
+/// elastic impacts, are known up to the tolerance of the law of contact, 1e-10, which is then a small part of what is permitted.
+pub(super) const KNOWN_ENERGY: f64 = 1e-6;
+
 /// A change this small beside the largest value is rounding.
 const ROUNDING: f64 = 1e-12;
 

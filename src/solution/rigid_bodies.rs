@@ -1,7 +1,7 @@
 //! Integration of rigid bodies by time stepping, with outputs by name.
 
 use super::longer_run::{LongerRun, TimeStepped};
-use super::longer_steps::{Kind, MOST_COMPARED, not_compared};
+use super::longer_steps::{KNOWN_ENERGY, Kind, MOST_COMPARED, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
 use super::unseen_data::{InTime, UnseenData};
@@ -429,7 +429,9 @@ impl TimeStepped for RigidBodyRun<'_> {
             weight += motion.mass * self.scene.gravity.norm();
         }
         // Kinetic and potential energy, friction, impacts, contacts, penetration, impulses.
-        let of_scene = [energy, weight * h * fall, energy, energy, 1.0, 0.0, weight];
+        let known = KNOWN_ENERGY * self.energy.size();
+        let [lost, weighed] = [energy.max(known), (weight * h * fall).max(known)];
+        let of_scene = [lost, weighed, lost, lost, 1.0, 0.0, weight];
         let (scene, joints) = others.split_at_mut(of_scene.len());
         scene.copy_from_slice(&of_scene);
         joints.fill(0.0);
@@ -443,8 +445,7 @@ impl TimeStepped for RigidBodyRun<'_> {
         }
         // What contacts carry throughout a step is no larger than the forces, and is not displaced in time.
         let beyond = |change: Vector3<f64>, least: f64| {
-            let size = change.norm();
-            if size > least { change * (h * (1.0 - least / size)) } else { Vector3::zeros() }
+            change.map(|change| h * (change.abs() - least).max(0.0).copysign(change))
         };
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
         let motions = self.starts.iter().zip(&self.simulation.ends).zip(&self.simulation.pushed);

@@ -208,8 +208,8 @@ pub struct Island {
     pub largest_energy: f64,
     /// The longest steps to try.
     pub parts: Parts,
-    /// Whether impacts of one step that do not happen at once follow the other law of impacts, for comparison with a run that
-    /// follows the law.
+    /// Whether impacts of one step that do not happen at once follow the sequential law, for comparison with a run in which
+    /// they happen at once.
     pub is_beside: bool,
     /// Whether the step cannot be shortened: it is tried however long it is.
     pub is_shortest: bool,
@@ -356,8 +356,9 @@ impl Island {
     }
 
     /// Solves the contact law for the free velocities `free`, from the initial guess `r`, by the selected law of impacts. In a
-    /// run for comparison, impacts that one step makes at once although they happen one after the other follow the other
-    /// law, so that the runs differ by what the order of the impacts is worth.
+    /// run for comparison, impacts that one step makes at once although they happen one after the other follow the
+    /// sequential law, so that the runs differ by what the order of the
+    /// impacts is worth.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn impulses(
         &mut self,
@@ -370,7 +371,7 @@ impl Island {
         law: &mut Law,
         control: &Control,
     ) -> Vec<Vector3<f64>> {
-        if !(self.is_beside && rebounds) {
+        if !(self.is_beside && rebounds && self.impact_law == ImpactLaw::Simultaneous) {
             return self.impulses_by(self.impact_law, delassus, free, gap, rebounds, h, r, law, control);
         }
         let solved =
@@ -378,11 +379,7 @@ impl Island {
         if !self.strikes_in_turn(&solved) {
             return solved;
         }
-        let other = match self.impact_law {
-            ImpactLaw::Simultaneous => ImpactLaw::Sequential,
-            ImpactLaw::Sequential => ImpactLaw::Simultaneous,
-        };
-        self.impulses_by(other, delassus, free, gap, rebounds, h, r, law, control)
+        self.impulses_by(ImpactLaw::Sequential, delassus, free, gap, rebounds, h, r, law, control)
     }
 
     /// Whether contacts that are open at the beginning of the step, and have the impulses `r`, close at different times. One
