@@ -92,9 +92,20 @@ impl Columns {
         }
     }
 
-    /// What a plan asks for, where the outputs have the given kinds; all states if it is nothing.
+    /// Whether a plan makes no choice of the outputs of the problem, but has them all.
+    pub fn has_all(&self, plan: &Plan) -> bool {
+        (0..self.outputs).all(|output| plan.fields.contains(&output))
+    }
+
+    /// What a plan asks for, where the outputs have the given kinds; all states if it is nothing. Of outputs that nobody chose
+    /// the states are compared, of which all others are made.
     pub fn asked(&self, plan: &Plan, kinds: &[Kind]) -> Vec<Quantity> {
         let of = &plan.observables;
+        let is_passed_over = |field: usize| {
+            self.outputs > plan.initial.len()
+                && (plan.initial.len()..self.outputs).contains(&field)
+                && self.has_all(plan)
+        };
         let kind = |column: usize| match column.checked_sub(self.outputs) {
             None => kinds[column],
             Some(place) if self.inputs[place].iter().all(|&k| kinds[k] == Kind::Continuous) => Kind::Continuous,
@@ -104,7 +115,7 @@ impl Columns {
             Quantity::new(format!("`{name}`"), column, kind(column), measure)
         };
         let mut asked = Vec::new();
-        for &field in &plan.fields {
+        for &field in plan.fields.iter().filter(|field| !is_passed_over(**field)) {
             let Some(own) = field.checked_sub(self.outputs) else {
                 asked.push(new(&plan.names[field], field, Measure::Values));
                 continue;

@@ -25,6 +25,11 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// The kinds of all outputs.
     fn kinds(&self) -> Vec<Kind>;
 
+    /// Groups of outputs that are components of one vector, and are measured by the largest of them where nobody chose one.
+    fn vectors(&self) -> Vec<Vec<usize>> {
+        Vec::new()
+    }
+
     /// Writes for each output what the forces of the last step make of it.
     fn resolve(&mut self, out: &mut [f64]);
 
@@ -77,6 +82,8 @@ pub(super) struct LongerRun<S> {
     start: f64,
     end: f64,
     events: Vec<SelectedEvents>,
+    /// Whether all outputs of the problem are asked for, by no choice.
+    has_all: bool,
 }
 
 /// The events of a selection that is collected, of both runs.
@@ -151,8 +158,8 @@ impl<S: TimeStepped> LongerRun<S> {
         let changes = vec![0.0; y.len()];
         let times = plan.times.clone().unwrap_or_default();
         let (start, end, last) = (plan.start, plan.end, y.clone());
-        let events = SelectedEvents::of(plan);
-        Self { stepper, columns, comparison, open, free, y, changes, last, times, next: 0, start, end, events }
+        let (events, has_all) = (SelectedEvents::of(plan), columns.has_all(plan));
+        Self { stepper, columns, comparison, open, free, y, changes, last, times, next: 0, start, end, events, has_all }
     }
 
     /// Follows the last step of a run.
@@ -265,6 +272,9 @@ impl<S: TimeStepped> LongerRun<S> {
         while self.comparison.goes_on() && !self.open.is_empty() {
             let count = if self.open.len() > 3 { 2 } else { self.open.len() };
             self.join(run, count);
+        }
+        if self.has_all {
+            self.comparison.share_units(&self.stepper.vectors());
         }
         for of in &self.events {
             let (error, what) = of.error(self.start);

@@ -246,12 +246,21 @@ impl Comparison {
     /// Lets columns be measured in one unit, as the coordinates of two bodies along the line on which they meet: none of them
     /// counts as smaller than the others.
     pub fn share_units(&mut self, groups: &[Vec<usize>]) {
+        let members = |group: &Vec<usize>| -> Vec<usize> {
+            let is_member = |of: &Quantity| group.contains(&of.column) && of.measure == Measure::Values;
+            (0..self.quantities.len()).filter(|&k| is_member(&self.quantities[k])).collect()
+        };
+        let groups: Vec<Vec<usize>> = groups.iter().map(members).collect();
         // A size passes through one group a round.
-        for _ in groups {
-            for group in groups {
-                let is_member = |of: &&mut Quantity| group.contains(&of.column) && of.measure == Measure::Values;
-                let largest = self.quantities.iter_mut().filter(is_member).map(|of| of.size).fold(0.0, f64::max);
-                self.quantities.iter_mut().filter(is_member).for_each(|of| of.size = of.size.max(largest));
+        let mut grows = true;
+        while grows {
+            grows = false;
+            for group in &groups {
+                let largest = group.iter().map(|&k| self.quantities[k].size).fold(0.0, f64::max);
+                for &k in group {
+                    grows |= self.quantities[k].size < largest;
+                    self.quantities[k].size = self.quantities[k].size.max(largest);
+                }
             }
         }
     }

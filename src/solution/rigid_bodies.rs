@@ -407,6 +407,13 @@ impl TimeStepped for RigidBodyRun<'_> {
         kinds
     }
 
+    fn vectors(&self) -> Vec<Vec<usize>> {
+        let bodies = (0..self.starts.len()).map(|body| OF_BODY.len() * body);
+        let of_body =
+            |first: usize| [(0, 3), (3, 7), (7, 10), (10, 13)].map(|(from, to)| (first + from..first + to).collect());
+        bodies.flat_map(of_body).collect()
+    }
+
     fn resolve(&mut self, out: &mut [f64]) {
         let h = self.t - self.before;
         let kick = h * self.scene.gravity;
