@@ -273,6 +273,7 @@ impl<S: TimeStepped> LongerRun<S> {
             let count = if self.open.len() > 3 { 2 } else { self.open.len() };
             self.join(run, count);
         }
+        self.comparison.settle();
         if self.has_all {
             self.comparison.share_units(&self.stepper.vectors());
         }

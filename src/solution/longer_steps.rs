@@ -6,8 +6,8 @@
 //! what it may be off, a whole step. Impacts add up like independent errors; what they have in common, the runs show.
 //!
 //! What is asked for is compared, be it a state, another output, a definition, an integral, a monitor or what a sweep
-//! collects. What is continuous in time is compared at every common time, relative to its largest change over the run: where
-//! it is zero is a convention. Velocities, energies and forces jump, at times that differ from run to run by up to a step,
+//! collects. What is continuous in time is compared at every common time, relative to its largest change over the run, or to its
+//! largest value if that is smaller: where it is zero may be a convention. Velocities, energies and forces jump, at times that differ from run to run by up to a step,
 //! and are compared in the mean over time, relative to their largest values. What never changes by more than what the forces
 //! of a single step would make of it is relative to that, since no step resolves less.
 
@@ -241,6 +241,16 @@ impl Comparison {
     /// Notes what the forces of a step make of the columns.
     pub fn resolve(&mut self, least: &[f64]) {
         self.quantities.iter_mut().for_each(|of| of.least = of.least.max(least[of.column]));
+    }
+
+    /// Takes the sizes of what is continuous: its largest change, or its largest value if that is smaller, as of a swing between
+    /// two sides of zero.
+    pub fn settle(&mut self) {
+        for quantity in
+            self.quantities.iter_mut().filter(|of| of.kind == Kind::Continuous && of.measure == Measure::Values)
+        {
+            quantity.size = quantity.size.min(quantity.largest);
+        }
     }
 
     /// Lets columns be measured in one unit, as the coordinates of two bodies along the line on which they meet: none of them
