@@ -2,8 +2,8 @@
 //!
 //! 1. One contact: its exact solution.
 //! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate predicts the tolerance within few sweeps.
-//! 3. Proximal Newton, from the best point so far: its contact states are often those of the solution.
-//! 4. The interior-point method, which finds the contact states, then Newton again for the last digits.
+//! 3. Proximal Newton, from the best point so far, if contacts are few: its contact states are often those of the solution.
+//! 4. The interior-point method, which finds the contact states, then Newton again if digits are missing.
 //! 5. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
 //!    state, so that nothing is lost if Newton fails again.
 //!
@@ -63,6 +63,11 @@ impl Default for Limits {
         }
     }
 }
+
+/// The number of contacts up to which Newton's method goes before the interior-point method: it needs fewer factorisations, and the
+/// contact states at the start are then often those of the solution. Of many contacts with many solutions the interior-point
+/// method finds a central one, from which later solves start well.
+const NEWTON_FIRST: usize = 50;
 
 /// A method of the portfolio.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -264,12 +269,18 @@ impl Coulomb {
         self.record(Method::InteriorPoint, steps, before, after);
     }
 
-    /// Runs Newton's method, then once the interior-point method, then Newton's method and ADMM in turn.
+    /// Runs the interior-point method, at the end of the first turn if contacts are few, and Newton's method and ADMM in turn.
     fn alternate(&mut self, control: &Control) {
         if self.is_over(control) {
             return;
         }
-        let mut has_passed = false;
+        let mut has_passed = self.best.len() > NEWTON_FIRST;
+        if has_passed {
+            self.pass_through_the_interior(control);
+            if self.is_over(control) {
+                return;
+            }
+        }
         let Some(mut newton) = ProximalNewton::new(&self.scaling) else { return };
         self.work.clone_from(&self.best);
         let mut start = self.residual;
