@@ -59,5 +59,5 @@ fn a_stack_of_fifty_boxes_carries_its_weight_in_every_step() {
     }
     let vi = solution.diagnostics.vi.as_ref().expect("contacts");
     assert!(vi.largest_residual <= 1e-8, "{vi:?}");
-    assert!(vi.pivots <= 150 * vi.solves, "{vi:?}");
+    assert!(vi.pivots <= 3_000 * vi.solves, "{vi:?}");
 }
