@@ -428,7 +428,9 @@ impl TimeStepped for RigidBodyRun<'_> {
             let fall = if *pushed { fall } else { 0.0 };
             let spin = motion.omega.norm() * reach;
             let rounding = ROUNDING_OF_BODIES * (motion.pose.translation.vector.norm() + reach);
-            out[..3].fill((h * fall).max(rounding));
+            // Which point of the body is its origin is a convention: one that rests while the body turns is measured by it.
+            let turned = reach * body.pose.rotation.angle_to(&motion.pose.rotation);
+            out[..3].fill((h * fall).max(rounding).max(turned));
             out[3..7].fill((0.5 * h * fall / reach).max(ROUNDING_OF_BODIES));
             out[7..10].fill(fall.max(ROUNDING_OF_BODIES * (motion.velocity.norm() + spin)));
             out[10..13].fill(fall.max(ROUNDING_OF_BODIES * (motion.velocity.norm() + spin)) / reach);
