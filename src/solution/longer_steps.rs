@@ -49,6 +49,8 @@ pub(super) struct Comparison {
     quantities: Vec<Quantity>,
     /// Whether the steps have the default size.
     is_default: bool,
+    /// The part of a difference that is the error of the run with shorter steps: all of it at first order.
+    share: f64,
     /// The time over which velocities were compared.
     compared: f64,
     /// Why the other run came to an end.
@@ -73,7 +75,18 @@ impl Comparison {
         if quantities.iter().all(|quantity| !quantity.is_kept) {
             quantities.iter_mut().for_each(|quantity| quantity.is_kept = true);
         }
-        Self { quantities, is_default, compared: 0.0, failed: None }
+        Self { quantities, is_default, share: 1.0, compared: 0.0, failed: None }
+    }
+
+    /// Lets the runs be of second order: the error of the run with longer steps is four times that of the other, and their
+    /// difference three times.
+    pub fn of_second_order(self) -> Self {
+        Self { share: 1.0 / 3.0, ..self }
+    }
+
+    /// Lets the runs be of first order.
+    pub fn fall_to_first_order(&mut self) {
+        self.share = 1.0;
     }
 
     /// Notes a value of quantity `k` that the run had, or that a step could have made.
@@ -172,10 +185,11 @@ impl Comparison {
                 );
                 worst = Some((by_impacts, what));
             }
-            let relative = distance / over / own;
+            let relative = self.share * distance / over / own;
             if is_new(relative, &worst) {
+                let by = if self.share < 1.0 { "a third of that" } else { "that" };
                 let what = format!(
-                    "and {name} is estimated to be off {when} {relative:.1e} of its largest value, by which it differs with \
+                    "and {name} is estimated to be off {when} {relative:.1e} of its largest value, {by} by which it differs with \
                      steps twice as long"
                 );
                 worst = Some((relative, what));

@@ -8,30 +8,44 @@ use analysis::Analysis;
 use contact::Settings;
 use contact::energy::Energy;
 use contact::law::worse_of;
-use models::rigid_bodies::{Body, Law, MoreauStepping, Motion, MultibodySystem, StepFailure, between};
+use models::rigid_bodies::{Body, Law, MoreauStepping, Motion, MultibodySystem, StepFailure, between, state_of};
 use problem::Control;
 
 /// Largest permitted error of a body's motion, relative to its largest value: two digits. Bodies in space are stepped at
 /// first order, so that each further digit costs ten times as many steps, and there is no method to fall back on.
 const TWO_DIGITS: f64 = 1e-2;
 
+/// How steps treat impacts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Impacts {
+    /// Whether impacts are located in time; else steps go over them.
+    pub are_located: bool,
+    /// Why.
+    pub because: &'static str,
+}
+
 /// Steps the bodies through the plan.
 pub fn step_rigid_bodies(
     scene: &MultibodySystem,
     plan: &Plan,
-    settings: &Settings,
+    (settings, impacts): (&Settings, Impacts),
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
-    let diagnostics = describe_rigid_bodies(scene, settings, analysis);
-    run(plan, control, diagnostics, || RigidBodyRun::new(scene, plan, settings, control))
+    let diagnostics = describe_rigid_bodies(scene, (settings, impacts), analysis);
+    run(plan, control, diagnostics, || RigidBodyRun::new(scene, plan, (settings, impacts), control))
 }
 
 /// The diagnostics known before the run.
-pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analysis: &Analysis) -> Diagnostics {
+pub fn describe_rigid_bodies(
+    scene: &MultibodySystem,
+    (settings, impacts): (&Settings, Impacts),
+    analysis: &Analysis,
+) -> Diagnostics {
+    let stepping = if impacts.are_located { "location of impacts" } else { "time stepping" };
     let mut diagnostics = Diagnostics {
         method: "contact",
-        built: vec!["time stepping", "collisions", "law of impact", "islands"],
+        built: vec![stepping, "collisions", "law of impact", "islands"],
         analysis: Some(analysis.clone()),
         vi: Some(ViCounts::default()),
         ..Diagnostics::default()
@@ -50,8 +64,10 @@ pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analy
             diagnostics.left_out.push(format!("{part}: {reason}"));
         }
     }
+    let left_out = if impacts.are_located { "time stepping" } else { "location of impacts" };
+    diagnostics.left_out.push(format!("{left_out}: {}", impacts.because));
     if settings.default_step {
-        let message = format!("no `step` was given: time stepping takes steps of {}", settings.step);
+        let message = format!("no `step` was given: {stepping} takes steps of {}", settings.step);
         diagnostics.warnings.push(Warning { code: "default_step", message });
     }
     diagnostics
@@ -83,6 +99,8 @@ struct RigidBodyRun<'a> {
     halved: u64,
     /// Number of Newton iterations.
     newton: u64,
+    /// Number of steps with located impacts whose rest was time-stepped.
+    passed: u64,
     /// Number of events so far.
     events: usize,
     checks: Checks,
@@ -101,7 +119,12 @@ struct LongerSteps<'a> {
 }
 
 impl<'a> LongerSteps<'a> {
-    fn new(scene: &MultibodySystem, plan: &Plan, simulation: MoreauStepping<'a>, is_default: bool) -> Self {
+    fn new(
+        scene: &MultibodySystem,
+        plan: &Plan,
+        simulation: MoreauStepping<'a>,
+        (is_default, impacts): (bool, Impacts),
+    ) -> Self {
         let moving = scene.bodies.iter().filter(|body| !body.fixed);
         let quantities = moving.enumerate().flat_map(|(i, body)| {
             let (name, first) = (&body.name, 13 * i);
@@ -116,7 +139,10 @@ impl<'a> LongerSteps<'a> {
             let field = plan.names.iter().position(|name| name == energy).unwrap_or(plan.names.len());
             (format!("`{energy}`"), Kind::Energy, field..field + 1)
         });
-        let comparison = Comparison::new(quantities.chain(energies), plan, is_default);
+        let mut comparison = Comparison::new(quantities.chain(energies), plan, is_default);
+        if impacts.are_located {
+            comparison = comparison.of_second_order();
+        }
         Self { simulation, steps: 0, t: plan.start, last: 0.0, comparison }
     }
 
@@ -158,6 +184,9 @@ impl<'a> LongerSteps<'a> {
                 return;
             }
             (self.steps, self.t, self.last) = (self.steps + 1, next, step);
+            if self.simulation.is_passed() {
+                self.comparison.fall_to_first_order();
+            }
         }
         if self.t == t && self.comparison.goes_on() {
             self.compare(run, energy);
@@ -204,12 +233,15 @@ impl<'a> RigidBodyRun<'a> {
     fn new(
         scene: &'a MultibodySystem,
         plan: &'a Plan,
-        settings: &Settings,
+        (settings, impacts): (&Settings, Impacts),
         control: &'a Control,
     ) -> Result<Self, Failure> {
         let begin = || {
             let mut simulation = MoreauStepping::new(scene, plan.start, settings);
             simulation.most_memory = plan.most_memory;
+            if impacts.are_located {
+                simulation.locate_impacts();
+            }
             let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
             if scene.resolve && !simulation.resolve(control).map_err(failed)? {
                 let message = "the bodies overlap at the start, and could not be moved apart".to_owned();
@@ -224,7 +256,7 @@ impl<'a> RigidBodyRun<'a> {
         };
         let simulation = begin()?;
         let longer = if simulation.ends.len() <= MOST_COMPARED {
-            Some(LongerSteps::new(scene, plan, begin()?, settings.default_step))
+            Some(LongerSteps::new(scene, plan, begin()?, (settings.default_step, impacts)))
         } else {
             None
         };
@@ -248,6 +280,7 @@ impl<'a> RigidBodyRun<'a> {
             limited: 0,
             halved: 0,
             newton: 0,
+            passed: 0,
             events: 0,
             checks: Checks::default(),
             longer,
@@ -281,7 +314,8 @@ impl<'a> RigidBodyRun<'a> {
         }
         self.newton += report.newton;
         self.limited += u64::from(report.is_limited);
-        self.halved += u64::from(report.parts > 1);
+        self.halved += u64::from(report.parts > 1 && self.simulation.arcs().is_empty());
+        self.passed += u64::from(self.simulation.is_passed());
     }
 
     /// Estimates the energy error that the last step may explain: bodies under contact forces move at first order, and
@@ -332,11 +366,24 @@ impl<'a> RigidBodyRun<'a> {
         }
     }
 
+    /// The motions at a time within the last step, if its impacts were located; after the impacts at that time.
+    fn within(&self, t: f64) -> Option<Vec<Motion>> {
+        let passed = t - self.before;
+        let of_arc = self.simulation.arcs().iter().rev().find(|arc| arc.times[0] <= passed);
+        of_arc.filter(|_| t < self.t).map(|arc| arc.at(passed).collect())
+    }
+
     /// Writes the states at a time within the last step.
     fn write_states(&mut self, t: f64) {
         let h = self.t - self.before;
         let fraction = if h > 0.0 { (t - self.before) / h } else { 1.0 };
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
+        if let Some(motions) = self.within(t) {
+            for ((body, motion), out) in moving.zip(motions).zip(self.states.chunks_exact_mut(13)) {
+                out.copy_from_slice(&state_of(body, &motion));
+            }
+            return;
+        }
         let motions = self.starts.iter().zip(&self.simulation.ends).zip(&self.simulation.pushed);
         for ((body, ((from, to), pushed)), out) in moving.zip(motions).zip(self.states.chunks_exact_mut(13)) {
             out.copy_from_slice(&between(body, [from, to], *pushed, h, fraction));
@@ -397,7 +444,9 @@ impl Stepper for RigidBodyRun<'_> {
         if t < end {
             self.write_states(end);
         }
-        let [kinetic, potential] = self.simulation.energies();
+        let within = self.within(t);
+        let [kinetic, potential] =
+            within.map_or_else(|| self.simulation.energies(), |motions| self.simulation.energies_of(&motions));
         let report = &self.simulation.report;
         let Energy { dissipated_by_friction, lost_in_impacts, .. } = self.energy;
         let values = [
@@ -423,11 +472,11 @@ impl Stepper for RigidBodyRun<'_> {
         let new_events = &self.simulation.new_events;
         let room = MOST_EVENTS - self.events.min(MOST_EVENTS);
         self.events += new_events.len();
-        events.extend(new_events.iter().take(room).map(|(kind, pair)| {
+        events.extend(new_events.iter().take(room).map(|(kind, pair, t)| {
             let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
             // A stop between a body and the world.
             let of = if pair[0] == pair[1] { first.clone() } else { format!("{first} and {second}") };
-            Event { t: self.t, kind: *kind, of }
+            Event { t: t.unwrap_or(self.t), kind: *kind, of }
         }));
     }
 
@@ -448,6 +497,14 @@ impl Stepper for RigidBodyRun<'_> {
                 self.work.largest_residual
             );
             diagnostics.warnings.push(Warning { code: "contact_residual", message });
+        }
+        if self.passed > 0 {
+            let message = format!(
+                "in {} of {} steps impacts followed each other so fast that time stepping, of first order, took the rest of the \
+                 step; a smaller `step` may help",
+                self.passed, self.steps
+            );
+            diagnostics.warnings.push(Warning { code: "impacts_passed", message });
         }
         if self.limited > 0 {
             let message = format!(

@@ -81,6 +81,25 @@ impl Motion {
         self.turn_mobility();
     }
 
+    /// Flies for a time `h` under gravity; the velocities are those of the ends.
+    pub fn fly(&mut self, h: f64, gravity: &Vector3<f64>) {
+        let half = gravity * (0.5 * h);
+        self.velocity += half;
+        self.drift(h);
+        self.velocity += half;
+    }
+
+    /// The body moved for a time `h` with the given velocities, with its momenta changed: the velocity by `kick`, the
+    /// angular momentum by `turn`.
+    pub fn moved(&self, [velocity, omega]: [&Vector3<f64>; 2], h: f64, [kick, turn]: [&Vector3<f64>; 2]) -> Self {
+        let momentum = self.inertia_in_world() * self.omega + turn;
+        let mut moved = *self;
+        moved.displace(&(velocity * h), &(omega * h));
+        moved.velocity += kick;
+        moved.omega = moved.mobility * momentum;
+        moved
+    }
+
     /// The inertia in world axes, at the current pose.
     pub fn inertia_in_world(&self) -> Matrix3<f64> {
         if self.is_round {
@@ -109,6 +128,20 @@ impl Motion {
         let by = other.pose.translation.vector - self.pose.translation.vector;
         let turn = (other.pose.rotation * self.pose.rotation.inverse()).scaled_axis();
         Vector6::new(by.x, by.y, by.z, turn.x, turn.y, turn.z)
+    }
+
+    /// The motion a time `d` after this one, on the parabola to the motion `end` a time `s` after it.
+    pub fn between(&self, end: &Self, s: f64, d: f64) -> Self {
+        let (part, way) = (d / s, self.way_to(end));
+        let bend = |way: Vector3<f64>, rate: &Vector3<f64>| rate * d + (way - rate * s) * (part * part);
+        let mut between = *self;
+        between.displace(
+            &bend(way.fixed_rows::<3>(0).into_owned(), &self.velocity),
+            &bend(way.fixed_rows::<3>(3).into_owned(), &self.omega),
+        );
+        between.velocity = self.velocity.lerp(&end.velocity, part);
+        between.omega = self.omega.lerp(&end.omega, part);
+        between
     }
 
     /// Moves the pose by a displacement and a rotation vector, without changing velocities.

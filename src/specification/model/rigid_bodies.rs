@@ -47,9 +47,11 @@ impl Model for MultibodySystem {
 
     fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         let method = asked.method;
-        if method.impacts == Some(Impacts::Locate) {
-            let detail = "rigid bodies are always time-stepped";
-            refuse("impacts", detail, "`time_stepping`, or to be left out", errors);
+        if method.impacts == Some(Impacts::Locate)
+            && let Some(reason) = not_located(self)
+        {
+            let detail = format!("impacts cannot be located: {reason}");
+            refuse("impacts", &detail, "`time_stepping`, or to be left out", errors);
         }
         for key in method.error_controls() {
             let detail = "rigid bodies are time-stepped with a fixed step, without an error estimate";
@@ -96,13 +98,13 @@ impl Model for MultibodySystem {
     }
 
     fn describe(&self, specification: &Specification) -> Diagnostics {
-        let settings = specification.contact_settings(TOLERANCE);
-        solution::describe_rigid_bodies(self, &settings, specification.analysis())
+        let (settings, impacts) = (specification.contact_settings(TOLERANCE), impacts(self, specification));
+        solution::describe_rigid_bodies(self, (&settings, impacts), specification.analysis())
     }
 
     fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution {
-        let settings = specification.contact_settings(TOLERANCE);
-        solution::step_rigid_bodies(self, plan, &settings, specification.analysis(), control)
+        let (settings, impacts) = (specification.contact_settings(TOLERANCE), impacts(self, specification));
+        solution::step_rigid_bodies(self, plan, (&settings, impacts), specification.analysis(), control)
     }
 
     fn method_name(&self, _stages: Stages) -> String {
@@ -118,5 +120,27 @@ impl Model for MultibodySystem {
             ladders: &LADDERS,
             balances: &[By::Step],
         }
+    }
+}
+
+/// Why impacts of a multibody system cannot be located, if so.
+fn not_located(scene: &MultibodySystem) -> Option<&'static str> {
+    let reasons = [
+        (!scene.joints.is_empty(), "there are joints or springs"),
+        (!scene.actions.is_empty(), "there are forces that depend on the motion"),
+    ];
+    reasons.into_iter().find(|(applies, _)| *applies).map(|(_, reason)| reason)
+}
+
+/// How the steps treat impacts.
+fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::Impacts {
+    let by = |are_located, because| solution::Impacts { are_located, because };
+    match specification.method().impacts {
+        Some(Impacts::Locate) => by(true, "`impacts` is `locate`"),
+        Some(Impacts::TimeStepping) => by(false, "`impacts` is `time_stepping`"),
+        None => match not_located(scene) {
+            Some(reason) => by(false, reason),
+            None => by(false, "`impacts` is not `locate`"),
+        },
     }
 }

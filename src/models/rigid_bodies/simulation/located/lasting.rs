@@ -1,0 +1,179 @@
+//! An arc without impacts. Bodies with contacts that last move by a diagonally implicit Runge-Kutta method of two stages
+//! (Alexander 1977), of order two and L-stable,
+//!
+//! ```text
+//! p_i = p + s (a_i1 f_1 + a_i2 f_2),    a_11 = a_22 = c,    a_21 = 1 - c,    c = 1 - 1/sqrt(2)
+//! q+ = q (+) s ((1 - c) v_1 + c v_2),    p+ = p_2
+//! ```
+//!
+//! with momenta `p` in world axes, so that the gyroscopic terms need no quadrature, and forces `f` of gravity and of
+//! contacts. The contacts of each stage obey the law of contact at the velocities of the stage: a stage is a step of time
+//! stepping of length `c s`. Its pose is extrapolated, with an error of second order in the step, which leaves one of
+//! third order in the impulse. The method is stiffly accurate: the velocities at the end obey the law, a contact that ceases to
+//! slip within an arc sticks at its end, and the error of that arc is of second order in the place alone.
+//!
+//! Gaps are held at the level of velocities, and closed by the velocity `-gap/s`, which is of second order.
+
+use super::super::super::contact::Contact;
+use super::super::super::motion::Motion;
+use super::super::{MoreauStepping, StepFailure};
+use super::{Arc, Key, Located};
+use nalgebra::Vector3;
+use problem::Control;
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// `c`.
+const DIAGONAL: f64 = 1.0 - FRAC_1_SQRT_2;
+
+/// The weight of the impulses of the first stage at the end, in those of the stage.
+const CARRIED: f64 = (1.0 - DIAGONAL) / DIAGONAL;
+
+/// Limit on the number of arcs tried from one beginning: each ends where the one before found a contact. Paths of bodies
+/// with lasting contacts depend on the length of the arc, by its third power.
+const TRIALS: usize = 8;
+
+/// A fraction of an arc that is not worth another trial.
+const SAME: f64 = 1e-12;
+
+impl MoreauStepping<'_> {
+    /// Moves the bodies until the first contact closes, at most for a time `rest`.
+    pub(super) fn glide(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
+        let (t, starts) = (self.t, self.moving.clone());
+        let (report, forces, kept) = (self.report, self.contact_forces.clone(), self.kept.clone());
+        self.detect(rest, control)?;
+        let open = |contact: &&Contact| !located.lasting.contains(&contact.key);
+        let mut open: Vec<(u32, u32)> =
+            self.contacts.iter().filter(open).map(|contact| (contact.key.0, contact.key.1)).collect();
+        open.dedup();
+        let mut s = rest;
+        for trial in 1.. {
+            let lasting = self.arc(located, &starts, [t, s], control)?;
+            let closes = self.closes(located, &starts, &open, [t, s], control)?;
+            match closes {
+                Some(earlier) if trial < TRIALS && earlier < s * (1.0 - SAME) => {
+                    self.moving.clone_from(&starts);
+                    self.report = report;
+                    self.contact_forces.clone_from(&forces);
+                    self.kept.clone_from(&kept);
+                    s = earlier;
+                }
+                _ => {
+                    located.lasting = lasting;
+                    break;
+                }
+            }
+        }
+        // The end of the step is exactly that asked for.
+        self.t = if s == rest { located.begin + located.step } else { t + s };
+        self.touch(located);
+        let times = [t - located.begin, self.t - located.begin];
+        located.arcs.push(Arc { times, starts, ends: self.moving.clone() });
+        Ok(())
+    }
+
+    /// Moves the bodies for a time `s` from `t` on, without impacts; returns the contacts that last at its end.
+    fn arc(
+        &mut self,
+        located: &Located,
+        starts: &[Motion],
+        [t, s]: [f64; 2],
+        control: &Control,
+    ) -> Result<rustc_hash::FxHashSet<Key>, StepFailure> {
+        self.held.fill(false);
+        for body in located.lasting.iter().flat_map(|&(a, b, _)| [a, b]) {
+            if let Some(place) = self.places[body as usize] {
+                self.held[place as usize] = true;
+            }
+        }
+        let gravity = self.scene.gravity;
+        for (motion, _) in self.moving.iter_mut().zip(&self.held).filter(|(_, is_held)| !**is_held) {
+            motion.fly(s, &gravity);
+        }
+        self.contacts.clear();
+        if located.lasting.is_empty() {
+            return Ok(Default::default());
+        }
+        let mut pairs: Vec<(u32, u32)> = located.lasting.iter().map(|&(a, b, _)| (a, b)).collect();
+        pairs.sort_unstable();
+        pairs.dedup();
+        let held: Vec<usize> = (0..starts.len()).filter(|&place| self.held[place]).collect();
+        let mut free = Vec::with_capacity(held.len());
+        for &k in &held {
+            let start = &starts[k];
+            let kick = gravity * (DIAGONAL * s);
+            self.moving[k] =
+                start.moved([&start.velocity, &start.omega], DIAGONAL * s, [&kick, &Vector3::zeros()]);
+            free.push(self.moving[k]);
+        }
+        self.stage(located, &pairs, [t, DIAGONAL * s, s], CARRIED, control)?;
+        let firsts: Vec<Motion> = held.iter().map(|&k| self.moving[k]).collect();
+        for ((&k, free), first) in held.iter().zip(&free).zip(&firsts) {
+            let kick = gravity * s + (first.velocity - free.velocity) * CARRIED;
+            let turn = first.inertia_in_world() * (first.omega - free.omega) * CARRIED;
+            self.moving[k] = starts[k].moved([&first.velocity, &first.omega], s, [&kick, &turn]);
+        }
+        self.stage(located, &pairs, [t, s, s], 1.0, control)?;
+        for (&k, first) in held.iter().zip(&firsts) {
+            let second = self.moving[k];
+            let mean = |a: &Vector3<f64>, b: &Vector3<f64>| a * (1.0 - DIAGONAL) + b * DIAGONAL;
+            let momentum = second.inertia_in_world() * second.omega;
+            let turn = momentum - starts[k].inertia_in_world() * starts[k].omega;
+            self.moving[k] = starts[k].moved(
+                [&mean(&first.velocity, &second.velocity), &mean(&first.omega, &second.omega)],
+                s,
+                [&(second.velocity - starts[k].velocity), &turn],
+            );
+        }
+        let lasts = |contact: &&Contact| contact.impulse.x > 0.0;
+        self.report.closed = self.contacts.iter().filter(lasts).count();
+        Ok(self.contacts.iter().filter(lasts).map(|contact| contact.key).collect())
+    }
+
+    /// Solves the law of the lasting contacts of a stage at the time `passed` after `t`, in an arc of length `s`, and books
+    /// their impulses with a weight.
+    fn stage(
+        &mut self,
+        located: &Located,
+        pairs: &[(u32, u32)],
+        [t, passed, s]: [f64; 3],
+        weight: f64,
+        control: &Control,
+    ) -> Result<(), StepFailure> {
+        self.ground_at(located, t + passed);
+        self.detect_between(pairs.iter().copied(), control)?;
+        self.contacts.retain(|contact| located.lasting.contains(&contact.key));
+        for contact in &mut self.contacts {
+            contact.law.restitution = 0.0;
+            contact.before.x = 0.0;
+        }
+        self.close();
+        self.remember();
+        self.group();
+        // The law takes coefficients at the end of its step.
+        let now = std::mem::replace(&mut self.t, t + passed - s);
+        self.partition_into_islands();
+        self.t = now;
+        let solved = self.solve_each(|island, mechanism, law| island.solve(s, mechanism, law, control));
+        control.go_on()?;
+        solved?;
+        self.check_law()?;
+        self.kept.clear();
+        for contact in self.contacts.iter_mut().filter(|contact| contact.impulse.x > 0.0) {
+            self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
+            let after =
+                contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega));
+            contact.impulse *= weight;
+            contact.work = contact.impulse.component_mul(&after);
+        }
+        self.book();
+        Ok(())
+    }
+
+    /// Tells events of the contacts at the end of an arc.
+    fn touch(&mut self, located: &Located) {
+        let told = self.new_events.len();
+        self.follow(located.step);
+        let t = self.t;
+        self.new_events[told..].iter_mut().for_each(|(_, _, when)| *when = Some(t));
+    }
+}
