@@ -366,11 +366,14 @@ impl<'a> RigidBodyRun<'a> {
         }
     }
 
-    /// The motions at a time within the last step, if its impacts were located; after the impacts at that time.
-    fn within(&self, t: f64) -> Option<Vec<Motion>> {
+    /// The motions at a time within the last step, if its impacts were located, after the impacts at that time; and the work of
+    /// contacts in the rest of the step, by normal and tangential components.
+    fn within(&self, t: f64) -> Option<(Vec<Motion>, [f64; 2])> {
         let passed = t - self.before;
         let of_arc = self.simulation.arcs().iter().rev().find(|arc| arc.times[0] <= passed);
-        of_arc.filter(|_| t < self.t).map(|arc| arc.at(passed).collect())
+        let (arc, all) = (of_arc.filter(|_| t < self.t)?, self.simulation.report.work);
+        let done = arc.work_at(passed);
+        Some((arc.at(passed, &self.scene.gravity), [0, 1].map(|k| all[k] - done[k])))
     }
 
     /// Writes the states at a time within the last step.
@@ -378,7 +381,7 @@ impl<'a> RigidBodyRun<'a> {
         let h = self.t - self.before;
         let fraction = if h > 0.0 { (t - self.before) / h } else { 1.0 };
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
-        if let Some(motions) = self.within(t) {
+        if let Some((motions, _)) = self.within(t) {
             for ((body, motion), out) in moving.zip(motions).zip(self.states.chunks_exact_mut(13)) {
                 out.copy_from_slice(&state_of(body, &motion));
             }
@@ -445,15 +448,17 @@ impl Stepper for RigidBodyRun<'_> {
             self.write_states(end);
         }
         let within = self.within(t);
-        let [kinetic, potential] =
-            within.map_or_else(|| self.simulation.energies(), |motions| self.simulation.energies_of(&motions));
+        let ([kinetic, potential], left) = match within {
+            Some((motions, left)) => (self.simulation.energies_of(&motions), left),
+            None => (self.simulation.energies(), [0.0; 2]),
+        };
         let report = &self.simulation.report;
         let Energy { dissipated_by_friction, lost_in_impacts, .. } = self.energy;
         let values = [
             kinetic,
             potential,
-            dissipated_by_friction,
-            lost_in_impacts,
+            dissipated_by_friction + left[1],
+            lost_in_impacts + left[0],
             report.closed as f64,
             report.penetration,
             report.normal_impulse,

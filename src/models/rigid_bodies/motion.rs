@@ -3,6 +3,7 @@
 use super::rotation::rotate;
 use super::scene::Body;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
+use std::f64::consts::TAU;
 
 /// The state of a moving body.
 #[derive(Clone, Copy, Debug)]
@@ -89,6 +90,13 @@ impl Motion {
         self.velocity += half;
     }
 
+    /// A copy that has flown for a time `h` under gravity.
+    pub fn flown(&self, h: f64, gravity: &Vector3<f64>) -> Self {
+        let mut flown = *self;
+        flown.fly(h, gravity);
+        flown
+    }
+
     /// The body moved for a time `h` with the given velocities, with its momenta changed: the velocity by `kick`, the
     /// angular momentum by `turn`.
     pub fn moved(&self, [velocity, omega]: [&Vector3<f64>; 2], h: f64, [kick, turn]: [&Vector3<f64>; 2]) -> Self {
@@ -134,11 +142,9 @@ impl Motion {
     pub fn between(&self, end: &Self, s: f64, d: f64) -> Self {
         let (part, way) = (d / s, self.way_to(end));
         let bend = |way: Vector3<f64>, rate: &Vector3<f64>| rate * d + (way - rate * s) * (part * part);
+        let turn = whole_turns(way.fixed_rows::<3>(3).into_owned(), &((self.omega + end.omega) * (0.5 * s)));
         let mut between = *self;
-        between.displace(
-            &bend(way.fixed_rows::<3>(0).into_owned(), &self.velocity),
-            &bend(way.fixed_rows::<3>(3).into_owned(), &self.omega),
-        );
+        between.displace(&bend(way.fixed_rows::<3>(0).into_owned(), &self.velocity), &bend(turn, &self.omega));
         between.velocity = self.velocity.lerp(&end.velocity, part);
         between.omega = self.omega.lerp(&end.omega, part);
         between
@@ -167,4 +173,10 @@ impl Motion {
         let sum = self.pose.translation.vector.sum() + self.pose.rotation.coords.sum();
         (sum + self.velocity.sum() + self.omega.sum() + self.kinetic_energy()).is_finite()
     }
+}
+
+/// Adds whole turns to a rotation vector, so that it is as near as possible to another.
+fn whole_turns(turn: Vector3<f64>, near: &Vector3<f64>) -> Vector3<f64> {
+    let Some(axis) = turn.try_normalize(0.0).or_else(|| near.try_normalize(0.0)) else { return turn };
+    turn + axis * (TAU * ((near - turn).dot(&axis) / TAU).round())
 }

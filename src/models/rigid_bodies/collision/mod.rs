@@ -90,6 +90,13 @@ impl Collider {
         self.reach
     }
 
+    /// Whether contact points with another body stay while both move: those of spheres, and of vertices and rims on a half space.
+    /// Others come and go as features of the surfaces pass each other.
+    pub fn keeps_points_with(&self, other: &Self) -> bool {
+        let keeps = |part: &Part| matches!(part.shape, Shape::HalfSpace { .. } | Shape::Sphere { .. });
+        self.parts.iter().all(keeps) || other.parts.iter().all(keeps)
+    }
+
     /// The lower and the upper corner of the axis-aligned bounding box in the world.
     pub fn bounds(&self, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let mut bounds = self.parts.iter().map(|part| part.shape.bounds(&part.pose(pose)));

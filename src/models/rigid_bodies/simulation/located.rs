@@ -1,9 +1,10 @@
 //! Steps whose impacts are located in time, of second order.
 //!
-//! A step is a sequence of arcs. Contacts that are closed at the beginning of an arc, and neither approach nor part,
-//! [last](self::lasting) throughout it; all other contacts are open, and the arc ends where the first of them
-//! [closes](self::closing). There the law of impact [acts](self::strike) at once on all contacts that are closed. Bodies
-//! without a lasting contact fly,
+//! A step is a sequence of arcs. Contacts that are closed at the beginning of an arc, and neither approach nor part, are
+//! lasting: they [stay closed](self::lasting) throughout it. All other contacts are open, and the arc ends where the first of
+//! them [closes](self::closing), or where the force of a lasting contact jumps: where it opens, or its slip passes through
+//! zero. Where contacts close, the law of impact [acts](self::strike) at once on all contacts that are closed. Bodies without a
+//! lasting contact fly,
 //!
 //! ```text
 //! v' = v + s g/2,    q+ = q (+) s v',    v+ = v' + s g/2
@@ -11,25 +12,30 @@
 //!
 //! which is exact for the centre of mass, and of second order for the rotation.
 //!
-//! Impacts of a contact may accumulate (Zeno). An approach slower than what gravity adds to the velocity in a step would return
-//! within about a step: it is ended without restitution, so that the contact lasts. With restitution 1 impacts do not
-//! accumulate, and none is ended so. The energy taken and the displacement are of second order in the step, like all other errors. Where
-//! impacts accumulate between several bodies, their number in a step is limited, and time stepping takes the rest of the step.
+//! Impacts of a contact may accumulate (Zeno). A ball that returns with velocity `e v` bounces on for the time
+//! `2 e v / (1 - e) / g`. An approach `v` of at most `(g h)^2 / sqrt(g d)`, for a step `h` and a body of size `d`, is ended
+//! without restitution, so that the contact lasts from there on: the bounces that are left out are over within a time of order
+//! `h^2`. With restitution 1 impacts do not accumulate, and only rounding is ended so. Where impacts accumulate between several
+//! bodies, their number in a step is limited, and time stepping takes the rest of the step.
 
 mod closing;
 mod lasting;
 mod strike;
+mod transition;
 
 use super::super::contact::Contact;
 use super::super::motion::Motion;
 use super::{HALVINGS, MoreauStepping, StepFailure};
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 use problem::Control;
 use rustc_hash::FxHashSet;
 
-/// The number of arcs in a step, for each moving body, beyond which time stepping takes the rest of the step: bodies that meet
-/// others so often within one step are not resolved by it.
-const ARCS: usize = 8;
+/// The number of arcs in a step, and for each moving body, beyond which time stepping takes the rest of the step: bodies that
+/// meet others so often within one step are not resolved by it. The first lets a single ball bounce until it rests.
+const ARCS: [usize; 2] = [64, 8];
+
+/// Flights of elastic contacts that are shorter than this fraction of the step are rounding.
+const FLIGHT: f64 = 1e-9;
 
 /// The identity of a contact.
 type Key = (u32, u32, u64);
@@ -40,17 +46,34 @@ pub struct Arc {
     /// The times of its beginning and its end, from the beginning of the step on.
     pub times: [f64; 2],
     /// The moving bodies at its beginning, after the impacts there.
-    pub starts: Vec<Motion>,
+    starts: Vec<Motion>,
     /// The moving bodies at its end, before the impacts there.
-    pub ends: Vec<Motion>,
+    ends: Vec<Motion>,
+    /// For each moving body, whether it has contacts; else it flies.
+    held: Vec<bool>,
+    /// The work of contacts from the beginning of the step to both times, by normal and tangential components.
+    work: [[f64; 2]; 2],
 }
 
 impl Arc {
     /// The moving bodies at a time within the arc, from the beginning of the step on.
-    pub fn at(&self, passed: f64) -> impl Iterator<Item = Motion> {
+    pub fn at(&self, passed: f64, gravity: &Vector3<f64>) -> Vec<Motion> {
         let [from, to] = self.times;
         let (s, d) = (to - from, passed - from);
-        self.starts.iter().zip(&self.ends).map(move |(start, end)| if d < s { start.between(end, s, d) } else { *end })
+        let of = |((start, end), is_held): ((&Motion, &Motion), &bool)| match (d < s, is_held) {
+            (false, _) => *end,
+            (true, true) => start.between(end, s, d),
+            (true, false) => start.flown(d, gravity),
+        };
+        self.starts.iter().zip(&self.ends).zip(&self.held).map(of).collect()
+    }
+
+    /// The work of contacts from the beginning of the step to a time within the arc, by normal and tangential components.
+    pub fn work_at(&self, passed: f64) -> [f64; 2] {
+        let [from, to] = self.times;
+        let part = if to > from { ((passed - from) / (to - from)).min(1.0) } else { 1.0 };
+        let [before, after] = self.work;
+        [0, 1].map(|k| before[k] + part * (after[k] - before[k]))
     }
 }
 
@@ -59,15 +82,19 @@ impl Arc {
 pub(super) struct Located {
     /// The contacts that last.
     lasting: FxHashSet<Key>,
+    /// The contacts whose force ended with the last arc.
+    leaving: FxHashSet<Key>,
+    /// Whether the first step has begun.
+    has_begun: bool,
     /// The time at the beginning of the step, and the length of the step.
     begin: f64,
     step: f64,
     /// The bodies with prescribed motion at the beginning of the step.
     grounds: Vec<Isometry3<f64>>,
     /// The arcs of the last step.
-    pub arcs: Vec<Arc>,
+    arcs: Vec<Arc>,
     /// Whether time stepping took the rest of the last step.
-    pub is_passed: bool,
+    is_passed: bool,
 }
 
 impl MoreauStepping<'_> {
@@ -105,21 +132,35 @@ impl MoreauStepping<'_> {
         self.part_overlaps(h, control)?;
         let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
         self.report.kinetic = self.report.kinetic.max(kinetic);
-        let (end, most) = (self.t + h, ARCS * self.moving.len());
-        while self.t < end {
+        let mut is_detected = located.has_begun;
+        if !located.has_begun {
             self.strike(located, control)?;
+            located.has_begun = true;
+        }
+        let (end, most) = (self.t + h, self.most_arcs());
+        while self.t < end {
             let rest = end - self.t;
             if located.arcs.len() >= most {
                 self.pass(located, rest, control)?;
                 break;
             }
+            if !is_detected {
+                self.detect(rest, control)?;
+            }
+            is_detected = false;
             self.glide(located, rest, control)?;
+            self.strike(located, control)?;
         }
         self.t = end;
         self.ground_at(located, end);
         self.ends.clone_from(&self.moving);
         self.report.parts += 1;
         Ok(())
+    }
+
+    fn most_arcs(&self) -> usize {
+        let [of_step, of_body] = ARCS;
+        of_step + of_body * self.moving.len()
     }
 
     /// Sets the bodies with prescribed motion to a time within the step.
@@ -133,7 +174,7 @@ impl MoreauStepping<'_> {
 
     /// Makes the rest of a step by time stepping.
     fn pass(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
-        let starts = self.moving.clone();
+        let (starts, before) = (self.moving.clone(), self.report.work);
         let times = [self.t - located.begin, located.step];
         self.kept.clear();
         self.advance(rest, HALVINGS, control)?;
@@ -141,17 +182,35 @@ impl MoreauStepping<'_> {
         self.moving.clone_from(&self.ends);
         self.moving.iter_mut().for_each(|motion| motion.lag = 0.0);
         located.lasting.clear();
+        located.leaving.clear();
         let lasts = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
         located.lasting.extend(self.contacts.iter().filter(lasts).map(|contact| contact.key));
         located.is_passed = true;
         self.kept.clear();
-        located.arcs.push(Arc { times, starts, ends: self.moving.clone() });
+        let held = vec![true; starts.len()];
+        let work = [before, self.report.work];
+        located.arcs.push(Arc { times, starts, ends: self.moving.clone(), held, work });
         Ok(())
     }
 
-    /// The velocity that gravity adds along the normal of a contact within the step.
-    fn fall(&self, located: &Located, contact: &Contact) -> f64 {
+    /// The approach of a contact below which its impacts accumulate within the step, or are rounding.
+    fn least_approach(&self, located: &Located, contact: &Contact) -> f64 {
         let normal = contact.frame.row(0).transpose();
-        located.step * self.scene.gravity.dot(&normal).abs()
+        let gravity = self.scene.gravity.dot(&normal).abs();
+        let fall = located.step * gravity;
+        if contact.law.restitution == 1.0 {
+            return FLIGHT * fall;
+        }
+        // A step that has no room for all of them ends those that return within about a step.
+        if 2 * located.arcs.len() > self.most_arcs() || fall == 0.0 {
+            return fall;
+        }
+        fall * (fall / (gravity * contact.size).sqrt()).min(1.0)
+    }
+
+    /// Whether the contact points of a pair of bodies come and go as features of their surfaces pass each other.
+    fn is_patch(&self, (a, b): (u32, u32)) -> bool {
+        let [a, b] = [a, b].map(|body| &self.scene.bodies[body as usize].collider);
+        !a.keeps_points_with(b)
     }
 }

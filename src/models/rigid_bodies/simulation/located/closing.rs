@@ -12,12 +12,13 @@
 //! (conservative advancement, with the normal velocity). A contact that opens has `g = 0` and `g' > 0` at first, and no
 //! root but the next.
 //!
-//! Contacts of polyhedra with each other come and go as features of their surfaces pass; the bound holds for each while it is
-//! there.
+//! Contacts of polyhedra or capsules with each other come and go as features of their surfaces pass, and the bound holds for each
+//! while it is there. A contact that is passed nevertheless is found by its overlap, and bisected.
 
 use super::super::super::collision::{ContactPoint, contacts};
 use super::super::super::motion::Motion;
 use super::super::detection::margin;
+use super::super::overlaps::OVERLAP;
 use super::super::{MoreauStepping, StepFailure};
 use super::Located;
 use nalgebra::{Isometry3, Vector3};
@@ -31,6 +32,12 @@ const LEAST: f64 = 1e-3;
 
 /// The accelerations within an arc may exceed their mean by this factor.
 const UNEVEN: f64 = 2.0;
+
+/// Approaches below this fraction of the speeds of the surfaces are rounding.
+const SLOW: f64 = 1e-9;
+
+/// How closely a contact is located, relative to the arc, where the bound does not hold.
+const PAST: f64 = 1e-12;
 
 /// Limit on the points of the search for one pair of bodies. What remains is another arc.
 const POINTS: usize = 200;
@@ -133,8 +140,11 @@ impl MoreauStepping<'_> {
         let room: f64 = [0, 1].iter().map(|&side| self.room(&courses[side], &samples, side, reaches[side], s)).sum();
         let bend = bend(&samples, reaches, s);
         let far = samples[0].iter().map(|at| at.pose.translation.vector.amax()).fold(0.0, f64::max);
-        let closed = ROUNDING * (far + reaches[0].min(reaches[1]));
-        let mut d = 0.0;
+        let size = reaches[0].min(reaches[1]);
+        let closed = ROUNDING * (far + size);
+        let is_patch = self.is_patch((pair[0], pair[1])) && located.lasting.iter().any(|key| [key.0, key.1] == pair);
+        let fall = located.step * self.scene.gravity.norm();
+        let (mut d, mut clear, mut high) = (0.0, 0.0, None);
         let mut floors: Vec<(u64, f64)> = Vec::new();
         let mut points: Vec<ContactPoint> = Vec::new();
         for _ in 0..POINTS {
@@ -146,24 +156,42 @@ impl MoreauStepping<'_> {
                 // A contact that opens may begin below zero, within the tolerance of gaps.
                 floors.extend(points.iter().map(|point| (point.id, point.gap.min(0.0))));
             }
-            let mut advance = f64::INFINITY;
+            let (mut advance, mut deepest) = (f64::INFINITY, None::<f64>);
             for point in &points {
                 let floor = floors.iter().find(|(id, _)| *id == point.id).map_or(0.0, |(_, floor)| *floor);
                 let gap = point.gap - floor;
                 let [v, w] = [0, 1].map(|side| now[side].velocity_at(&point.position));
                 let rate = point.normal.dot(&(w - v));
-                if gap <= closed && rate < 0.0 && d > 0.0 {
-                    return Some(d);
+                if is_patch && gap.abs() <= OVERLAP * size && -rate <= fall {
+                    continue;
+                }
+                if gap <= closed && -rate > SLOW * (v.norm() + w.norm()) && d > 0.0 {
+                    deepest = Some(deepest.map_or(gap, |deepest| deepest.min(gap)));
                 }
                 let root = (rate * rate + 2.0 * bend * gap.max(0.0)).sqrt();
-                let ahead = if rate < 0.0 { 2.0 * gap / (root - rate) } else { (rate + root) / bend };
+                let ahead = if rate < 0.0 { 2.0 * gap.max(0.0) / (root - rate) } else { (rate + root) / bend };
                 let ahead = if ahead.is_nan() { f64::INFINITY } else { ahead };
                 advance = advance.min(if gap <= closed { ahead.max(LEAST * s) } else { ahead });
             }
-            if d >= until {
-                return None;
-            }
-            d = (d + advance).min(until);
+            let least = PAST * s;
+            d = match (deepest, high) {
+                (Some(gap), _) if gap < -2.0 * closed && d - clear > least => {
+                    // The bound did not hold: the contact is between here and the last time without one.
+                    high = Some(d);
+                    0.5 * (clear + d)
+                }
+                (Some(_), _) => return Some(d),
+                (None, Some(high)) if high - d <= least => return Some(high),
+                (None, Some(high)) => {
+                    clear = d;
+                    if d + advance < high { d + advance } else { 0.5 * (d + high) }
+                }
+                (None, None) if d >= until => return None,
+                (None, None) => {
+                    clear = d;
+                    (d + advance).min(until)
+                }
+            };
         }
         Some(d)
     }

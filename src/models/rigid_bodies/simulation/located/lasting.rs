@@ -9,15 +9,15 @@
 //! with momenta `p` in world axes, so that the gyroscopic terms need no quadrature, and forces `f` of gravity and of
 //! contacts. The contacts of each stage obey the law of contact at the velocities of the stage: a stage is a step of time
 //! stepping of length `c s`. Its pose is extrapolated, with an error of second order in the step, which leaves one of
-//! third order in the impulse. The method is stiffly accurate: the velocities at the end obey the law, a contact that ceases to
-//! slip within an arc sticks at its end, and the error of that arc is of second order in the place alone.
+//! third order in the impulse. The method is stiffly accurate: the velocities at the end obey the law.
 //!
-//! Gaps are held at the level of velocities, and closed by the velocity `-gap/s`, which is of second order.
+//! Gaps are held at the level of velocities. What they drift to is closed by the velocity `-gap/s`, for the gap at the beginning of
+//! the arc: that of an extrapolated pose is of second order, and its velocity would be of first.
 
-use super::super::super::contact::Contact;
 use super::super::super::motion::Motion;
 use super::super::{MoreauStepping, StepFailure};
-use super::{Arc, Key, Located};
+use super::transition::{Begun, Next, Search};
+use super::{Arc, Located};
 use nalgebra::Vector3;
 use problem::Control;
 use std::f64::consts::FRAC_1_SQRT_2;
@@ -28,59 +28,89 @@ const DIAGONAL: f64 = 1.0 - FRAC_1_SQRT_2;
 /// The weight of the impulses of the first stage at the end, in those of the stage.
 const CARRIED: f64 = (1.0 - DIAGONAL) / DIAGONAL;
 
-/// Limit on the number of arcs tried from one beginning: each ends where the one before found a contact. Paths of bodies
-/// with lasting contacts depend on the length of the arc, by its third power.
-const TRIALS: usize = 8;
+/// Limit on the number of arcs tried from one beginning. Bisection takes some twenty; each contact that closes takes a few, since
+/// paths of bodies with lasting contacts depend on the length of the arc, by its third power.
+const TRIALS: usize = 64;
 
 /// A fraction of an arc that is not worth another trial.
 const SAME: f64 = 1e-12;
 
 impl MoreauStepping<'_> {
-    /// Moves the bodies until the first contact closes, at most for a time `rest`.
+    /// Moves the bodies until the first contact closes or a force jumps, at most for a time `rest`; the contacts are those that
+    /// may close within it.
     pub(super) fn glide(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
         let (t, starts) = (self.t, self.moving.clone());
         let (report, forces, kept) = (self.report, self.contact_forces.clone(), self.kept.clone());
-        self.detect(rest, control)?;
-        let open = |contact: &&Contact| !located.lasting.contains(&contact.key);
-        let mut open: Vec<(u32, u32)> =
-            self.contacts.iter().filter(open).map(|contact| (contact.key.0, contact.key.1)).collect();
+        let mut begun = self.begun(located);
+        located.lasting.clear();
+        located.lasting.extend(begun.iter().map(|begun| begun.key));
+        let mut open: Vec<(u32, u32)> = self.contacts.iter().map(|contact| (contact.key.0, contact.key.1)).collect();
         open.dedup();
-        let mut s = rest;
+        // Contacts of a pair that keeps its points are known one by one.
+        open.retain(|&(a, b)| {
+            let of_pair = self.contacts.iter().map(|contact| contact.key).filter(|key| (key.0, key.1) == (a, b));
+            self.is_patch((a, b)) || of_pair.into_iter().any(|key| !located.lasting.contains(&key))
+        });
+        let (mut s, mut search) = (rest, Search::new(rest));
         for trial in 1.. {
-            let lasting = self.arc(located, &starts, [t, s], control)?;
-            let closes = self.closes(located, &starts, &open, [t, s], control)?;
-            match closes {
-                Some(earlier) if trial < TRIALS && earlier < s * (1.0 - SAME) => {
+            let first = self.arc(located, &starts, &begun, [t, s], control)?;
+            let change = self.change(located, &begun);
+            let is_last = trial >= TRIALS;
+            let next = match search.judge(s, change, (DIAGONAL * s, first)) {
+                Next::Take => {
+                    let closes = self.closes(located, &starts, &open, [t, s], control)?;
+                    closes.filter(|earlier| *earlier < s * (1.0 - SAME)).map(|earlier| {
+                        search = Search::new(earlier);
+                        earlier
+                    })
+                }
+                Next::Try(length) => Some(length),
+                Next::Without(opened) => {
+                    begun.retain(|begun| !opened.contains(&begun.key));
+                    opened.iter().for_each(|key| {
+                        located.lasting.remove(key);
+                        open.push((key.0, key.1));
+                    });
+                    open.sort_unstable();
+                    open.dedup();
+                    search = Search::new(rest);
+                    Some(rest)
+                }
+            };
+            match next {
+                Some(length) if !is_last => {
                     self.moving.clone_from(&starts);
                     self.report = report;
                     self.contact_forces.clone_from(&forces);
                     self.kept.clone_from(&kept);
-                    s = earlier;
+                    s = length;
                 }
-                _ => {
-                    located.lasting = lasting;
-                    break;
-                }
+                _ => break,
             }
         }
+        located.leaving.extend(search.leaving());
+        located.lasting.clear();
+        located.lasting.extend(self.contacts.iter().map(|contact| contact.key));
         // The end of the step is exactly that asked for.
         self.t = if s == rest { located.begin + located.step } else { t + s };
-        self.touch(located);
         let times = [t - located.begin, self.t - located.begin];
-        located.arcs.push(Arc { times, starts, ends: self.moving.clone() });
+        let work = [report.work, self.report.work];
+        located.arcs.push(Arc { times, starts, ends: self.moving.clone(), held: self.held.clone(), work });
         Ok(())
     }
 
-    /// Moves the bodies for a time `s` from `t` on, without impacts; returns the contacts that last at its end.
+    /// Moves the bodies for a time `s` from `t` on, without impacts; returns the least slip of the contacts in the first stage,
+    /// relative to that at the beginning.
     fn arc(
         &mut self,
         located: &Located,
         starts: &[Motion],
+        begun: &[Begun],
         [t, s]: [f64; 2],
         control: &Control,
-    ) -> Result<rustc_hash::FxHashSet<Key>, StepFailure> {
+    ) -> Result<f64, StepFailure> {
         self.held.fill(false);
-        for body in located.lasting.iter().flat_map(|&(a, b, _)| [a, b]) {
+        for body in begun.iter().flat_map(|begun| [begun.key.0, begun.key.1]) {
             if let Some(place) = self.places[body as usize] {
                 self.held[place as usize] = true;
             }
@@ -90,29 +120,29 @@ impl MoreauStepping<'_> {
             motion.fly(s, &gravity);
         }
         self.contacts.clear();
-        if located.lasting.is_empty() {
-            return Ok(Default::default());
+        self.report.closed = 0;
+        if begun.is_empty() {
+            return Ok(f64::INFINITY);
         }
-        let mut pairs: Vec<(u32, u32)> = located.lasting.iter().map(|&(a, b, _)| (a, b)).collect();
-        pairs.sort_unstable();
+        let mut pairs: Vec<(u32, u32)> = begun.iter().map(|begun| (begun.key.0, begun.key.1)).collect();
         pairs.dedup();
         let held: Vec<usize> = (0..starts.len()).filter(|&place| self.held[place]).collect();
         let mut free = Vec::with_capacity(held.len());
         for &k in &held {
             let start = &starts[k];
             let kick = gravity * (DIAGONAL * s);
-            self.moving[k] =
-                start.moved([&start.velocity, &start.omega], DIAGONAL * s, [&kick, &Vector3::zeros()]);
+            self.moving[k] = start.moved([&start.velocity, &start.omega], DIAGONAL * s, [&kick, &Vector3::zeros()]);
             free.push(self.moving[k]);
         }
-        self.stage(located, &pairs, [t, DIAGONAL * s, s], CARRIED, control)?;
+        self.stage(located, begun, &pairs, [t, DIAGONAL * s, s], CARRIED, control)?;
+        let slip = self.least_slip(begun);
         let firsts: Vec<Motion> = held.iter().map(|&k| self.moving[k]).collect();
         for ((&k, free), first) in held.iter().zip(&free).zip(&firsts) {
             let kick = gravity * s + (first.velocity - free.velocity) * CARRIED;
             let turn = first.inertia_in_world() * (first.omega - free.omega) * CARRIED;
             self.moving[k] = starts[k].moved([&first.velocity, &first.omega], s, [&kick, &turn]);
         }
-        self.stage(located, &pairs, [t, s, s], 1.0, control)?;
+        self.stage(located, begun, &pairs, [t, s, s], 1.0, control)?;
         for (&k, first) in held.iter().zip(&firsts) {
             let second = self.moving[k];
             let mean = |a: &Vector3<f64>, b: &Vector3<f64>| a * (1.0 - DIAGONAL) + b * DIAGONAL;
@@ -124,9 +154,8 @@ impl MoreauStepping<'_> {
                 [&(second.velocity - starts[k].velocity), &turn],
             );
         }
-        let lasts = |contact: &&Contact| contact.impulse.x > 0.0;
-        self.report.closed = self.contacts.iter().filter(lasts).count();
-        Ok(self.contacts.iter().filter(lasts).map(|contact| contact.key).collect())
+        self.report.closed = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0).count();
+        Ok(slip)
     }
 
     /// Solves the law of the lasting contacts of a stage at the time `passed` after `t`, in an arc of length `s`, and books
@@ -134,6 +163,7 @@ impl MoreauStepping<'_> {
     fn stage(
         &mut self,
         located: &Located,
+        begun: &[Begun],
         pairs: &[(u32, u32)],
         [t, passed, s]: [f64; 3],
         weight: f64,
@@ -141,11 +171,19 @@ impl MoreauStepping<'_> {
     ) -> Result<(), StepFailure> {
         self.ground_at(located, t + passed);
         self.detect_between(pairs.iter().copied(), control)?;
-        self.contacts.retain(|contact| located.lasting.contains(&contact.key));
-        for contact in &mut self.contacts {
+        let mut contacts = std::mem::take(&mut self.contacts);
+        contacts.retain_mut(|contact| {
+            match begun.iter().find(|begun| begun.key == contact.key) {
+                Some(begun) => contact.gap = begun.gap,
+                // Points of a patch are new while they are closed.
+                None if contact.gap > contact.no_gap || !self.is_patch((contact.key.0, contact.key.1)) => return false,
+                None => {}
+            }
             contact.law.restitution = 0.0;
             contact.before.x = 0.0;
-        }
+            true
+        });
+        self.contacts = contacts;
         self.close();
         self.remember();
         self.group();
@@ -167,13 +205,5 @@ impl MoreauStepping<'_> {
         }
         self.book();
         Ok(())
-    }
-
-    /// Tells events of the contacts at the end of an arc.
-    fn touch(&mut self, located: &Located) {
-        let told = self.new_events.len();
-        self.follow(located.step);
-        let t = self.t;
-        self.new_events[told..].iter_mut().for_each(|(_, _, when)| *when = Some(t));
     }
 }

@@ -1,7 +1,7 @@
 //! Impacts at one time: the law of impact for all closed contacts together, with velocities that jump.
 
 use super::super::super::contact::Contact;
-use super::super::super::touches::rounding;
+use super::super::super::touches::{Touched, rounding};
 use super::super::{MoreauStepping, StepFailure};
 use super::Located;
 use nalgebra::Vector3;
@@ -13,40 +13,50 @@ impl MoreauStepping<'_> {
         self.ground_at(located, self.t);
         self.detect(0.0, control)?;
         self.contacts.retain(|contact| located.lasting.contains(&contact.key) || contact.gap <= contact.no_gap);
-        let mut strikes = false;
+        let (mut strikes, mut fastest) = (false, 0.0_f64);
+        let mut noise = Vec::with_capacity(self.contacts.len());
+        let mut told = Vec::new();
         for k in 0..self.contacts.len() {
             let contact = &self.contacts[k];
-            let approach = -contact.before.x;
-            let lasts = located.lasting.contains(&contact.key);
-            let is_at_rest = approach <= rounding(contact, &self.moving);
-            let accumulates = contact.law.restitution < 1.0 && approach <= self.fall(located, contact);
+            let (approach, is_known) = (-contact.before.x, located.lasting.contains(&contact.key));
+            let least = self.least_approach(located, contact);
+            noise.push(rounding(contact, &self.moving));
             let contact = &mut self.contacts[k];
             contact.gap = 0.0;
-            if lasts || is_at_rest {
+            if is_known || approach <= noise[k] {
                 // A contact that lasts has no velocity but by errors of the last arc.
                 contact.before.x = contact.before.x.max(0.0);
                 continue;
             }
-            strikes = true;
-            if accumulates {
+            (strikes, fastest) = (true, fastest.max(noise[k]));
+            if approach <= least {
                 contact.law.restitution = 0.0;
+            } else {
+                told.push(k);
             }
         }
         if strikes {
-            self.hit(located, control)?;
+            self.hit(located, &told, control)?;
         }
-        let after = |contact: &Contact| {
-            contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega)).x
+        let lasts = |contact: &Contact, noise: f64| {
+            if !strikes && (located.lasting.contains(&contact.key) || located.leaving.contains(&contact.key)) {
+                return !located.leaving.contains(&contact.key);
+            }
+            let of = |body: u32| (self.moving[body as usize].velocity, self.moving[body as usize].omega);
+            contact.velocity(of).x <= noise.max(fastest)
         };
-        let lasts = |contact: &&Contact| after(contact) <= rounding(contact, &self.moving);
-        let lasting: Vec<_> = self.contacts.iter().filter(lasts).map(|contact| contact.key).collect();
+        let mut lasting: Vec<Contact> = self.contacts.clone();
+        let mut noise = noise.into_iter();
+        lasting.retain(|contact| noise.next().is_some_and(|noise| lasts(contact, noise)));
+        located.leaving.clear();
         located.lasting.clear();
-        located.lasting.extend(lasting);
+        located.lasting.extend(lasting.iter().map(|contact| contact.key));
+        self.tell(located, lasting);
         Ok(())
     }
 
-    /// Solves the law of impact for the contacts, and changes the velocities.
-    fn hit(&mut self, located: &Located, control: &Control) -> Result<(), StepFailure> {
+    /// Solves the law of impact for the contacts, and changes the velocities; the impacts of some contacts are told.
+    fn hit(&mut self, located: &Located, told: &[usize], control: &Control) -> Result<(), StepFailure> {
         self.group();
         let (t, h) = (self.t, located.step);
         // The law takes coefficients at the end of its step, which has no length here.
@@ -57,30 +67,35 @@ impl MoreauStepping<'_> {
         control.go_on()?;
         solved?;
         self.check_law()?;
-        let mut is_elastic = !self.report.is_limited;
-        let mut work = 0.0;
-        for k in 0..self.contacts.len() {
-            let contact = &self.contacts[k];
-            if contact.impulse.x <= 0.0 {
-                continue;
+        let mut struck = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0).peekable();
+        if !self.report.is_limited && struck.peek().is_some() {
+            let (mut is_elastic, mut work) = (true, 0.0);
+            for contact in struck {
+                is_elastic &= contact.law.restitution == 1.0;
+                work += contact.work.x;
             }
-            is_elastic &= contact.law.restitution == 1.0;
-            work += contact.work.x;
-            let approach = -contact.before.x;
-            if approach > self.fall(located, contact) || contact.law.restitution == 1.0 && approach > 0.0 {
-                let pair = [contact.key.0 as usize, contact.key.1 as usize];
-                let told = (EventKind::Impact, pair, Some(self.t));
-                if !self.new_events.contains(&told) {
-                    self.new_events.push(told);
-                }
-            }
+            self.report.elastic_work += if is_elastic { work } else { 0.0 };
         }
-        if is_elastic {
-            self.report.elastic_work += work;
+        for contact in told.iter().map(|&k| &self.contacts[k]).filter(|contact| contact.impulse.x > 0.0) {
+            let event = (EventKind::Impact, [contact.key.0 as usize, contact.key.1 as usize], Some(self.t));
+            if !self.new_events.contains(&event) {
+                self.new_events.push(event);
+            }
         }
         self.book();
-        self.contacts.iter_mut().for_each(|contact| contact.impulse = Vector3::zeros());
         Ok(())
+    }
+
+    /// Tells events of lasting contacts: that they begin to slip, cease to, or open.
+    fn tell(&mut self, located: &Located, mut lasting: Vec<Contact>) {
+        // What lasts is pressed together; by how much does not matter.
+        lasting.iter_mut().for_each(|contact| contact.impulse = Vector3::x());
+        let (mut touches, mut events) = (std::mem::take(&mut self.touches), Vec::new());
+        let touched = |contact| Touched { contact, was_struck: true, is_closed: true };
+        let fall = located.step * self.scene.gravity.norm();
+        touches.follow(lasting.iter().map(touched), &self.moving, fall, &mut events);
+        self.touches = touches;
+        self.new_events.extend(events.into_iter().map(|(kind, pair, _)| (kind, pair, Some(self.t))));
     }
 
     /// Adds the impulses of the contacts, and their work, to the report and to the contact forces.
