@@ -1,4 +1,4 @@
-//! Rigid bodies in space, by time stepping.
+//! Rigid bodies in space, by time stepping or with located impacts.
 
 use super::mechanical::{NOT_COMPARED, refuse_other_methods};
 use super::{By, FIXED, Ladder, Model, Request, Sizes, Varied, WithStages, refuse};
@@ -54,11 +54,11 @@ impl Model for MultibodySystem {
             refuse("impacts", &detail, "`time_stepping`, or to be left out", errors);
         }
         for key in method.error_controls() {
-            let detail = "rigid bodies are time-stepped with a fixed step, without an error estimate";
+            let detail = "rigid bodies are stepped with a fixed step, without an error estimate";
             refuse(key, detail, "`step` alone", errors);
         }
         let choices = [
-            ("stages", method.stages != Stages::Auto, "the time stepping of rigid bodies has no stages"),
+            ("stages", method.stages != Stages::Auto, "the steppers of rigid bodies have no stages to choose"),
             (
                 "switches",
                 method.switches != Switches::default(),
@@ -140,7 +140,7 @@ fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::
         Some(Impacts::TimeStepping) => by(false, "`impacts` is `time_stepping`"),
         None => match not_located(scene) {
             Some(reason) => by(false, reason),
-            None => by(false, "`impacts` is not `locate`"),
+            None => by(false, "`impacts` is not `locate`, which is of second order and meant for few impacts"),
         },
     }
 }
