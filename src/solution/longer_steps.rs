@@ -49,6 +49,8 @@ pub(super) struct Comparison {
     quantities: Vec<Quantity>,
     /// Whether the steps have the default size.
     is_default: bool,
+    /// What to do about errors.
+    remedy: &'static str,
     /// The part of a difference that is the error of the run with shorter steps: all of it at first order.
     share: f64,
     /// The time over which velocities were compared.
@@ -75,13 +77,18 @@ impl Comparison {
         if quantities.iter().all(|quantity| !quantity.is_kept) {
             quantities.iter_mut().for_each(|quantity| quantity.is_kept = true);
         }
-        Self { quantities, is_default, share: 1.0, compared: 0.0, failed: None }
+        Self { quantities, is_default, remedy: "give a smaller `step`", share: 1.0, compared: 0.0, failed: None }
     }
 
     /// Lets the runs be of second order: the error of the run with longer steps is four times that of the other, and their
     /// difference three times.
     pub fn of_second_order(self) -> Self {
         Self { share: 1.0 / 3.0, ..self }
+    }
+
+    /// Lets errors be remedied in another way.
+    pub fn with_remedy(self, remedy: &'static str) -> Self {
+        Self { remedy, ..self }
     }
 
     /// Lets the runs be of first order.
@@ -147,12 +154,12 @@ impl Comparison {
         };
         if let Some(why) = &self.failed {
             checks.record(CheckCode::LocalError, f64::INFINITY, allowed, || {
-                format!("{size}, and a run with steps twice as long, which would show what they are worth, failed: {why}; give a smaller `step`")
+                format!("{size}, and a run with steps twice as long, which would show what they are worth, failed: {why}; {}", self.remedy)
             });
             return;
         }
         let Some((error, message)) = self.worst() else { return };
-        let message = format!("{size}, {message}; give a smaller `step`");
+        let message = format!("{size}, {message}; {}", self.remedy);
         if error > GIVEN_STEPS && error <= allowed {
             checks.caveat("coarse_steps", message.clone());
         }

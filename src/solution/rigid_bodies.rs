@@ -20,6 +20,8 @@ const TWO_DIGITS: f64 = 1e-2;
 pub struct Impacts {
     /// Whether impacts are located in time; else steps go over them.
     pub are_located: bool,
+    /// Whether they could be.
+    pub can_be_located: bool,
     /// Why.
     pub because: &'static str,
 }
@@ -142,6 +144,8 @@ impl<'a> LongerSteps<'a> {
         let mut comparison = Comparison::new(quantities.chain(energies), plan, is_default);
         if impacts.are_located {
             comparison = comparison.of_second_order();
+        } else if impacts.can_be_located {
+            comparison = comparison.with_remedy("give a smaller `step`, or set `impacts` to `locate`, which is of second order");
         }
         Self { simulation, steps: 0, t: plan.start, last: 0.0, comparison }
     }

@@ -134,13 +134,11 @@ fn not_located(scene: &MultibodySystem) -> Option<&'static str> {
 
 /// How the steps treat impacts.
 fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::Impacts {
-    let by = |are_located, because| solution::Impacts { are_located, because };
+    let reason = not_located(scene);
+    let by = |are_located, because| solution::Impacts { are_located, can_be_located: reason.is_none(), because };
     match specification.method().impacts {
         Some(Impacts::Locate) => by(true, "`impacts` is `locate`"),
         Some(Impacts::TimeStepping) => by(false, "`impacts` is `time_stepping`"),
-        None => match not_located(scene) {
-            Some(reason) => by(false, reason),
-            None => by(false, "`impacts` is not `locate`, which is of second order and meant for few impacts"),
-        },
+        None => by(false, reason.unwrap_or("`impacts` is not `locate`, which is of second order and meant for few impacts")),
     }
 }

@@ -25,6 +25,7 @@ mod transition;
 
 use super::super::contact::Contact;
 use super::super::motion::Motion;
+use super::super::touches::rounding;
 use super::{HALVINGS, MoreauStepping, StepFailure};
 use nalgebra::{Isometry3, Vector3};
 use problem::Control;
@@ -34,8 +35,8 @@ use rustc_hash::FxHashSet;
 /// meet others so often within one step are not resolved by it. The first lets a single ball bounce until it rests.
 const ARCS: [usize; 2] = [64, 8];
 
-/// Flights of elastic contacts that are shorter than this fraction of the step are rounding.
-const FLIGHT: f64 = 1e-9;
+/// Velocities below this fraction of what gravity adds in the step are rounding.
+const ROUNDING: f64 = 1e-9;
 
 /// The identity of a contact.
 type Key = (u32, u32, u64);
@@ -199,13 +200,18 @@ impl MoreauStepping<'_> {
         let gravity = self.scene.gravity.dot(&normal).abs();
         let fall = located.step * gravity;
         if contact.law.restitution == 1.0 {
-            return FLIGHT * fall;
+            return ROUNDING * fall;
         }
         // A step that has no room for all of them ends those that return within about a step.
         if 2 * located.arcs.len() > self.most_arcs() || fall == 0.0 {
             return fall;
         }
         fall * (fall / (gravity * contact.size).sqrt()).min(1.0)
+    }
+
+    /// The rounding error of the velocity of a contact.
+    fn rounding(&self, located: &Located, contact: &Contact) -> f64 {
+        rounding(contact, &self.moving) + ROUNDING * located.step * self.scene.gravity.norm()
     }
 
     /// Whether the contact points of a pair of bodies come and go as features of their surfaces pass each other.

@@ -1,7 +1,7 @@
 //! Impacts at one time: the law of impact for all closed contacts together, with velocities that jump.
 
 use super::super::super::contact::Contact;
-use super::super::super::touches::{Touched, rounding};
+use super::super::super::touches::Touched;
 use super::super::{MoreauStepping, StepFailure};
 use super::Located;
 use nalgebra::Vector3;
@@ -20,7 +20,7 @@ impl MoreauStepping<'_> {
             let contact = &self.contacts[k];
             let (approach, is_known) = (-contact.before.x, located.lasting.contains(&contact.key));
             let least = self.least_approach(located, contact);
-            noise.push(rounding(contact, &self.moving));
+            noise.push(self.rounding(located, contact));
             let contact = &mut self.contacts[k];
             contact.gap = 0.0;
             if is_known || approach <= noise[k] {

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 /// Velocities of lasting contacts below this fraction of what the arc, or gravity in the step, changes of them are zero; and
 /// the fraction of the arc to which transitions are located. Both leave errors far below those of second order.
-pub(super) const ZERO: f64 = 1e-6;
+const ZERO: f64 = 1e-6;
 
 /// A lasting contact at the beginning of an arc.
 #[derive(Clone, Copy, Debug)]
