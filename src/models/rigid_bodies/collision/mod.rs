@@ -34,6 +34,8 @@ pub struct ContactPoint {
     /// The identity of the point within a pair of bodies, constant while the same features are in contact. The upper 32
     /// bits identify the pair of parts.
     pub id: u64,
+    /// The smooth part of the surface that a sphere touches: between two of them the curvature jumps.
+    pub feature: u32,
 }
 
 impl ContactPoint {

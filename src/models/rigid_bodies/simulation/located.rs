@@ -83,6 +83,9 @@ impl Arc {
 pub(super) struct Located {
     /// The contacts that last.
     lasting: FxHashSet<Key>,
+    /// The contacts of `lasting` that stick. Their velocities at the beginning of an arc are those of an extrapolated pose, and
+    /// have errors of second order, which are no slip.
+    sticking: FxHashSet<Key>,
     /// The contacts whose force ended with the last arc.
     leaving: FxHashSet<Key>,
     /// Whether the first step has begun.
@@ -183,6 +186,7 @@ impl MoreauStepping<'_> {
         self.moving.clone_from(&self.ends);
         self.moving.iter_mut().for_each(|motion| motion.lag = 0.0);
         located.lasting.clear();
+        located.sticking.clear();
         located.leaving.clear();
         let lasts = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
         located.lasting.extend(self.contacts.iter().filter(lasts).map(|contact| contact.key));

@@ -11,8 +11,8 @@
 //! stepping of length `c s`. Its pose is extrapolated, with an error of second order in the step, which leaves one of
 //! third order in the impulse. The method is stiffly accurate: the velocities at the end obey the law.
 //!
-//! Gaps are held at the level of velocities. What they drift to is closed by the velocity `-gap/s`, for the gap at the beginning of
-//! the arc: that of an extrapolated pose is of second order, and its velocity would be of first.
+//! Gaps are held at the level of velocities. What they drift to is closed by the velocity `-gap/h`, for the whole step `h` and the gap
+//! at the beginning of the arc: that of an extrapolated pose is of second order, and its velocity would be of first.
 
 use super::super::super::motion::Motion;
 use super::super::{MoreauStepping, StepFailure};
@@ -91,6 +91,8 @@ impl MoreauStepping<'_> {
         located.leaving.extend(search.leaving());
         located.lasting.clear();
         located.lasting.extend(self.contacts.iter().map(|contact| contact.key));
+        located.sticking.clear();
+        located.sticking.extend(self.sticking(located));
         // The end of the step is exactly that asked for.
         self.t = if s == rest { located.begin + located.step } else { t + s };
         let times = [t - located.begin, self.t - located.begin];
@@ -185,6 +187,8 @@ impl MoreauStepping<'_> {
         });
         self.contacts = contacts;
         self.close();
+        // The law closes gaps within its step.
+        self.contacts.iter_mut().for_each(|contact| contact.gap *= s / located.step);
         self.remember();
         self.group();
         // The law takes coefficients at the end of its step.
@@ -198,10 +202,9 @@ impl MoreauStepping<'_> {
         self.kept.clear();
         for contact in self.contacts.iter_mut().filter(|contact| contact.impulse.x > 0.0) {
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
-            let after =
-                contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega));
             contact.impulse *= weight;
-            contact.work = contact.impulse.component_mul(&after);
+            let of = |body: u32| (self.moving[body as usize].velocity, self.moving[body as usize].omega);
+            contact.work = contact.impulse.component_mul(&contact.velocity(of));
         }
         self.book();
         Ok(())

@@ -35,15 +35,21 @@ impl MoreauStepping<'_> {
                 told.push(k);
             }
         }
+        let before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| self.velocity_of(contact)).collect();
         if strikes {
             self.hit(located, &told, control)?;
+            // Who is struck has velocities anew.
+            for (contact, before) in self.contacts.iter().zip(&before) {
+                if (self.velocity_of(contact) - before).norm() > self.rounding(located, contact) {
+                    located.sticking.remove(&contact.key);
+                }
+            }
         }
         let lasts = |contact: &Contact, noise: f64| {
             if !strikes && (located.lasting.contains(&contact.key) || located.leaving.contains(&contact.key)) {
                 return !located.leaving.contains(&contact.key);
             }
-            let of = |body: u32| (self.moving[body as usize].velocity, self.moving[body as usize].omega);
-            contact.velocity(of).x <= noise.max(fastest)
+            self.velocity_of(contact).x <= noise.max(fastest)
         };
         let mut lasting: Vec<Contact> = self.contacts.clone();
         let mut noise = noise.into_iter();

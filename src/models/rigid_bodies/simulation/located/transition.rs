@@ -1,5 +1,5 @@
-//! Times within an arc at which the force of a lasting contact jumps: it opens, or its slip passes through zero. The arc is
-//! shortened until it ends there.
+//! Times within an arc at which the force of a lasting contact jumps: it opens, its slip passes through zero, or the curvature
+//! of its surfaces jumps, as where a ball rolls over an edge. The arc is shortened until it ends there.
 //!
 //! Up to the transition the slip is smooth, and its zero is found by secants through points before it. A contact that opens
 //! has a force until then, and none from there on: there is nothing to interpolate, and the time is bisected.
@@ -20,6 +20,7 @@ pub(super) struct Begun {
     pub key: Key,
     pub u: Vector3<f64>,
     pub gap: f64,
+    pub feature: u32,
 }
 
 /// What changes within an arc.
@@ -32,13 +33,15 @@ pub(super) struct Change {
     pub slip: f64,
     /// Whether a slip passed through zero.
     stops: bool,
+    /// Whether a curvature jumped.
+    passes: bool,
     /// Whether all slips that passed through zero are zero at the end.
     sticks: bool,
 }
 
 impl Change {
     fn is_any(&self) -> bool {
-        self.stops || !self.opened.is_empty()
+        self.stops || self.passes || !self.opened.is_empty()
     }
 }
 
@@ -64,6 +67,8 @@ pub(super) struct Search {
     low: f64,
     high: Option<f64>,
     opened: Vec<Key>,
+    /// Whether there is nothing to interpolate.
+    bisects: bool,
     /// The zero of the slip by the last secant.
     predicted: Option<f64>,
 }
@@ -71,7 +76,7 @@ pub(super) struct Search {
 impl Search {
     pub fn new(rest: f64) -> Self {
         let slips = [(0.0, 1.0); 2];
-        Self { rest, slips, low: 0.0, high: None, opened: Vec::new(), predicted: None }
+        Self { rest, slips, low: 0.0, high: None, opened: Vec::new(), bisects: false, predicted: None }
     }
 
     /// The contacts that open where the arc that is taken ends.
@@ -93,14 +98,16 @@ impl Search {
                 _ => Next::Take,
             };
         }
-        let is_located = s - self.low <= within || self.predicted.is_some_and(|zero| s <= zero + within);
+        let is_zero = |zero: f64| !change.passes && s <= zero + within;
+        let is_located = s - self.low <= within || self.predicted.is_some_and(is_zero);
         if change.opened.is_empty() && change.sticks && is_located {
             self.opened.clear();
             return Next::Take;
         }
+        self.bisects = change.passes || !change.opened.is_empty();
         (self.high, self.opened) = (Some(s), change.opened);
         if s - self.low > within {
-            let has_none_yet = self.opened.is_empty() && self.slips[1].0 == 0.0;
+            let has_none_yet = !self.bisects && self.slips[1].0 == 0.0;
             return match (has_none_yet, slip <= 0.0, change.slip < 0.0) {
                 (true, true, _) => {
                     self.predicted = None;
@@ -121,9 +128,10 @@ impl Search {
     fn next(&mut self, high: f64, by: Option<f64>) -> Next {
         let within = ZERO * self.rest;
         self.predicted = None;
-        if !self.opened.is_empty() {
+        if self.bisects {
             // A contact that opens at once is the common case.
-            return Next::Try(if self.low == 0.0 { 0.5 * within } else { 0.5 * (self.low + high) });
+            let at_once = self.low == 0.0 && !self.opened.is_empty();
+            return Next::Try(if at_once { 0.5 * within } else { 0.5 * (self.low + high) });
         }
         let [(s0, r0), (s1, r1)] = self.slips;
         let secant = (s1 > s0 && r0 > r1).then(|| s1 + r1 * (s1 - s0) / (r0 - r1));
@@ -141,7 +149,13 @@ impl MoreauStepping<'_> {
     /// The lasting contacts at the beginning of an arc, with what detection found of them.
     pub(super) fn begun(&self, located: &Located) -> Vec<Begun> {
         let lasts = |contact: &&Contact| located.lasting.contains(&contact.key);
-        let begun = |contact: &Contact| Begun { key: contact.key, u: contact.before, gap: contact.gap };
+        let begun = |contact: &Contact| {
+            let mut u = contact.before;
+            if located.sticking.contains(&contact.key) {
+                (u.y, u.z) = (0.0, 0.0);
+            }
+            Begun { key: contact.key, u, gap: contact.gap, feature: contact.feature }
+        };
         self.contacts.iter().filter(lasts).map(begun).collect()
     }
 
@@ -150,26 +164,27 @@ impl MoreauStepping<'_> {
         let mut change = Change { slip: f64::INFINITY, sticks: true, ..Change::default() };
         let fall = located.step * self.scene.gravity.norm();
         let zero = |contact: &Contact, change: f64| ZERO * (change + fall) + rounding(contact, &self.moving);
-        let after = |contact: &Contact| {
-            contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega))
-        };
-        let is_open = |contact: &Contact| {
+        let after = |contact: &Contact| self.velocity_of(contact);
+        // Contacts move apart by errors of second order at the beginning of an arc, and by no more while they are pressed
+        // together.
+        let is_open = |contact: &Contact, start: f64| {
             let u = after(contact);
-            contact.impulse.x <= 0.0 && u.x > zero(contact, u.x.abs())
+            contact.impulse.x <= 0.0 && u.x > start.max(0.0) + zero(contact, (u.x - start).abs())
         };
         for start in begun {
             let Some(contact) = self.contacts.iter().find(|contact| contact.key == start.key) else {
                 let pair = (start.key.0, start.key.1);
                 let of_pair = |contact: &&Contact| (contact.key.0, contact.key.1) == pair;
-                if !(self.is_patch(pair) && self.contacts.iter().filter(of_pair).any(|contact| !is_open(contact))) {
+                if !(self.is_patch(pair) && self.contacts.iter().filter(of_pair).any(|contact| !is_open(contact, start.u.x))) {
                     change.opened.push(start.key);
                 }
                 continue;
             };
-            if is_open(contact) {
+            if is_open(contact, start.u.x) {
                 change.opened.push(start.key);
                 continue;
             }
+            change.passes |= contact.feature != start.feature;
             let Some(slip) = slip_along(contact, &start.u, &after(contact)) else { continue };
             let speed = start.u.y.hypot(start.u.z);
             let zero = zero(contact, (slip - 1.0).abs() * speed);
@@ -186,12 +201,26 @@ impl MoreauStepping<'_> {
         change
     }
 
+    /// The contacts that stick at the end of an arc.
+    pub(super) fn sticking(&self, located: &Located) -> Vec<Key> {
+        let fall = located.step * self.scene.gravity.norm();
+        let sticks = |contact: &&Contact| {
+            let u = self.velocity_of(contact);
+            u.y.hypot(u.z) <= ZERO * fall + rounding(contact, &self.moving)
+        };
+        self.contacts.iter().filter(sticks).map(|contact| contact.key).collect()
+    }
+
+    /// The velocity of a contact with the current velocities of the bodies.
+    pub(super) fn velocity_of(&self, contact: &Contact) -> Vector3<f64> {
+        contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega))
+    }
+
     /// The least slip of the lasting contacts along their slip at the beginning of the arc, relative to it.
     pub(super) fn least_slip(&self, begun: &[Begun]) -> f64 {
         let slip = |start: &Begun| {
             let contact = self.contacts.iter().find(|contact| contact.key == start.key)?;
-            let of = |body: u32| (self.moving[body as usize].velocity, self.moving[body as usize].omega);
-            slip_along(contact, &start.u, &contact.velocity(of))
+            slip_along(contact, &start.u, &self.velocity_of(contact))
         };
         begun.iter().filter_map(slip).fold(f64::INFINITY, f64::min)
     }
