@@ -145,7 +145,8 @@ impl<'a> LongerSteps<'a> {
         if impacts.are_located {
             comparison = comparison.of_second_order();
         } else if impacts.can_be_located {
-            comparison = comparison.with_remedy("give a smaller `step`, or set `impacts` to `locate`, which is of second order");
+            comparison =
+                comparison.with_remedy("give a smaller `step`, or set `impacts` to `locate`, which is of second order");
         }
         Self { simulation, steps: 0, t: plan.start, last: 0.0, comparison }
     }

@@ -139,6 +139,8 @@ fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::
     match specification.method().impacts {
         Some(Impacts::Locate) => by(true, "`impacts` is `locate`"),
         Some(Impacts::TimeStepping) => by(false, "`impacts` is `time_stepping`"),
-        None => by(false, reason.unwrap_or("`impacts` is not `locate`, which is of second order and meant for few impacts")),
+        None => {
+            by(false, reason.unwrap_or("`impacts` is not `locate`, which is of second order and meant for few impacts"))
+        }
     }
 }

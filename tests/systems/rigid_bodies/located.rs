@@ -81,10 +81,10 @@ fn a_bouncing_ball_is_exact_at_any_step() {
             }
             assert!((column(&solution, "ball.x")[k] - 0.3 * t).abs() < 1e-12);
         }
-        let sum = |k: usize| {
+        let sum = |k: usize| -> f64 {
             ["kinetic_energy", "potential_energy", "lost_in_impacts"].map(|of| column(&solution, of)[k]).iter().sum()
         };
-        let start: f64 = sum(0);
+        let start = sum(0);
         assert!((0..=100).all(|k| (sum(k) / start - 1.0).abs() < 1e-9));
         assert!(!solution.diagnostics.warnings.iter().any(|warning| warning.code == "impacts_passed"));
     }
@@ -173,12 +173,8 @@ fn a_ball_with_spin_grips_or_slides_as_it_bounces() {
         let (e, r, end_time) = (0.6, 0.1, 0.9);
         let mut body = ball([0.0, 0.0, 1.1], [v, 0.0, 0.0], [0.0, w, 0.0]);
         body["angular_velocity"] = json!([0, w, 0]);
-        let solution = solve(&locate(on_the_ground(
-            &[body],
-            &json!({"friction": mu, "restitution": e}),
-            end_time,
-            0.04,
-        )));
+        let solution =
+            solve(&locate(on_the_ground(&[body], &json!({"friction": mu, "restitution": e}), end_time, 0.04)));
         let (t, fast) = ((2.0 / G).sqrt(), (2.0 * G).sqrt());
         let slip = v - w * r;
         let p = slip.signum() * (slip.abs() * 2.0 / 7.0).min(mu * (1.0 + e) * fast);
@@ -206,7 +202,7 @@ fn a_sliding_ball_begins_to_roll_and_a_block_stops_at_their_times() {
         let speed = |t: f64| (2.0 - mu * G * t).max(10.0 / 7.0);
         assert!(distance(&solution, "ball.vx", speed) < 1e-5);
         let lost = |t: f64| 0.5 * (4.0 - 3.5 * (2.0 - mu * G * t.min(rolls) - 10.0 / 7.0).powi(2) - 20.0 / 7.0);
-        assert!(distance(&solution, "dissipated_by_friction", lost) < 1e-2 * step);
+        assert!(distance(&solution, "dissipated_by_friction", lost) < 4.0 * step * step);
 
         let block = json!({"name": "block", "shape": {"box": {"size": [1, 1, 0.1]}}, "mass": 2, "position": [0, 0, 0.05],
             "velocity": [1.6, 1.2, 0]});
@@ -238,9 +234,7 @@ fn a_block_on_a_steep_slope_turns_and_slides_back() {
 /// Without gravity, in a box of half spaces: reflections unfold to straight lines.
 #[test]
 fn billiards_unfold() {
-    let wall = |k: usize, normal: [f64; 3], at: [f64; 3]| {
-        json!({"name": format!("wall{k}"), "shape": {"half_space": {"normal": normal}}, "position": at, "fixed": true})
-    };
+    let wall = |k: usize, normal: [f64; 3], at: [f64; 3]| json!({"name": format!("wall{k}"), "shape": {"half_space": {"normal": normal}}, "position": at, "fixed": true});
     let mut bodies = vec![
         wall(0, [1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]),
         wall(1, [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
@@ -402,11 +396,8 @@ fn on_a_hill([a, rate]: [f64; 2], friction: f64, end: f64, step: f64) -> Value {
     let hill = json!({"name": "hill", "shape": {"sphere": {"radius": 1}}, "fixed": true, "position": [0, 0, 2]});
     let speed = 1.1 * rate;
     let spin = if friction > 0.0 { speed / 0.1 } else { 0.0 };
-    let body = ball(
-        [1.1 * a.sin(), 0.0, 2.0 + 1.1 * a.cos()],
-        [speed * a.cos(), 0.0, -speed * a.sin()],
-        [0.0, spin, 0.0],
-    );
+    let body =
+        ball([1.1 * a.sin(), 0.0, 2.0 + 1.1 * a.cos()], [speed * a.cos(), 0.0, -speed * a.sin()], [0.0, spin, 0.0]);
     locate(on_the_ground(&[hill, body], &json!({ "friction": friction }), end, step))
 }
 
@@ -439,18 +430,21 @@ fn a_ball_slides_off_a_ball_at_second_order() {
         assert!(found.len() == 1 && (found[0] - t).abs() < step, "{found:?} {t}");
         (end(&solution, "ball")[0] - x).norm()
     };
-    // Its force ends smoothly, so that it does not matter much when.
-    let (coarse, fine) = (error(0.02), error(0.0025));
-    assert!((coarse / fine).log2() >= 3.0 * SECOND, "{coarse:e} {fine:e}");
+    // Its force ends smoothly; where in its arc changes the error, but not its order.
+    for step in [0.02, 0.01, 0.005, 0.0025] {
+        assert!(error(step) < 1.5 * step * step, "{step}: {:e}", error(step));
+    }
 }
 
 /// A ball rolls at 2 m/s over the edge of a table, too fast to turn about it: it leaves the edge at once.
 #[test]
 fn a_ball_leaves_the_edge_of_a_table() {
-    let table = json!({"name": "table", "shape": {"box": {"size": [4, 1, 0.2]}}, "fixed": true, "position": [0, 0, 1.9]});
+    let table =
+        json!({"name": "table", "shape": {"box": {"size": [4, 1, 0.2]}}, "fixed": true, "position": [0, 0, 1.9]});
     let body = ball([0.0, 0.0, 2.1], [2.0, 0.0, 0.0], [0.0, 20.0, 0.0]);
     for step in [0.03, 0.01] {
-        let solution = solve(&locate(on_the_ground(&[table.clone(), body.clone()], &json!({"friction": 0.3}), 1.5, step)));
+        let solution =
+            solve(&locate(on_the_ground(&[table.clone(), body.clone()], &json!({"friction": 0.3}), 1.8, step)));
         let left = times(&solution, EventKind::LiftOff);
         assert!((left[0] - 1.0).abs() < 1e-6, "{left:?}");
         let landed = times(&solution, EventKind::Impact);
@@ -476,9 +470,7 @@ fn what_is_symmetric_stays_so() {
         }
     }
     // Two balls fall on one at rest between them.
-    let ball = |name: &str, x: f64, z: f64| {
-        json!({"name": name, "shape": {"sphere": {"radius": 0.5}}, "mass": 1, "position": [x, 0, z]})
-    };
+    let ball = |name: &str, x: f64, z: f64| json!({"name": name, "shape": {"sphere": {"radius": 0.5}}, "mass": 1, "position": [x, 0, z]});
     let bodies = [ball("middle", 0.0, 0.5), ball("left", -0.6, 2.0), ball("right", 0.6, 2.0)];
     let solution = solve(&locate(on_the_ground(&bodies, &json!({"restitution": 0.3}), 1.0, 0.01)));
     for k in 0..=100 {

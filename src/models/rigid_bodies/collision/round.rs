@@ -98,7 +98,13 @@ pub(super) fn capsules(
         let gap = (q - p).norm() - r1 - r2;
         if gap <= margin {
             let normal = direction(&(q - p));
-            points.push(ContactPoint { position: p + normal * (r1 + 0.5 * gap), normal, gap, id: id.into(), feature: 0 });
+            points.push(ContactPoint {
+                position: p + normal * (r1 + 0.5 * gap),
+                normal,
+                gap,
+                id: id.into(),
+                feature: 0,
+            });
         }
     };
     let (along, between) = (d1.dot(&d2), c2 - c1);

@@ -88,6 +88,8 @@ pub(super) struct Located {
     sticking: FxHashSet<Key>,
     /// The contacts whose force ended with the last arc.
     leaving: FxHashSet<Key>,
+    /// The pairs of bodies with a contact that opened where the last arc began, and that time.
+    opened: (f64, Vec<(u32, u32)>),
     /// Whether the first step has begun.
     has_begun: bool,
     /// The time at the beginning of the step, and the length of the step.

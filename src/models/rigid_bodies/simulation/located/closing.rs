@@ -124,13 +124,7 @@ impl MoreauStepping<'_> {
         }
     }
 
-    fn closes_of(
-        &self,
-        located: &Located,
-        starts: &[Motion],
-        pair: [u32; 2],
-        [t, s, until]: [f64; 3],
-    ) -> Option<f64> {
+    fn closes_of(&self, located: &Located, starts: &[Motion], pair: [u32; 2], [t, s, until]: [f64; 3]) -> Option<f64> {
         let bodies = pair.map(|body| body as usize);
         let colliders = bodies.map(|body| &self.scene.bodies[body].collider);
         let reaches = colliders.map(|collider| collider.reach());
@@ -199,9 +193,7 @@ impl MoreauStepping<'_> {
     /// How far a body may move in an arc of length `s`.
     fn room(&self, course: &Course<'_>, samples: &[[At; 2]; 3], side: usize, reach: f64, s: f64) -> f64 {
         match course {
-            Course::Flies(motion) | Course::Held(motion, _) => {
-                margin(motion, reach, s * self.scene.gravity.norm(), s)
-            }
+            Course::Flies(motion) | Course::Held(motion, _) => margin(motion, reach, s * self.scene.gravity.norm(), s),
             Course::Given(_) => {
                 let speed = samples.iter().map(|at| at[side].velocity.norm()).fold(0.0, f64::max);
                 let spin = samples.iter().map(|at| at[side].omega.norm()).fold(0.0, f64::max);

@@ -51,6 +51,7 @@ impl MoreauStepping<'_> {
             let of_pair = self.contacts.iter().map(|contact| contact.key).filter(|key| (key.0, key.1) == (a, b));
             self.is_patch((a, b)) || of_pair.into_iter().any(|key| !located.lasting.contains(&key))
         });
+        located.opened = (t, Vec::new());
         let (mut s, mut search) = (rest, Search::new(rest));
         for trial in 1.. {
             let first = self.arc(located, &starts, &begun, [t, s], control)?;
@@ -69,6 +70,7 @@ impl MoreauStepping<'_> {
                     begun.retain(|begun| !opened.contains(&begun.key));
                     opened.iter().for_each(|key| {
                         located.lasting.remove(key);
+                        located.opened.1.push((key.0, key.1));
                         open.push((key.0, key.1));
                     });
                     open.sort_unstable();

@@ -1,6 +1,7 @@
 //! Impacts at one time: the law of impact for all closed contacts together, with velocities that jump.
 
 use super::super::super::contact::Contact;
+use super::super::super::scene::Law;
 use super::super::super::touches::Touched;
 use super::super::{MoreauStepping, StepFailure};
 use super::Located;
@@ -94,14 +95,24 @@ impl MoreauStepping<'_> {
 
     /// Tells events of lasting contacts: that they begin to slip, cease to, or open.
     fn tell(&mut self, located: &Located, mut lasting: Vec<Contact>) {
-        // What lasts is pressed together; by how much does not matter.
-        lasting.iter_mut().for_each(|contact| contact.impulse = Vector3::x());
+        for contact in &mut lasting {
+            // What lasts is pressed together; by how much does not matter.
+            contact.impulse = Vector3::x();
+            if located.sticking.contains(&contact.key) {
+                contact.law = Law { friction: 0.0, varying: None, ..contact.law };
+            }
+        }
         let (mut touches, mut events) = (std::mem::take(&mut self.touches), Vec::new());
         let touched = |contact| Touched { contact, was_struck: true, is_closed: true };
         let fall = located.step * self.scene.gravity.norm();
         touches.follow(lasting.iter().map(touched), &self.moving, fall, &mut events);
         self.touches = touches;
-        self.new_events.extend(events.into_iter().map(|(kind, pair, _)| (kind, pair, Some(self.t))));
+        let (before, opened) = &located.opened;
+        let has_opened = |[a, b]: [usize; 2]| opened.contains(&(a as u32, b as u32));
+        self.new_events.extend(events.into_iter().map(|(kind, pair, _)| {
+            let t = if kind == EventKind::LiftOff && has_opened(pair) { *before } else { self.t };
+            (kind, pair, Some(t))
+        }));
     }
 
     /// Adds the impulses of the contacts, and their work, to the report and to the contact forces.

@@ -175,7 +175,9 @@ impl MoreauStepping<'_> {
             let Some(contact) = self.contacts.iter().find(|contact| contact.key == start.key) else {
                 let pair = (start.key.0, start.key.1);
                 let of_pair = |contact: &&Contact| (contact.key.0, contact.key.1) == pair;
-                if !(self.is_patch(pair) && self.contacts.iter().filter(of_pair).any(|contact| !is_open(contact, start.u.x))) {
+                if !(self.is_patch(pair)
+                    && self.contacts.iter().filter(of_pair).any(|contact| !is_open(contact, start.u.x)))
+                {
                     change.opened.push(start.key);
                 }
                 continue;
