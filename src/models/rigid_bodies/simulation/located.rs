@@ -35,6 +35,9 @@ use rustc_hash::FxHashSet;
 /// meet others so often within one step are not resolved by it. The first lets a single ball bounce until it rests.
 const ARCS: [usize; 2] = [64, 8];
 
+/// Limit on the arcs of a step times the number of moving bodies: their states are kept until the next step, in some 10 MB.
+const KEPT: usize = 1 << 14;
+
 /// Velocities below this fraction of what gravity adds in the step are rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -166,7 +169,8 @@ impl MoreauStepping<'_> {
 
     fn most_arcs(&self) -> usize {
         let [of_step, of_body] = ARCS;
-        of_step + of_body * self.moving.len()
+        let moving = self.moving.len().max(1);
+        (of_step + of_body * moving).min(KEPT.div_ceil(moving))
     }
 
     /// Sets the bodies with prescribed motion to a time within the step.
