@@ -110,8 +110,24 @@ fn a_bouncing_ball_comes_to_rest_at_the_right_time() {
             assert!(found.last().is_some_and(|last| (last - rests).abs() < due), "{e}, {step}: {found:?} {rests}");
             assert!((last(&solution, "ball.z") - 0.1).abs() < step.powi(4) * G * G / 0.1);
             assert!(last(&solution, "ball.vz").abs() < 1e-12);
+            assert!((last(&solution, "ball.contact_fz") - G).abs() < 1e-9);
         }
     }
+}
+
+/// A ball with `e = 1/2` rises through a height after its first impact, in a step that holds more of them.
+#[test]
+fn a_condition_stops_a_ball_between_impacts_of_one_step() {
+    let body = ball([0.0, 0.0, 1.1], [0.0; 3], [0.0; 3]);
+    let mut specification = locate(on_the_ground(&[body], &json!({"restitution": 0.5}), 2.0, 0.4));
+    specification["stop"] = json!([{"when": "ball.z - 0.14", "direction": "rising"}]);
+    let solution = solve(&specification);
+    let (t, v) = ((2.0 / G).sqrt(), 0.5 * (2.0 * G).sqrt());
+    let rises = t + (v - (v * v - 2.0 * G * 0.04).sqrt()) / G;
+    let ended = solution.ended_by.as_ref().expect("an end before the end");
+    assert!((ended.t - rises).abs() < 1e-9, "{} {rises}", ended.t);
+    assert!((last(&solution, "ball.z") - 0.14).abs() < 1e-8);
+    assert_eq!(times(&solution, EventKind::Impact).len(), 1);
 }
 
 #[test]
