@@ -9,11 +9,15 @@
 
 use super::collision::ContactPoint;
 use super::motion::Motion;
-use super::scene::Law;
+use super::scene::{Law, Patch};
 use nalgebra::{Matrix3, Vector3};
+use vi::coulomb::Role;
 
 /// The smallest identity of a joint stop; contact points of surfaces are numbered from zero.
 pub const STOPS: u64 = 1 << 63;
+
+/// The bit of the identity of a torque, beside that of its contact point.
+const TORQUES: u64 = 1 << 62;
 
 /// A contact within one step.
 #[derive(Clone, Copy, Debug)]
@@ -27,8 +31,12 @@ pub struct Contact {
     pub position: Vector3<f64>,
     /// The lever arms from the centres of mass to the contact point.
     pub arms: [Vector3<f64>; 2],
-    /// Whether this is the stop of a hinge: the gap is an angle about the normal in radians, and impulses are angular.
+    /// Whether impulses are angular: of the stop of a hinge, with a gap about the normal in radians, or of a torque.
     pub turns: bool,
+    /// The role in the law: a contact at a point, or the force or the torque of a patch. The torque of a patch follows its
+    /// force; its frame has the axes of drilling and rolling, with the lengths of the radius of the patch and of the
+    /// coefficient of rolling friction.
+    pub role: Role,
     /// The reference size for gaps: that of the smaller body, or one radian for angles.
     pub size: f64,
     /// The gap between the surfaces at the beginning of the step.
@@ -72,6 +80,7 @@ impl Contact {
             position: point.position,
             arms: bodies.map(arm),
             turns: false,
+            role: Role::Point,
             size: 0.0,
             surface: Vector3::zeros(),
             gap: point.gap,
@@ -113,8 +122,45 @@ impl Contact {
             law: Law::default(),
             before: Vector3::zeros(),
             surface: Vector3::zeros(),
+            role: Role::Point,
             ..self
         }
+    }
+
+    /// The torque of a contact on a patch; `turning` are the angular velocities of both bodies where these are prescribed.
+    pub fn torque(&self, patch: &Patch, moving: &[Motion], turning: [Vector3<f64>; 2]) -> Self {
+        let mut frame = self.frame;
+        for (i, length) in [patch.radius, patch.rolling, patch.rolling].into_iter().enumerate() {
+            let size = frame.row(i).norm();
+            frame.row_mut(i).scale_mut(length / size);
+        }
+        let (a, b, id) = self.key;
+        let mut torque = Self {
+            frame,
+            turns: true,
+            role: Role::Torque,
+            size: 1.0,
+            gap: 0.0,
+            law: Law::default(),
+            key: (a, b, id | TORQUES),
+            surface: Vector3::zeros(),
+            gap_at_end: 0.0,
+            ..*self
+        };
+        torque.before = torque.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
+        torque.carried(turning)
+    }
+
+    /// Diagonal entries for the axes about which there is no friction: any positive number, here an inverse mass.
+    pub fn idle(&self, moving: &[Motion]) -> Matrix3<f64> {
+        let mobility: f64 = self.bodies.iter().flatten().map(|&body| moving[body as usize].mass.recip()).sum();
+        let of = |i: usize| if self.frame.row(i).norm() > 0.0 { 0.0 } else { mobility };
+        Matrix3::from_diagonal(&Vector3::new(of(0), of(1), of(2)))
+    }
+
+    /// Whether this is the torque of a patch.
+    pub fn is_torque(&self) -> bool {
+        self.role == Role::Torque
     }
 
     /// Adds the surface velocities of bodies with prescribed motion.
@@ -125,7 +171,8 @@ impl Contact {
 
     /// Predicts the gap at the end of a step `h` with the given mean velocities.
     pub fn foresee(&mut self, h: f64, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) {
-        self.gap_at_end = self.gap + h * self.velocity(of).x;
+        // A torque closes with its force.
+        self.gap_at_end = if self.is_torque() { f64::INFINITY } else { self.gap + h * self.velocity(of).x };
     }
 
     /// The speed of the slip of `u`.
@@ -136,8 +183,11 @@ impl Contact {
     /// The components of an impulse in world axes.
     pub fn components(&self, impulse: &Vector3<f64>) -> Vector3<f64> {
         let mut components = self.frame * impulse;
-        if self.law.grain.is_some() {
-            components.z /= self.frame.row(2).norm_squared();
+        if self.law.grain.is_some() || self.is_torque() {
+            for (i, component) in components.iter_mut().enumerate() {
+                let size = self.frame.row(i).norm_squared();
+                *component = if size > 0.0 { *component / size } else { 0.0 };
+            }
         }
         components
     }
@@ -163,7 +213,7 @@ impl Contact {
 
     /// The block `A` of `J` for the angular velocity of one side: `u = +-(E v + A w)`, `A = -E [r]x`.
     pub fn angular(&self, side: usize) -> Matrix3<f64> {
-        -self.frame * self.arms[side].cross_matrix()
+        if self.turns { self.frame } else { -self.frame * self.arms[side].cross_matrix() }
     }
 }
 

@@ -10,6 +10,8 @@
 //! contacts outnumber degrees of freedom, so that no one method solves every instance (Acary, Bremond and Huber 2018,
 //! *On solving contact problems with Coulomb friction: formulations and numerical comparisons*): [`Coulomb`] runs
 //! block Gauss-Seidel, proximal Newton and ADMM in turn, depending on the residual.
+//!
+//! A contact on a patch, with drilling and rolling friction, takes two block rows with a [set of its own](patch).
 
 mod admm;
 mod alart_curnier;
@@ -19,9 +21,11 @@ mod cone;
 mod evidence;
 mod factored;
 mod gauss_seidel;
+mod limit_surface;
 mod linear;
 mod local;
 mod newton;
+mod patch;
 mod portfolio;
 mod problem;
 mod proximal;
@@ -33,7 +37,9 @@ pub use blocks::BlockMatrix;
 pub use cone::FrictionCone;
 pub use evidence::Evidence;
 pub use factored::{Factored, Grip, Mobility, Twist};
+pub use limit_surface::mean_speed;
 pub use local::solve_contact;
+pub use patch::{Role, solve_patch};
 pub use portfolio::{Attempt, Coulomb, Limits, Method, Report};
 pub use problem::{CoulombProblem, CoulombProblemError};
 pub use proximal::{ProximalReport, ProximalSweeps};

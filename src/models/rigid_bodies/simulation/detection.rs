@@ -7,6 +7,7 @@ use super::super::motion::Motion;
 use super::{MoreauStepping, StepFailure, overlaps};
 use nalgebra::Vector3;
 use problem::Control;
+use vi::coulomb::Role;
 
 /// Gaps below this fraction of a body's size are contacts at any velocity: the impulse of one contact may close another
 /// nearby contact.
@@ -86,10 +87,10 @@ impl MoreauStepping<'_> {
             let [first, second] = [i, j].map(|body| (&scene.bodies[body].collider, pose(body)));
             self.points.clear();
             contacts(first, second, margin(i) + margin(j), &mut self.points);
-            load.add([i, j].map(|body| places[body].map(|_| body)), self.points.len());
-            check(load)?;
             let materials = [i, j].map(|body| scene.bodies[body].material);
             let law = scene.laws.of(materials[0], materials[1]);
+            load.add([i, j].map(|body| places[body].map(|_| body)), self.points.len(), law);
+            check(load)?;
             let grain = law.grain.map(|grain| &scene.laws.grains[grain as usize]);
             let new = |point: &ContactPoint| {
                 let frame = grain.map_or_else(
@@ -103,7 +104,15 @@ impl MoreauStepping<'_> {
             };
             let size = overlaps::smaller(scene, i, j);
             let sized = |contact| Contact { size, no_gap: overlaps::OVERLAP * size, ..contact };
-            self.contacts.extend(self.points.iter().map(new).map(sized));
+            let Some(patch) = law.patch.map(|patch| &scene.laws.patches[patch as usize]) else {
+                self.contacts.extend(self.points.iter().map(new).map(sized));
+                continue;
+            };
+            let turning = [i, j].map(|body| given(body).map_or_else(Vector3::zeros, |given| given.omega));
+            for force in self.points.iter().map(new).map(sized) {
+                let torque = force.torque(patch, moving, turning);
+                self.contacts.extend([Contact { role: Role::Force, ..force }, torque]);
+            }
         }
         self.add_stops();
         Ok(())

@@ -1,0 +1,220 @@
+//! Scenes that friction on patches may stumble over: radii from nothing to far beyond the body, rebounds, patches beside
+//! points, several patches on one body, heaps, and masses of all sizes.
+
+use super::super::{on_the_ground, weightless};
+use super::{G, MU, R, assert_sound, disc, of_surface};
+use crate::systems::harness::{column, distance, last, solve};
+use serde_json::{Value, json};
+
+/// A ball of mass 1 kg and radius 0.1 m.
+fn ball(name: &str, at: [f64; 3], velocity: [f64; 3], omega: [f64; 3]) -> Value {
+    json!({"name": name, "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": at, "velocity": velocity,
+        "angular_velocity": omega})
+}
+
+const INERTIA: f64 = 0.4 * 0.01;
+
+#[test]
+fn patches_of_all_kinds_are_solved() {
+    let contacts = [
+        json!({"friction": 0.3, "patch": 0}),
+        json!({"friction": 0, "patch": 0.1, "rolling": 0.01}),
+        json!({"friction": 0, "patch": 0.1}),
+        json!({"friction": 0.3, "rolling": 0.01}),
+        json!({"friction": 0.5, "patch": 1e-6, "rolling": 1e-6}),
+        json!({"friction": 5, "patch": 10, "rolling": 0.1}),
+        json!({"friction": 0.3, "patch": 1e6, "rolling": 1e6}),
+        json!({"friction": 0.3, "patch": 1e-12, "rolling": 1e-12}),
+        json!({"friction": "0.1 + 0.3*exp(-slip_speed/0.1)", "patch": 0.05, "rolling": 0.001}),
+        json!({"friction": 0.3, "restitution": 0.5, "patch": 0.02, "rolling": 0.001}),
+        json!({"friction": 0.3, "restitution": 1, "patch": 0.02, "rolling": 0.001}),
+    ];
+    for contacts in contacts {
+        let ball = ball("ball", [0.0, 0.0, 0.15], [1.0, 0.2, 0.0], [1.0, 2.0, 30.0]);
+        let brick = json!({"name": "brick", "shape": {"box": {"size": [0.2, 0.2, 0.1]}}, "mass": 3, "position": [0.4, 0.1, 0.06],
+            "velocity": [0, 0, 0], "angular_velocity": [0, 0, 2]});
+        let solution = solve(&on_the_ground(&[ball, brick], &contacts, 1.0, 1e-3));
+        let vi = solution.diagnostics.vi.as_ref().unwrap();
+        println!("{contacts}: {:e} {} {:?}", vi.largest_residual, vi.pivots, solution.verdict.because);
+    }
+}
+
+#[test]
+fn a_patch_without_size_is_a_point_and_a_huge_one_turns_only_as_it_slides() {
+    let scene = |contacts: Value| {
+        let ball = ball("ball", [0.0, 0.0, 0.1], [1.0, 0.0, 0.0], [3.0, 2.0, 30.0]);
+        solve(&on_the_ground(&[ball], &contacts, 1.0, 1e-3))
+    };
+    let point = scene(json!({"friction": 0.2}));
+    for patch in [json!({"friction": 0.2, "patch": 1e-12}), json!({"friction": 0.2, "patch": 1e-12, "rolling": 1e-12})]
+    {
+        let found = scene(patch);
+        for field in ["ball.x", "ball.y", "ball.vx", "ball.wx", "ball.wz"] {
+            let pairs = column(&point, field).iter().zip(column(&found, field));
+            let apart = pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(apart < 1e-8, "{field}: {apart:e}");
+        }
+    }
+    // On a patch that is far larger than its radius of gyration a disc stops to spin at once, and slides as a block.
+    let mut solution = on_the_ground(&[disc([1.0, 0.0], 10.0)], &json!({"friction": MU, "patch": 1e4}), 1.0, 1e-3);
+    solution["output"]["times"] = json!("steps");
+    let solution = solve(&solution);
+    assert!(column(&solution, "disc.wz")[2..].iter().all(|w| w.abs() < 1e-9));
+    // One step at most goes to the spin.
+    assert!(distance(&solution, "disc.vx", |t| (1.0 - MU * G * t).max(0.0)) < MU * G * 1e-3 + 1e-9);
+    assert_sound(&solution, 0.5 + 0.25 * R * R * 100.0);
+}
+
+/// A ball with a spin about the normal falls and rebounds: its spin loses `2/3 mu p R/I` by the normal impulse `p`.
+#[test]
+fn a_patch_turns_within_an_impact() {
+    let (speed, spin, e, patch) = (2.0, 30.0, 0.5, 0.03);
+    for law in ["simultaneous", "sequential"] {
+        let ball = ball("ball", [0.0, 0.0, 0.2], [0.0, 0.0, -speed], [0.0, 0.0, spin]);
+        let contacts = json!({"friction": MU, "patch": patch, "restitution": e});
+        let mut scene = weightless(on_the_ground(&[ball], &contacts, 0.2, 1e-3));
+        scene["method"]["impact_law"] = json!(law);
+        let solution = solve(&scene);
+        assert!((last(&solution, "ball.vz") - e * speed).abs() < 1e-12, "{law}");
+        let turned = 2.0 / 3.0 * MU * (1.0 + e) * speed * patch / INERTIA;
+        assert!((last(&solution, "ball.wz") - (spin - turned)).abs() < 1e-9, "{law}: {}", last(&solution, "ball.wz"));
+    }
+    // A ball without slip rolls on over its rebound, but for the rolling torque.
+    for law in ["simultaneous", "sequential"] {
+        let (v, c) = (1.0, 1e-3);
+        let ball = ball("ball", [0.0, 0.0, 0.2], [v, 0.0, -speed], [0.0, v / 0.1, 0.0]);
+        let mut scene =
+            weightless(on_the_ground(&[ball], &json!({"friction": 0.5, "rolling": c, "restitution": e}), 0.2, 1e-3));
+        scene["method"]["impact_law"] = json!(law);
+        let solution = solve(&scene);
+        // About the contact: 7/5 m r v changes by c p.
+        let slowed = c * (1.0 + e) * speed / (1.4 * 0.1);
+        assert!((last(&solution, "ball.vx") - (v - slowed)).abs() < 1e-9, "{law}: {}", last(&solution, "ball.vx"));
+        assert!((last(&solution, "ball.wy") - (v - slowed) / 0.1).abs() < 1e-8, "{law}");
+    }
+}
+
+/// A ball in a corner: a patch on the floor, a point on the wall, whose friction resists the spin as well.
+#[test]
+fn a_patch_stands_beside_points_on_one_body() {
+    let wall = 2.0;
+    for rough in [0.0, 0.04] {
+        let scene = json!({"problem": {"rigid_bodies": {
+            "gravity": [-wall, 0, -G],
+            "materials": {"floor": {}, "wall": {}, "ball": {}},
+            "bodies": [
+                {"name": "floor", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true, "material": "floor"},
+                {"name": "wall", "shape": {"half_space": {"normal": [1, 0, 0]}}, "fixed": true, "material": "wall"},
+                {"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0.1, 0, 0.1],
+                    "angular_velocity": [0, 0, 20], "material": "ball"}],
+            "contacts": {"pairs": [{"materials": ["floor", "ball"], "friction": MU, "patch": 0.03},
+                {"materials": ["wall", "ball"], "friction": rough}]}}},
+            "time": {"end": 1}, "method": {"step": 1e-3}, "output": {"times": {"count": 101}}});
+        let solution = solve(&scene);
+        assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+        if rough == 0.0 {
+            let rate = 2.0 / 3.0 * MU * G * 0.03 / INERTIA;
+            assert!(distance(&solution, "ball.wz", |t| (20.0 - rate * t).max(0.0)) < 1e-9);
+        } else {
+            // Friction of the wall pushes the ball along it, with 0.08 N: less than the floor holds, which lets it creep.
+            let floor = 2.0 / 3.0 * MU * G * 0.03;
+            let rate = (floor + rough * wall * 0.1) / INERTIA;
+            println!("{} {}", last(&solution, "ball.y"), column(&solution, "ball.wz")[50] - (20.0 - rate * 0.5));
+        }
+    }
+}
+
+/// A ball rolls along a groove of walls at 45 degrees. It rolls about an axis that is neither normal nor tangential to its
+/// contacts: it drills on both, so that friction along the groove lets it creep. Every step is solved again, with sums over
+/// the patch and bisections.
+#[test]
+fn a_ball_that_rolls_in_a_groove_drills_on_both_patches() {
+    let (mu, patch, c, h, steps) = (0.3, 0.01, 5e-4, 5e-3, 40);
+    let half = 0.5_f64.sqrt();
+    let scene = json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -G],
+        "bodies": [{"name": "left", "shape": {"half_space": {"normal": [0, half, half]}}, "fixed": true},
+            {"name": "right", "shape": {"half_space": {"normal": [0, -half, half]}}, "fixed": true},
+            ball("ball", [0.0, 0.0, 0.1 / half], [1.0, 0.0, 0.0], [0.0, 1.0 / (0.1 * half), 0.0])],
+        "contacts": {"friction": mu, "patch": patch, "rolling": c}}},
+        "time": {"end": h * f64::from(steps)}, "method": {"step": h}, "output": {"times": "steps"}});
+    let solution = solve(&scene);
+    assert!(solution.diagnostics.vi.as_ref().unwrap().largest_residual <= 1e-10);
+    let normal = G / (2.0 * half);
+    let root = |function: &dyn Fn(f64) -> f64, mut a: f64, mut b: f64| {
+        for _ in 0..45 {
+            let middle = 0.5 * (a + b);
+            *if function(middle) < 0.0 { &mut a } else { &mut b } = middle;
+        }
+        0.5 * (a + b)
+    };
+    let (mut v, mut w) = (1.0, 1.0 / (0.1 * half));
+    for k in 1..=steps as usize {
+        // The slip of the end of the step, if the spin there is `w`.
+        let law = |slip: f64, w: f64| {
+            let [force, torque] = of_surface(slip.abs(), patch * half * w);
+            [slip.signum() * force, torque]
+        };
+        let speed = |w: f64| {
+            let off = |next: f64| next - v + 2.0 * h * mu * normal * law(next - 0.1 * half * w, w)[0];
+            root(&off, 0.0, 2.0)
+        };
+        let off = |next: f64| {
+            let [force, torque] = law(speed(next) - 0.1 * half * next, next);
+            INERTIA * (next - w) - 2.0 * h * normal * (mu * force * 0.1 * half - mu * torque * patch * half - c * half)
+        };
+        let next = root(&off, 0.5 * w, w);
+        (v, w) = (speed(next), next);
+        let found = [column(&solution, "ball.vx")[k], column(&solution, "ball.wy")[k]];
+        assert!((found[0] - v).abs() < 1e-5 && 0.1 * (found[1] - w).abs() < 1e-5, "{k}: {found:?} {v} {w}");
+    }
+    println!("{v} {w} creep {}", v - 0.1 * half * w);
+}
+
+/// A disc that spins on another one, which lies on ice: the torque `2/3 mu m g R` until both turn as one.
+#[test]
+fn discs_of_masses_that_differ_by_four_orders_come_to_turn_as_one() {
+    for (below, above) in [(1.0, 1e-4), (1.0, 1.0), (1.0, 1e4), (1e4, 1.0)] {
+        let sphere = |name: &str, material: &str, mass: f64, z: f64, spin: f64| {
+            json!({"name": name, "shape": {"sphere": {"radius": 0.1}}, "mass": mass, "position": [0, 0, z],
+                "angular_velocity": [0, 0, spin], "material": material})
+        };
+        let scene = json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -G],
+            "materials": {"ice": {"friction": 0}, "disc": {"friction": MU}},
+            "bodies": [{"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true, "material": "ice"},
+                sphere("below", "disc", below, 0.1, 0.0), sphere("above", "disc", above, 0.3, 20.0)],
+            "contacts": {"patch": 0.03}}},
+            "time": {"end": 2}, "method": {"step": 1e-3}, "output": {"times": {"count": 201}}});
+        let solution = solve(&scene);
+        assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+        let torque = 2.0 / 3.0 * MU * above * G * 0.03;
+        let common = 20.0 * above / (below + above);
+        let exact = |t: f64| (20.0 - torque / (INERTIA * above) * t).max(common);
+        let error = distance(&solution, "above.wz", exact);
+        let other = |t: f64| (torque / (INERTIA * below) * t).min(common);
+        let of_below = distance(&solution, "below.wz", other);
+        println!("{below} {above}: {error:e} {of_below:e}");
+        assert!(error < 1e-7 && of_below < 1e-7, "{below} {above}: {error:e} {of_below:e}");
+    }
+}
+
+/// Balls that fall on a floor between no walls roll away, unless rolling friction stops them.
+#[test]
+fn a_heap_with_rolling_friction_comes_to_rest() {
+    let heap = |contacts: Value| {
+        let bodies: Vec<Value> = (0..30)
+            .map(|k: i32| {
+                let (layer, place) = (f64::from(k / 9), k % 9);
+                let at = |i: i32| 0.21 * f64::from(i - 1) + 0.013 * layer;
+                let z = 0.11 + 0.2 * layer;
+                ball(&format!("b{k}"), [at(place % 3), at(place / 3) + 0.03 * layer, z], [0.0; 3], [0.0; 3])
+            })
+            .collect();
+        solve(&on_the_ground(&bodies, &contacts, 3.0, 2e-3))
+    };
+    let solution = heap(json!({"friction": 0.5, "patch": 5e-3, "rolling": 5e-3}));
+    let vi = solution.diagnostics.vi.as_ref().unwrap();
+    println!("{:e} {} {:?}", vi.largest_residual, vi.pivots, solution.verdict);
+    println!("{:e}", last(&solution, "kinetic_energy"));
+    let rolls = heap(json!({"friction": 0.5}));
+    println!("{:e} {:?}", last(&rolls, "kinetic_energy"), rolls.verdict);
+}
