@@ -218,3 +218,116 @@ fn a_heap_with_rolling_friction_comes_to_rest() {
     let rolls = heap(json!({"friction": 0.5}));
     println!("{:e} {:?}", last(&rolls, "kinetic_energy"), rolls.verdict);
 }
+
+/// A ball that falls, rebounds, slides, spins and rolls, and a disc beside it, in other units of length and mass.
+#[test]
+fn the_law_holds_in_units_of_all_sizes() {
+    let scene = |length: f64, mass: f64| {
+        let at = |x: [f64; 3]| json!(x.map(|x| x * length));
+        let ball = json!({"name": "ball", "shape": {"sphere": {"radius": 0.1 * length}}, "mass": mass,
+            "position": at([0.0, 0.0, 0.15]), "velocity": at([1.0, 0.2, 0.0]), "angular_velocity": [1, 2, 30]});
+        let axial = 0.5 * R * R * mass * length * length;
+        let disc = json!({"name": "disc", "shape": {"sphere": {"radius": 0.02 * length}}, "mass": mass,
+            "centre_of_mass": at([0.0, 0.0, -0.02]), "inertia": [0.5 * axial, 0.5 * axial, axial],
+            "position": at([0.0, 1.0, 0.02]), "velocity": at([1.0, 0.0, 0.0]), "angular_velocity": [0, 0, 20]});
+        let contacts = json!({"friction": MU, "patch": 0.03 * length, "rolling": 1e-3 * length, "restitution": 0.4});
+        let mut scene = on_the_ground(&[ball, disc], &contacts, 0.6, 1e-3);
+        scene["problem"]["rigid_bodies"]["gravity"] = at([0.0, 0.0, -G]);
+        solve(&scene)
+    };
+    let unit = scene(1.0, 1.0);
+    for length in [1e-6_f64, 1e-3, 1e3, 1e6] {
+        for mass in [length.powi(3), 1.0, 1e-12, 1e12] {
+            let found = scene(length, mass);
+            assert!(found.verdict.trusted, "{length:e} {mass:e}: {:?}", found.verdict);
+            for (field, size) in [
+                ("ball.x", length),
+                ("ball.vy", length),
+                ("ball.wz", 1.0),
+                ("ball.wx", 1.0),
+                ("disc.wz", 1.0),
+                ("disc.vx", length),
+            ] {
+                let pairs = column(&unit, field).iter().zip(column(&found, field));
+                let apart = pairs.map(|(a, b)| (a - b / size).abs()).fold(0.0, f64::max);
+                println!("{length:e} {mass:e} {field}: {apart:e}");
+                assert!(apart < 1e-7, "{length:e} {mass:e} {field}: {apart:e}");
+            }
+        }
+    }
+}
+
+/// Balls one on another, on a table whose surface turns: what drives them is the torque of the table, under all of them. The
+/// torques between them can be as large by their weights, so that all turn as one where the table is smoother.
+#[test]
+fn a_stack_on_a_turning_table_turns_as_one_or_slips_at_its_foot() {
+    let n = 5;
+    let patch = 0.02;
+    let stack = |table: f64, between: f64| {
+        let mut bodies = vec![
+            json!({"name": "table", "shape": {"cylinder": {"radius": 1, "length": 0.1}}, "position": [0, 0, -0.05],
+            "motion": {"angular_velocity": [0, 0, 3]}, "material": "table"}),
+        ];
+        bodies.extend((0..n).map(|k| {
+            let z = 0.1 + 0.2 * f64::from(k);
+            json!({"name": format!("b{k}"), "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, z], "material": "ball"})
+        }));
+        json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -G], "bodies": bodies,
+            "materials": {"table": {}, "ball": {}},
+            "contacts": {"patch": patch, "pairs": [{"materials": ["table", "ball"], "friction": table},
+                {"materials": ["ball", "ball"], "friction": between}]}}},
+            "time": {"end": 1.5}, "method": {"step": 1e-3}, "output": {"times": {"count": 151}}})
+    };
+    let rate = |mu: f64| 2.0 / 3.0 * mu * G * patch / INERTIA;
+    // A smooth table: all turn as one.
+    let solution = solve(&stack(0.1, 0.3));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    for k in 0..n {
+        let error = distance(&solution, &format!("b{k}.wz"), |t| (rate(0.1) * t).min(3.0));
+        assert!(error < 1e-8, "{k}: {error:e}");
+    }
+    // A rough table under smooth balls: the lowest is held by the table, and drives the others, which turn as one.
+    let solution = solve(&stack(0.9, 0.1));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    let lowest = |t: f64| ((f64::from(n) * rate(0.9) - f64::from(n - 1) * rate(0.1)) * t).min(3.0);
+    assert!(distance(&solution, "b0.wz", lowest) < 1e-8, "{:e}", distance(&solution, "b0.wz", lowest));
+    for k in 1..n {
+        let error = distance(&solution, &format!("b{k}.wz"), |t| (rate(0.1) * t).min(3.0));
+        assert!(error < 1e-8, "{k}: {error:e}");
+    }
+}
+
+/// A table on a hinge with a motor: one that follows a velocity, which turns a ball by drilling, and one with a torque that is
+/// less than that of friction, which turns both as one.
+#[test]
+fn a_table_with_a_motor_turns_a_ball_and_its_work_is_in_the_balance() {
+    let (mu, patch) = (0.1, 0.02);
+    let (of_table, of_ball) = (0.5 * 4.0, INERTIA);
+    let scene = |motor: Value| {
+        json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -G],
+            "bodies": [
+                {"name": "table", "shape": {"cylinder": {"radius": 1, "length": 0.1}}, "mass": 4, "position": [0, 0, -0.05]},
+                {"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 0.1]}],
+            "joints": [{"hinge": {"name": "axle", "bodies": ["table"], "at": [0, 0, 0], "axis": [0, 0, 1], "motor": motor}}],
+            "contacts": {"friction": mu, "patch": patch}}},
+            "time": {"end": 1}, "method": {"step": 1e-3}, "output": {"times": {"count": 101}}})
+    };
+    let torque = 2.0 / 3.0 * mu * G * patch;
+    let solution = solve(&scene(json!({"velocity": 3})));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    let error = distance(&solution, "ball.wz", |t| (torque / of_ball * t).min(3.0));
+    assert!(error < 1e-7, "{error:e}");
+    // The motor gives the torque of friction, at 3 rad/s, while the ball slips: half of its work is lost.
+    let work = solution.diagnostics.energy.as_ref().unwrap().work_of_drives;
+    println!("{work} {}", of_ball * 9.0);
+    // As one: the ball takes its part of the torque.
+    let effort = 0.5 * torque / of_ball * (of_ball + of_table);
+    let solution = solve(&scene(json!({"effort": effort})));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    let as_one = |t: f64| effort / (of_ball + of_table) * t;
+    for body in ["table.wz", "ball.wz"] {
+        let error = distance(&solution, body, as_one);
+        assert!(error < 1e-7, "{body}: {error:e}");
+    }
+    assert!(last(&solution, "dissipated_by_friction").abs() < 1e-9);
+}

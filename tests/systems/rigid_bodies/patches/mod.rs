@@ -125,11 +125,29 @@ fn stop(v: f64, w: f64) -> f64 {
     t
 }
 
+/// The disc when it slides with the speed `least`, by steps of Runge and Kutta that are a part of what is left.
+fn until(least: f64, mut at: [f64; 2]) -> [f64; 2] {
+    loop {
+        let h = 0.05 * (at[0] + at[1]) / (MU * G);
+        let next = of_runge_kutta(at, h, 1);
+        if next[0] < least {
+            let (mut lower, mut upper) = (0.0, h);
+            for _ in 0..40 {
+                let middle = 0.5 * (lower + upper);
+                *if of_runge_kutta(at, middle, 1)[0] < least { &mut upper } else { &mut lower } = middle;
+            }
+            return of_runge_kutta(at, lower, 1);
+        }
+        at = next;
+    }
+}
+
 /// Farkas, Bartels, Unger and Wolf 2003: sliding and spinning end together, and the ratio `v/(R w)` draws near to 0.653.
+/// It does so slowly, as the square root of the speed or so: from 0.35 it has come to 0.60 when 2 % of the speed are left.
 #[test]
 fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
     const RATIO: f64 = 0.653;
-    for ratio in [RATIO, 0.35, 1.1] {
+    for ratio in [RATIO, 0.1, 0.35, 1.1, 3.0] {
         let (v, w) = (1.0, 1.0 / ratio);
         let (end, h) = (stop(v, w), 1e-4);
         let mut scene = on_a_patch([v, 0.0], w / R, 1.1 * end, h);
@@ -141,20 +159,23 @@ fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
         let spinning = wz.iter().filter(|w| **w > 1e-10).count();
         assert_eq!(moving, spinning, "sliding and spinning end in different steps");
         assert!((solution.trajectory.t[moving] - end).abs() < 2.0 * h, "{} {end}", solution.trajectory.t[moving]);
+        // Steps follow the integration to the part of the speed that friction takes within one of them.
+        for left in [0.3, 0.1, 0.02, 0.005] {
+            let place = vx.iter().position(|speed| *speed < left * v).unwrap();
+            let exact = until(vx[place], [v, w]);
+            let apart = vx[place] / (R * wz[place]) - exact[0] / exact[1];
+            println!("{ratio} {left}: {apart:e} {}", exact[0] / exact[1]);
+            assert!(apart.abs() < MU * G * h / vx[place], "{ratio} {left}: {apart:e}");
+        }
+        let at_the_end = until(1e-12, [v, w]);
+        assert!((at_the_end[0] / at_the_end[1] - RATIO).abs() < 5e-4, "{ratio}: {at_the_end:?}");
         let apart: Vec<f64> = (0..moving - 1).map(|k| vx[k] / (R * wz[k]) - RATIO).collect();
-        println!("{ratio}: {} {:?} {end}", apart[moving / 2], &apart[moving - 4..]);
         if ratio == RATIO {
             // The solution that is similar to itself, in steps of any length.
             assert!(apart.iter().all(|apart| apart.abs() < 2e-4), "{apart:?}");
-            continue;
+        } else {
+            assert!(apart.windows(2).all(|pair| pair[1].abs() < pair[0].abs() + 1e-9 && pair[1] * pair[0] > 0.0));
         }
-        assert!(apart.windows(2).all(|pair| pair[1].abs() < pair[0].abs() + 1e-9 && pair[1] * pair[0] > 0.0));
-        // After nine tenths of the time, against the integration.
-        let place = (0.9 * end / h) as usize;
-        let exact = of_runge_kutta([v, w], place as f64 * h, 200);
-        let found = vx[place] / (R * wz[place]);
-        assert!((found - exact[0] / exact[1]).abs() < 2e-3, "{ratio}: {found} {exact:?}");
-        assert!(apart[moving - 4].abs() < 0.1 * apart[0].abs(), "{ratio}: {:?}", &apart[moving - 4..]);
     }
 }
 
