@@ -25,15 +25,16 @@ pub fn sequential(contacts: &Contacts<'_>) -> Vec<(usize, Vector3<f64>)> {
         let Some(k) = (0..n).filter(closed).min_by(|&a, &b| u[a].x.total_cmp(&u[b].x)) else { break };
         let q = Vector3::new((1.0 + contacts.restitution[k]) * u[k].x, u[k].y, u[k].z);
         let first = strikes.len();
-        match contacts.delassus {
-            Delassus::Blocks(blocks) if contacts.roles.get(k) == Some(&Role::Force) => {
-                let [force, torque] = solve_patch(blocks, k, &[q, u[k + 1]], contacts.mu[k], &[Vector3::zeros(); 2]);
+        match (contacts.delassus, contacts.roles.get(k)) {
+            (Delassus::Blocks(blocks), Some(&Role::Force(reach))) => {
+                let none = [Vector3::zeros(); 2];
+                let [force, torque] = solve_patch(blocks, k, &[q, u[k + 1]], contacts.mu[k], reach, &none);
                 if force.x <= 0.0 {
                     break;
                 }
                 strikes.extend([(k, force), (k + 1, torque)]);
             }
-            delassus => {
+            (delassus, _) => {
                 let Some(strike) = solve_contact(&delassus.diagonal(k), &q, contacts.mu[k]) else { break };
                 strikes.push((k, strike));
             }

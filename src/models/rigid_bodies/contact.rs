@@ -11,7 +11,7 @@ use super::collision::ContactPoint;
 use super::motion::Motion;
 use super::scene::{Law, Patch};
 use nalgebra::{Matrix3, Vector3};
-use vi::coulomb::Role;
+use vi::coulomb::{Reach, Role};
 
 /// The smallest identity of a joint stop; contact points of surfaces are numbered from zero.
 pub const STOPS: u64 = 1 << 63;
@@ -34,8 +34,7 @@ pub struct Contact {
     /// Whether impulses are angular: of the stop of a hinge, with a gap about the normal in radians, or of a torque.
     pub turns: bool,
     /// The role in the law: a contact at a point, or the force or the torque of a patch. The torque of a patch follows its
-    /// force; its frame has the axes of drilling and rolling, with the lengths of the radius of the patch and of the
-    /// coefficient of rolling friction.
+    /// force; its frame has the axes of drilling and rolling, with the length of a radius of gyration.
     pub role: Role,
     /// The reference size for gaps: that of the smaller body, or one radian for angles.
     pub size: f64,
@@ -127,10 +126,16 @@ impl Contact {
         }
     }
 
-    /// The torque of a contact on a patch; `turning` are the angular velocities of both bodies where these are prescribed.
-    pub fn torque(&self, patch: &Patch, moving: &[Motion], turning: [Vector3<f64>; 2]) -> Self {
+    /// The force and the torque of a contact on a patch; `turning` are the angular velocities of both bodies where these are
+    /// prescribed. The rows of the torque have the length of a mean radius of gyration of both bodies, so that they weigh
+    /// in the law as those of the force do, however small or large the patch is.
+    pub fn on(self, patch: &Patch, moving: &[Motion], turning: [Vector3<f64>; 2]) -> [Self; 2] {
+        let bodies = || self.bodies.iter().flatten().map(|&body| &moving[body as usize]);
+        let linear: f64 = bodies().map(|motion| motion.mass.recip()).sum();
+        let angular: f64 = bodies().map(|motion| motion.mobility.trace() / 3.0).sum();
+        let length = (linear / angular).sqrt();
         let mut frame = self.frame;
-        for (i, length) in [patch.radius, patch.rolling, patch.rolling].into_iter().enumerate() {
+        for i in 0..3 {
             let size = frame.row(i).norm();
             frame.row_mut(i).scale_mut(length / size);
         }
@@ -145,17 +150,11 @@ impl Contact {
             key: (a, b, id | TORQUES),
             surface: Vector3::zeros(),
             gap_at_end: 0.0,
-            ..*self
+            ..self
         };
         torque.before = torque.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
-        torque.carried(turning)
-    }
-
-    /// Diagonal entries for the axes about which there is no friction: any positive number, here an inverse mass.
-    pub fn idle(&self, moving: &[Motion]) -> Matrix3<f64> {
-        let mobility: f64 = self.bodies.iter().flatten().map(|&body| moving[body as usize].mass.recip()).sum();
-        let of = |i: usize| if self.frame.row(i).norm() > 0.0 { 0.0 } else { mobility };
-        Matrix3::from_diagonal(&Vector3::new(of(0), of(1), of(2)))
+        let reach = Reach { drill: patch.radius / length, roll: patch.rolling / length };
+        [Self { role: Role::Force(reach), ..self }, torque.carried(turning)]
     }
 
     /// Whether this is the torque of a patch.
@@ -185,8 +184,7 @@ impl Contact {
         let mut components = self.frame * impulse;
         if self.law.grain.is_some() || self.is_torque() {
             for (i, component) in components.iter_mut().enumerate() {
-                let size = self.frame.row(i).norm_squared();
-                *component = if size > 0.0 { *component / size } else { 0.0 };
+                *component /= self.frame.row(i).norm_squared();
             }
         }
         components

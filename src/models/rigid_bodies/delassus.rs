@@ -67,9 +67,6 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
                 blocks.push((i, b.contact as usize, block));
             }
         }
-        if contact.is_torque() {
-            blocks.push((i, i, contact.idle(moving)));
-        }
         blocks[row..].sort_by_key(|&(_, j, _)| j);
     }
     Some(blocks)

@@ -348,7 +348,8 @@ impl Island {
             let t = self.t + h;
             let slip = contact.slip_speed(&u[k]);
             // On a patch, the mean of the speeds.
-            let slip = if contact.role == Role::Force { mean_speed(slip, u[k + 1].x) } else { slip };
+            let slip =
+                if let Role::Force(reach) = contact.role { mean_speed(slip, reach.drill * u[k + 1].x) } else { slip };
             match self.coefficients[place as usize].at(t, &contact.position, slip) {
                 Ok(value) => *mu = value,
                 Err(mu) => {

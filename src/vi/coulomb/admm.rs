@@ -58,8 +58,8 @@ impl Admm {
                     let of = -cone.augment(y[k]);
                     y[k] = of - cone.project(of);
                 }
-                Role::Force => {
-                    let cone = PatchCone { mu };
+                Role::Force(reach) => {
+                    let cone = PatchCone { mu, reach };
                     let of = cone.augment([y[k], y[k + 1]]).map(|u| -u);
                     let projected = cone.project(of);
                     (y[k], y[k + 1]) = (of[0] - projected[0], of[1] - projected[1]);
@@ -125,7 +125,7 @@ impl Admm {
             b.x -= rho
                 * match problem.role(k) {
                     Role::Point => problem.mu()[k] * tangent(&y).norm(),
-                    Role::Force => PatchCone { mu: problem.mu()[k] }.support(&[y, self.y[k + 1]]),
+                    Role::Force(reach) => PatchCone { mu: problem.mu()[k], reach }.support(&[y, self.y[k + 1]]),
                     Role::Torque => 0.0,
                 };
             right.copy_from_slice(b.as_slice());
@@ -139,14 +139,18 @@ impl Admm {
             let target = relaxed + self.y[k];
             match problem.role(k) {
                 Role::Point => self.z[k] = FrictionCone { mu: problem.mu()[k] }.project(target),
-                Role::Force => self.z[k] = target,
+                // The torque follows, and with it the projection of both.
+                Role::Force(_) => self.z[k] = target,
                 Role::Torque => {
-                    let projected = PatchCone { mu: problem.mu()[k - 1] }.project([self.z[k - 1], target]);
-                    self.y[k - 1] = self.z[k - 1] - projected[0];
-                    (self.z[k - 1], self.z[k]) = (projected[0], projected[1]);
+                    if let Role::Force(reach) = problem.role(k - 1) {
+                        let cone = PatchCone { mu: problem.mu()[k - 1], reach };
+                        let projected = cone.project([self.z[k - 1], target]);
+                        self.y[k - 1] = self.z[k - 1] - projected[0];
+                        (self.z[k - 1], self.z[k]) = (projected[0], projected[1]);
+                    }
                 }
             }
-            if problem.role(k) != Role::Force {
+            if !matches!(problem.role(k), Role::Force(_)) {
                 self.y[k] += relaxed - self.z[k];
             }
         }

@@ -66,14 +66,14 @@ impl Sweeps {
                         r[k] = exact;
                     }
                 }
-                Role::Force => {
+                Role::Force(reach) => {
                     let own = [r[k], r[k + 1]];
                     let without = |i: usize| {
                         let blocks = (0..2).filter_map(|j| Some(matrix.block(k + i, k + j)? * own[j]));
                         problem.velocity(k + i, r) - blocks.sum::<Vector3<f64>>()
                     };
                     let q = [without(0), without(1)];
-                    [r[k], r[k + 1]] = solve_patch(matrix, k, &q, mu, &own);
+                    [r[k], r[k + 1]] = solve_patch(matrix, k, &q, mu, reach, &own);
                 }
                 Role::Torque => {}
             }

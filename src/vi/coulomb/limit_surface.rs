@@ -94,6 +94,17 @@ fn integrals(m: f64) -> [f64; 4] {
 }
 
 impl Point {
+    /// The point of the surface stretched by `a` along the torque whose normal has the direction `(v, w)`. The support
+    /// function becomes `sigma(v, a w)`, and the radius of curvature, on a map with the determinant `a`, `a^2 / s^3` times
+    /// that of the normal `(v, a w) = s (cos p, sin p)`.
+    fn stretched(v: f64, w: f64, a: f64) -> Self {
+        let size = v.hypot(w);
+        let normal = [v / size, w / size];
+        let Self { at, across, radius, .. } = Self::of(normal[0], a * normal[1]);
+        let s = normal[0].hypot(a * normal[1]);
+        Self { normal, at: [at[0], a * at[1]], across: across / s, radius: radius * (a / s) * (a / s) / s }
+    }
+
     /// The point whose normal has the direction `(v, w)`, both at least zero and not both zero.
     pub fn of(v: f64, w: f64) -> Self {
         let size = v.hypot(w);
@@ -124,19 +135,21 @@ impl Point {
         self.at[1] * self.normal[0] - self.at[0] * self.normal[1]
     }
 
-    /// The point of `scale L` next to `(b, c)`, both at least zero, and its distance; `None` if that lies in the set.
+    /// The point next to `(b, c)`, both at least zero, of the set `scale L` stretched by `a > 0` along the torque, and its
+    /// distance; `None` if `(b, c)` lies in the set.
     ///
-    /// Where the distance to the supporting line at `p`, `b cos p + c sin p - scale sigma(p)`, is stationary, the point lies
-    /// on the normal; it is outside if that distance is positive, and inside otherwise, since the set holds with a point
-    /// all smaller ones.
-    pub fn nearest(b: f64, c: f64, scale: f64) -> Option<(Self, f64)> {
+    /// Where the distance to the supporting line with the normal `n`, `(b, c) n - scale sigma(n)`, is stationary, the point
+    /// lies on the normal; it is outside if that distance is positive, and inside otherwise, since the set holds with a
+    /// point all smaller ones. Normals are pairs, not angles, so that small components keep their digits where the set is
+    /// flat or long.
+    pub fn nearest(b: f64, c: f64, scale: f64, a: f64) -> Option<(Self, f64)> {
         if b + c <= 0.0 {
             return None;
         }
-        let (mut lower, mut upper) = (0.0, FRAC_PI_2);
-        let mut angle = c.atan2(b);
+        let (mut lower, mut upper) = ([1.0, 0.0], [0.0, 1.0]);
+        let turn = |from: [f64; 2], to: [f64; 2]| from[0] * to[1] - from[1] * to[0];
         let size = b + c + scale;
-        let mut point = Self::of(b, c);
+        let mut point = Self::stretched(b, c, a);
         for _ in 0..ITERATIONS {
             let [x, y] = [b - scale * point.at[0], c - scale * point.at[1]];
             let [cosine, sine] = point.normal;
@@ -144,14 +157,16 @@ impl Point {
             if along.abs() <= ACCURACY * size {
                 break;
             }
-            *if along > 0.0 { &mut lower } else { &mut upper } = angle;
-            let newton = angle + along / (distance + scale * point.radius);
-            let next = if newton > lower && newton < upper { newton } else { 0.5 * (lower + upper) };
-            if next == angle {
+            *if along > 0.0 { &mut lower } else { &mut upper } = point.normal;
+            let angle = along / (distance + scale * point.radius);
+            let newton = [cosine - angle * sine, sine + angle * cosine];
+            let is_between = turn(lower, newton) > 0.0 && turn(newton, upper) > 0.0;
+            let next = if is_between { newton } else { [lower[0] + upper[0], lower[1] + upper[1]] };
+            let last = point.normal;
+            point = Self::stretched(next[0], next[1], a);
+            if point.normal == last {
                 break;
             }
-            angle = next;
-            point = Self::of(angle.cos().max(0.0), angle.sin());
         }
         let distance = (b - scale * point.at[0]) * point.normal[0] + (c - scale * point.at[1]) * point.normal[1];
         (distance > 0.0).then_some((point, distance))
@@ -203,28 +218,42 @@ mod tests {
     #[test]
     fn the_radius_of_curvature_is_that_of_the_surface() {
         let step = 1e-5;
-        for k in 0..32 {
-            let angle = 0.02 + 0.048 * f64::from(k);
-            let at = |angle: f64| Point::of(angle.cos(), angle.sin());
-            let (before, after) = (at(angle - step).at, at(angle + step).at);
-            let arc = (after[0] - before[0]).hypot(after[1] - before[1]) / (2.0 * step);
-            assert!((arc - at(angle).radius).abs() < 1e-6, "{angle}: {arc} {}", at(angle).radius);
+        for stretch in [1.0, 0.3, 4.0] {
+            for k in 0..32 {
+                let angle = 0.02 + 0.048 * f64::from(k);
+                let at = |angle: f64| Point::stretched(angle.cos(), angle.sin(), stretch);
+                let (before, after) = (at(angle - step).at, at(angle + step).at);
+                let arc = (after[0] - before[0]).hypot(after[1] - before[1]) / (2.0 * step);
+                let radius = at(angle).radius;
+                assert!((arc - radius).abs() < 1e-6 * (1.0 + radius), "{stretch} {angle}: {arc} {radius}");
+            }
         }
     }
 
     #[test]
     fn a_point_on_a_normal_has_its_foot_there() {
-        for k in 0..=20 {
-            let angle = FRAC_PI_2 * f64::from(k) / 20.0;
-            let point = Point::of(angle.cos().max(0.0), angle.sin());
-            for (scale, away) in [(1.0, 1e-9), (0.3, 0.2), (2.0, 50.0), (0.0, 1.0)] {
-                let place = |i: usize| (scale * point.at[i] + away * point.normal[i]).max(0.0);
-                let (found, distance) = Point::nearest(place(0), place(1), scale).unwrap();
-                assert!((distance - away).abs() < 1e-13 * (1.0 + away), "{angle} {scale} {away}: {distance}");
-                let off = (0..2).map(|i| (scale * (found.at[i] - point.at[i])).abs()).fold(0.0, f64::max);
-                assert!(off < 1e-7, "{angle} {scale} {away}: {off}");
+        for stretch in [1.0, 1e-12, 1e-6, 1e-3, 0.1, 10.0, 1e4, 1e8] {
+            for k in 0..=20 {
+                // Normals that spread over the stretched surface, and over the plane.
+                let angle = FRAC_PI_2 * f64::from(k) / 20.0;
+                for (v, w) in [(angle.cos().max(0.0) * stretch, angle.sin()), (angle.cos().max(0.0), angle.sin())] {
+                    let point = Point::stretched(v, w, stretch);
+                    for (scale, away) in [(1.0, 1e-9), (0.3, 0.2), (2.0, 50.0), (0.0, 1.0)] {
+                        let place = |i: usize| (scale * point.at[i] + away * point.normal[i]).max(0.0);
+                        let (x, y) = (place(0), place(1));
+                        let size = x.max(y).max(away);
+                        let Some((found, distance)) = Point::nearest(x, y, scale, stretch) else {
+                            assert!(away < 1e-15 * size, "{stretch} {v} {w} {scale} {away}");
+                            continue;
+                        };
+                        assert!((distance - away).abs() < 1e-13 * size, "{stretch} {v} {w} {scale} {away}: {distance}");
+                        let off = (0..2).map(|i| (scale * (found.at[i] - point.at[i])).abs()).fold(0.0, f64::max);
+                        assert!(off < 1e-7 * size, "{stretch} {v} {w} {scale} {away}: {off}");
+                    }
+                    let inside = Point::nearest(0.999 * point.at[0], 0.999 * point.at[1], 1.0, stretch);
+                    assert!(inside.is_none(), "{stretch} {v} {w}");
+                }
             }
-            assert!(Point::nearest(0.999 * point.at[0], 0.999 * point.at[1], 1.0).is_none());
         }
     }
 }

@@ -39,7 +39,7 @@ pub use evidence::Evidence;
 pub use factored::{Factored, Grip, Mobility, Twist};
 pub use limit_surface::mean_speed;
 pub use local::solve_contact;
-pub use patch::{Role, solve_patch};
+pub use patch::{Reach, Role, solve_patch};
 pub use portfolio::{Attempt, Coulomb, Limits, Method, Report};
 pub use problem::{CoulombProblem, CoulombProblemError};
 pub use proximal::{ProximalReport, ProximalSweeps};

@@ -138,9 +138,9 @@ impl ProximalNewton {
             let (r, mu) = (&self.iterate, problem.mu()[k]);
             match problem.role(k) {
                 Role::Point => self.linearised[k] = alart_curnier::linearise(&r[k], &velocity(k), mu),
-                Role::Force => {
+                Role::Force(reach) => {
                     let u = [velocity(k), velocity(k + 1)];
-                    let rows = PatchCone { mu }.linearise_rows(&[r[k], r[k + 1]], &u);
+                    let rows = PatchCone { mu, reach }.linearise_rows(&[r[k], r[k + 1]], &u);
                     for (i, (own, across)) in rows.into_iter().enumerate() {
                         (self.linearised[k + i], self.across[k + i]) = (own, across);
                     }
@@ -183,9 +183,9 @@ impl ProximalNewton {
         let velocity = |k: usize| problem.velocity(k, &self.trial) + (self.trial[k] - self.centre[k]) * alpha;
         let value = |(k, r): (usize, &Vector3<f64>)| match problem.role(k) {
             Role::Point => alart_curnier::value(r, &velocity(k), problem.mu()[k]).norm_squared(),
-            Role::Force => {
+            Role::Force(reach) => {
                 let (r, u) = ([*r, self.trial[k + 1]], [velocity(k), velocity(k + 1)]);
-                let [force, torque] = PatchCone { mu: problem.mu()[k] }.value(&r, &u);
+                let [force, torque] = PatchCone { mu: problem.mu()[k], reach }.value(&r, &u);
                 force.norm_squared() + torque.norm_squared()
             }
             Role::Torque => 0.0,

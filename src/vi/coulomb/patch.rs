@@ -2,12 +2,14 @@
 //! `(tau, m_1, m_2)` in drilling and rolling, which have their units,
 //!
 //! ```text
-//! K = { r : (f, tau) in mu r_n L,  |m| <= r_n },    u_n + mu sigma(u_f, u_tau) + |u_m|  in place of  u_n + mu |u_t|
+//! K = { r : (f, tau / a) in mu r_n L,  |m| <= b r_n },    u_n + mu sigma(u_f, a u_tau) + b |u_m|  in place of  u_n + mu |u_t|
 //! ```
 //!
 //! with the [limit surface](super::limit_surface) `L`. It is Coulomb's law with another set: friction has the largest power
-//! in `r_n S`, and de Saxce's term is the support function of `S`. Torques are divided by the radius of the patch and by
-//! the coefficient of rolling friction, and angular velocities multiplied.
+//! in `r_n S`, and de Saxce's term is the support function of `S`. Torques are divided by a length, and angular velocities
+//! multiplied: one that makes them comparable with forces, such as a radius of gyration. `a` and `b` are the radius of the
+//! patch and the coefficient of rolling friction in that length. Divided by these two themselves, torques on a tiny patch
+//! would have rows that almost vanish, and those on a huge one rows that outweigh the force.
 
 use super::BlockMatrix;
 use super::alart_curnier::Linearised;
@@ -15,15 +17,24 @@ use super::limit_surface::{Point, mean_speed};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
 
 /// The role of a block row.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Role {
     /// A contact at a point.
     #[default]
     Point,
     /// The force of a contact on a patch; the torque follows in the next row.
-    Force,
+    Force(Reach),
     /// The torque of a contact on a patch.
     Torque,
+}
+
+/// The lengths of a patch, in the length by which its torques are divided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reach {
+    /// `a`, for the radius of the patch: drilling.
+    pub drill: f64,
+    /// `b`, for the coefficient of rolling friction.
+    pub roll: f64,
 }
 
 /// Both block rows of a contact on a patch.
@@ -31,20 +42,21 @@ pub(super) type Pair = [Vector3<f64>; 2];
 
 /// The impulses of one contact on a patch, whose force is row `k` of `W`, from the start `r`, for the velocities `q` of its
 /// two rows without them; never worse than `r`.
-pub fn solve_patch(matrix: &BlockMatrix, k: usize, q: &Pair, mu: f64, r: &Pair) -> Pair {
+pub fn solve_patch(matrix: &BlockMatrix, k: usize, q: &Pair, mu: f64, reach: Reach, r: &Pair) -> Pair {
     let mut own = Matrix6::zeros();
     for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
         if let Some(block) = matrix.block(k + i, k + j) {
             own.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(block);
         }
     }
-    PatchCone { mu }.solve(&own, &both(q), r)
+    PatchCone { mu, reach }.solve(&own, &both(q), r)
 }
 
 /// The set of one contact on a patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PatchCone {
     pub mu: f64,
+    pub reach: Reach,
 }
 
 /// Limit on iterations for the normal impulse of a projection, and its relative accuracy.
@@ -71,9 +83,17 @@ struct Projected {
 }
 
 impl PatchCone {
-    /// `mu sigma(u_f, u_tau) + |u_m|`.
+    /// `mu sigma(u_f, a u_tau) + b |u_m|`.
     pub fn support(self, u: &Pair) -> f64 {
-        self.mu * mean_speed(u[0].y.hypot(u[0].z), u[1].x) + u[1].y.hypot(u[1].z)
+        let Reach { drill, roll } = self.reach;
+        self.mu * mean_speed(u[0].y.hypot(u[0].z), drill * u[1].x) + roll * u[1].y.hypot(u[1].z)
+    }
+
+    /// The point of `scale L` next to the force and the torque of these sizes, and its distance; without a radius, forces
+    /// alone. `None` if there is none outside.
+    fn nearest(self, slide: f64, drill: f64, scale: f64) -> Option<(Point, f64)> {
+        let a = self.reach.drill;
+        if a > 0.0 { Point::nearest(slide, drill, scale, a) } else { Point::nearest(slide, 0.0, scale, 1.0) }
     }
 
     /// The velocity augmented by the support function.
@@ -83,10 +103,10 @@ impl PatchCone {
     }
 
     /// The projection onto the cone. Its normal impulse `nu` is the root of
-    /// `nu - v_n = mu sigma(d_f) + |d_m|`, with the distances `d` of the other components from `nu S`.
+    /// `nu - v_n = mu sigma(d_f) + b |d_m|`, with the distances `d` of the other components from `nu S`.
     pub fn project(self, v: Pair) -> Pair {
         let (slide, drill, roll) = (v[0].y.hypot(v[0].z), v[1].x.abs(), v[1].y.hypot(v[1].z));
-        let most = self.mu * mean_speed(slide, drill) + roll;
+        let (most, b) = (self.support(&v), self.reach.roll);
         if v[0].x + most <= 0.0 {
             return [Vector3::zeros(); 2];
         }
@@ -95,16 +115,16 @@ impl PatchCone {
         for _ in 0..ITERATIONS {
             let (mut value, mut slope) = (nu - v[0].x, 1.0);
             let scale = self.mu * nu;
-            if let Some((point, distance)) = Point::nearest(slide, drill, scale).filter(|_| self.mu > 0.0) {
+            if let Some((point, distance)) = self.nearest(slide, drill, scale).filter(|_| self.mu > 0.0) {
                 let (support, tilt) = (point.support(), point.slope());
                 value -= self.mu * distance * support;
                 slope += self.mu
                     * self.mu
                     * (support * support + distance * tilt * tilt / (scale * point.radius + distance));
             }
-            if roll > nu {
-                value -= roll - nu;
-                slope += 1.0;
+            if roll > b * nu {
+                value -= b * (roll - b * nu);
+                slope += b * b;
             }
             if value.abs() <= ACCURACY * upper {
                 break;
@@ -134,7 +154,7 @@ impl PatchCone {
         let (slide, drill) = (y[0].hypot(y[1]), y[2].abs());
         let e = if slide > 0.0 { Vector2::new(y[0], y[1]) / slide } else { Vector2::x() };
         let sign = y[2].signum();
-        if let Some((point, distance)) = Point::nearest(slide, drill, scale) {
+        if let Some((point, distance)) = self.nearest(slide, drill, scale) {
             let [cosine, sine] = point.normal;
             let force = scale * point.at[0];
             (of.value[0], of.value[1], of.value[2]) = (e.x * force, e.y * force, sign * scale * point.at[1]);
@@ -151,13 +171,18 @@ impl PatchCone {
                 Vector3::new(e.x * point.at[0], e.y * point.at[0], sign * point.at[1]) - t * (along * point.slope());
             of.by_rho.fixed_rows_mut::<3>(0).copy_from(&(by * self.mu));
         }
-        let roll = y[3].hypot(y[4]);
-        if roll > rho {
+        if self.reach.drill <= 0.0 {
+            of.value[2] = 0.0;
+            of.by_point[(2, 2)] = 0.0;
+        }
+        let (roll, b) = (y[3].hypot(y[4]), self.reach.roll);
+        let most = b * rho;
+        if roll > most {
             let e = Vector2::new(y[3], y[4]) / roll;
-            (of.value[3], of.value[4]) = (e.x * rho, e.y * rho);
-            let turn = (nalgebra::Matrix2::identity() - e * e.transpose()) * (rho / roll);
+            (of.value[3], of.value[4]) = (e.x * most, e.y * most);
+            let turn = (nalgebra::Matrix2::identity() - e * e.transpose()) * (most / roll);
             of.by_point.fixed_view_mut::<2, 2>(3, 3).copy_from(&turn);
-            of.by_rho.fixed_rows_mut::<2>(3).copy_from(&e);
+            of.by_rho.fixed_rows_mut::<2>(3).copy_from(&(e * b));
         }
         of
     }
@@ -260,6 +285,17 @@ fn joined(normal: f64, s: &Parts) -> Pair {
 mod tests {
     use super::*;
 
+    /// Patches of a radius of gyration, of next to none, and of lengths far apart.
+    const REACHES: [Reach; 7] = [
+        Reach { drill: 1.0, roll: 1.0 },
+        Reach { drill: 0.1, roll: 0.01 },
+        Reach { drill: 0.0, roll: 1e-3 },
+        Reach { drill: 0.1, roll: 0.0 },
+        Reach { drill: 1e-9, roll: 1e-12 },
+        Reach { drill: 1e3, roll: 1e-6 },
+        Reach { drill: 1e6, roll: 1e6 },
+    ];
+
     fn numbers(seed: &mut u64) -> f64 {
         *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (*seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
@@ -277,16 +313,17 @@ mod tests {
     #[test]
     fn projections_split_vectors_between_the_cone_and_its_polar() {
         let mut seed = 7;
-        for mu in [0.0, 0.1, 0.7, 3.0] {
-            let cone = PatchCone { mu };
+        for (mu, reach) in [0.0, 0.1, 0.7, 3.0].into_iter().flat_map(|mu| REACHES.map(|reach| (mu, reach))) {
+            let cone = PatchCone { mu, reach };
             for _ in 0..500 {
                 let v = pair(&mut seed);
                 let z = cone.project(v);
                 let rest = [v[0] - z[0], v[1] - z[1]];
-                assert!(dot(&z, &rest).abs() < 1e-12, "{mu} {v:?} {z:?}");
-                assert!(rest[0].x + cone.support(&rest) < 1e-12, "{mu} {v:?}");
+                assert!(dot(&z, &rest).abs() < 1e-12, "{mu} {reach:?} {v:?} {z:?}");
+                let size = 1.0 + cone.support(&v);
+                assert!(rest[0].x + cone.support(&rest) < 1e-12 * size, "{mu} {reach:?} {v:?}");
                 let again = cone.project(z);
-                assert!((again[0] - z[0]).norm() + (again[1] - z[1]).norm() < 1e-12);
+                assert!((again[0] - z[0]).norm() + (again[1] - z[1]).norm() < 1e-12, "{mu} {reach:?} {v:?}");
             }
         }
     }
@@ -294,8 +331,9 @@ mod tests {
     #[test]
     fn the_derivative_of_the_projection_is_that_of_differences() {
         let mut seed = 3;
-        let cone = PatchCone { mu: 0.6 };
-        for _ in 0..200 {
+        for k in 0..600 {
+            let reach = [(1.0, 1.0), (0.2, 0.05), (3.0, 0.0)][k % 3];
+            let cone = PatchCone { mu: 0.6, reach: Reach { drill: reach.0, roll: reach.1 } };
             let (mut r, u) = (pair(&mut seed), [Vector3::zeros(); 2]);
             r[0].x = r[0].x.abs() + 0.1;
             let (_, by_y) = cone.linearise(&r, &u);
@@ -315,42 +353,18 @@ mod tests {
     #[test]
     fn one_contact_is_solved_from_any_start() {
         let mut seed = 11;
-        for mu in [0.0, 0.2, 0.8] {
-            for _ in 0..300 {
+        for (mu, reach) in [0.0, 0.2, 0.8].into_iter().flat_map(|mu| REACHES.map(|reach| (mu, reach))) {
+            for _ in 0..100 {
                 let a = Matrix6::from_fn(|_, _| numbers(&mut seed));
                 let w = a * a.transpose() + Matrix6::identity() * 0.5;
                 let q = both(&pair(&mut seed));
-                let cone = PatchCone { mu };
+                let cone = PatchCone { mu, reach };
                 let r = cone.solve(&w, &q, &[Vector3::zeros(); 2]);
                 let u = w * both(&r) + q;
                 let u = [Vector3::new(u[0], u[1], u[2]), Vector3::new(u[3], u[4], u[5])];
                 let map = both(&cone.natural_map(&r, &u)).norm();
-                assert!(map < 1e-9 * (1.0 + both(&r).norm()), "{mu} {q:?}: {map:e}");
-            }
-        }
-    }
-
-    /// Rows of drilling and rolling far smaller or larger than those of the force: patches far from the radius of gyration.
-    #[test]
-    fn one_contact_is_solved_on_patches_of_all_sizes() {
-        let mut seed = 5;
-        for (drill, roll) in [(1e-8, 1e-8), (1e-3, 1e-4), (1e2, 1e-6), (1e6, 1e6), (0.0, 1e-3), (0.1, 0.0)] {
-            for mu in [0.0, 0.3, 2.0] {
-                for _ in 0..100 {
-                    let a = Matrix6::from_fn(|_, _| numbers(&mut seed));
-                    let sizes = Vector6::new(1.0, 1.0, 1.0, drill, roll, roll);
-                    let scale = Matrix6::from_diagonal(&sizes);
-                    let idle = Matrix6::from_diagonal(&sizes.map(|size| if size > 0.0 { 0.0 } else { 1.0 }));
-                    let w = scale * (a * a.transpose() + Matrix6::identity() * 0.5) * scale + idle;
-                    let q = scale * both(&pair(&mut seed));
-                    let cone = PatchCone { mu };
-                    let r = cone.solve(&w, &q, &[Vector3::zeros(); 2]);
-                    let u = w * both(&r) + q;
-                    let u = [Vector3::new(u[0], u[1], u[2]), Vector3::new(u[3], u[4], u[5])];
-                    let map = both(&cone.natural_map(&r, &u)).norm();
-                    let size = both(&r).norm().max(q.norm());
-                    assert!(map <= 1e-10 * size, "{drill} {roll} {mu} {q:?}: {map:e} of {size:e}");
-                }
+                let size = both(&r).norm() + cone.support(&u) + q.norm();
+                assert!(map < 1e-10 * size, "{mu} {reach:?} {q:?}: {map:e} of {size:e}");
             }
         }
     }

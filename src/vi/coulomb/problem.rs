@@ -74,11 +74,12 @@ impl CoulombProblem {
     /// # Errors
     /// If forces and torques are not neighbours.
     pub fn take_roles(&mut self, roles: &[Role]) -> Result<(), CoulombProblemError> {
-        let follows = |k: usize, role: Role| roles.get(k).is_some_and(|of| *of == role);
+        let is_force = |k: usize| matches!(roles.get(k), Some(Role::Force(_)));
+        let is_torque = |k: usize| roles.get(k) == Some(&Role::Torque);
         let fits = |(k, role): (usize, &Role)| match role {
             Role::Point => true,
-            Role::Force => follows(k + 1, Role::Torque),
-            Role::Torque => k > 0 && follows(k - 1, Role::Force),
+            Role::Force(_) => is_torque(k + 1),
+            Role::Torque => k > 0 && is_force(k - 1),
         };
         if !(roles.is_empty() || roles.len() == self.contacts()) || !roles.iter().enumerate().all(fits) {
             return Err(CoulombProblemError::Roles);
@@ -104,7 +105,7 @@ impl CoulombProblem {
     pub(super) fn partner(&self, k: usize) -> Option<usize> {
         match self.role(k) {
             Role::Point => None,
-            Role::Force => Some(k + 1),
+            Role::Force(_) => Some(k + 1),
             Role::Torque => Some(k - 1),
         }
     }
@@ -121,8 +122,8 @@ impl CoulombProblem {
             let mu = self.mu[k];
             match self.role(k) {
                 Role::Point => of(k, FrictionCone { mu }.natural_map(r(k), u(k))),
-                Role::Force => {
-                    let [force, torque] = PatchCone { mu }.natural_map(&[r(k), r(k + 1)], &[u(k), u(k + 1)]);
+                Role::Force(reach) => {
+                    let [force, torque] = PatchCone { mu, reach }.natural_map(&[r(k), r(k + 1)], &[u(k), u(k + 1)]);
                     of(k, force);
                     of(k + 1, torque);
                 }

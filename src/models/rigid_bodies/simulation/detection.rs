@@ -7,7 +7,6 @@ use super::super::motion::Motion;
 use super::{MoreauStepping, StepFailure, overlaps};
 use nalgebra::Vector3;
 use problem::Control;
-use vi::coulomb::Role;
 
 /// Gaps below this fraction of a body's size are contacts at any velocity: the impulse of one contact may close another
 /// nearby contact.
@@ -110,8 +109,7 @@ impl MoreauStepping<'_> {
             };
             let turning = [i, j].map(|body| given(body).map_or_else(Vector3::zeros, |given| given.omega));
             for force in self.points.iter().map(new).map(sized) {
-                let torque = force.torque(patch, moving, turning);
-                self.contacts.extend([Contact { role: Role::Force, ..force }, torque]);
+                self.contacts.extend(force.on(patch, moving, turning));
             }
         }
         self.add_stops();

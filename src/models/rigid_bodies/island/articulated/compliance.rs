@@ -3,7 +3,6 @@
 use super::super::super::contact::Contact;
 use super::super::super::linkage::Linked;
 use super::super::super::midpoint::{apart, join};
-use super::super::super::motion::Motion;
 use super::Home;
 use nalgebra::{Matrix3, Vector3, Vector6};
 use problem::Control;
@@ -32,13 +31,7 @@ pub(super) struct Compliance {
 
 impl Compliance {
     /// The compliance of the given contacts; `None` if `control` asks to stop.
-    pub fn new(
-        contacts: &[Contact],
-        moving: &[Motion],
-        linked: &mut [Linked<'_>],
-        homes: &[Home],
-        control: &Control,
-    ) -> Option<Self> {
+    pub fn new(contacts: &[Contact], linked: &mut [Linked<'_>], homes: &[Home], control: &Control) -> Option<Self> {
         let mut touching = vec![Vec::new(); linked.len()];
         for (k, contact) in contacts.iter().enumerate() {
             for body in contact.bodies.iter().flatten() {
@@ -73,9 +66,6 @@ impl Compliance {
                     };
                     block.set_column(axis, &contacts[*other].change(of));
                 }
-            }
-            if contact.is_torque() {
-                blocks.push((k, k, contact.idle(moving)));
             }
             for (&other, block) in others.iter().zip(columns) {
                 blocks.push((other, k, block));

@@ -97,7 +97,7 @@ impl Island {
                 let kept: Vec<Vec<Vector6<f64>>> = linked.iter().map(|linked| linked.x.clone()).collect();
                 let mut changed = midpoint.mean.clone();
                 linked.iter().for_each(|linked| linked.add(&mut changed));
-                let Some(compliance) = Compliance::new(&self.contacts, &self.moving, linked, homes, control) else {
+                let Some(compliance) = Compliance::new(&self.contacts, linked, homes, control) else {
                     return false;
                 };
                 let Some(next) = self.position_impulses(&compliance, &changed, &gaps, &p, h, law, control) else {
@@ -249,7 +249,7 @@ impl Island {
         }
         self.contacts = kept;
         let p: Vec<Vector3<f64>> = places.iter().map(|&place| p[place]).collect();
-        let compliance = Compliance::new(&self.contacts, &self.moving, linked, homes, control);
+        let compliance = Compliance::new(&self.contacts, linked, homes, control);
         let matrix = compliance.map(|compliance| compliance.symmetric);
         let mut r = p.clone();
         if let Some(matrix) = &matrix {

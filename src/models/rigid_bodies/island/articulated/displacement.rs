@@ -20,7 +20,7 @@ impl Island {
         let (mut linked, homes) = self.linked(mechanism);
         let Some(mut velocities) = self.obeying(&mut linked, mechanism, true) else { return };
         if !self.contacts.is_empty() {
-            let Some(compliance) = Compliance::new(&self.contacts, &self.moving, &mut linked, &homes, control) else {
+            let Some(compliance) = Compliance::new(&self.contacts, &mut linked, &homes, control) else {
                 return;
             };
             let matrix = compliance.symmetric;
