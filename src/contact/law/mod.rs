@@ -159,7 +159,7 @@ impl Report {
     }
 }
 
-/// The larger of two residuals, of which either may be missing.
+/// The larger of two residuals; one of them, or both, may be missing.
 pub fn worse_of(a: Option<f64>, b: Option<f64>) -> Option<f64> {
     a.into_iter().chain(b).reduce(f64::max)
 }

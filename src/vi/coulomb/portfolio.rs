@@ -24,7 +24,7 @@ use nalgebra::Vector3;
 use problem::Control;
 
 /// Number of sweeps between two evaluations of the residual.
-const SWEEPS_AT_ONCE: usize = 10;
+pub(super) const SWEEPS_AT_ONCE: usize = 10;
 
 /// ADMM iterations before Newton's second attempt, and the growth of the runs after it.
 const FIRST_RUN: usize = 100;

@@ -16,15 +16,12 @@ use super::anderson::Anderson;
 use super::cone::FrictionCone;
 use super::factored::{Factored, Twist};
 use super::local::Diagonal;
-use super::portfolio::{Attempt, Method};
+use super::portfolio::{Attempt, Method, SWEEPS_AT_ONCE};
 use super::scaling::{Residual, residual, unit};
 use super::{Evidence, Limits, Report};
 use crate::Outcome;
 use nalgebra::{Matrix3, Vector3};
 use problem::Control;
-
-/// Number of sweeps between two evaluations of the residual.
-const SWEEPS_AT_ONCE: usize = 10;
 
 /// The weight `c`: the proximal term of a contact weighs as much as the mean of its own block of `W`. Some 30 sweeps then
 /// suffice, whatever the number of contacts; smaller weights take more sweeps and hardly change the residual of the law.
