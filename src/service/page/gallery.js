@@ -20,6 +20,8 @@ const TEXTS = {
   belt_fit: [0, "minimise the distance to measured x", "Friction and belt speed are found from the measured motion, through stick and slip. The answer has the values and how sure they are."],
   torn_off: [0, "v' = pull t - F,  |F| <= mu", "A body is pulled ever harder until it is torn off. The answer has the time, the work of friction and the slopes by both parameters."],
   rolling_ball: [1, "Newton and Euler, Coulomb's law at the contact", "A sliding ball comes to roll with 5/7 of its speed. Friction acts until the contact point rests."],
+  spinning_disc: [1, "(F, tau/R) in mu N L,  L the limit surface of a disc (Contensou)", "A disc slides and spins, and its friction is shared by both. They end together: whatever the start, the ratio v/(R w) draws near to 0.653."],
+  rougher_floor: [1, "mu = mu_0 (1 + k x) under each corner", "A block slides along a floor that grows rougher as a spring would stop it. Its front corners bear more of its weight, and meet more friction."],
   heavy_chain: [1, "six bodies, six joints", "A heavy ball swings on a chain of links a thousand times lighter. Ratios of mass like this break most game engines."],
   crank_slider: [1, "hinge, ball, hinge, slider: a closed loop", "A motor turns a crank, a rod drives a piston against a spring. The joints of a loop say some things twice, and hold."],
   shaken_table: [1, "a table with a given motion, a block, a sphere on a spring", "A block rides on a table that shakes, a sphere swings in a wind that grows. It shows given motions, springs and forces."],
