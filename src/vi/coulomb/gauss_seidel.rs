@@ -3,8 +3,8 @@
 //! from a good start; but convergence is linear, and slow or absent where contacts outnumber degrees of freedom.
 
 use super::local::Diagonal;
-use super::patch::{Role, solve_patch};
-use super::{BlockMatrix, CoulombProblem};
+use super::patch::Role;
+use super::{BlockMatrix, CoulombProblem, solve_patch};
 use nalgebra::{Matrix3, Vector3};
 
 /// `W` in the layout of a sweep: the off-diagonal blocks in one stream, those on the diagonal prepared.

@@ -11,7 +11,6 @@
 //! patch and the coefficient of rolling friction in that length. Divided by these two themselves, torques on a tiny patch
 //! would have rows that almost vanish, and those on a huge one rows that outweigh the force.
 
-use super::BlockMatrix;
 use super::alart_curnier::Linearised;
 use super::limit_surface::{Point, mean_speed};
 use nalgebra::{Matrix3, Matrix6, SMatrix, Vector2, Vector3, Vector6};
@@ -40,18 +39,6 @@ pub struct Reach {
 /// Both block rows of a contact on a patch.
 pub(super) type Pair = [Vector3<f64>; 2];
 
-/// The impulses of one contact on a patch, whose force is row `k` of `W`, from the start `r`, for the velocities `q` of its
-/// two rows without them; never worse than `r`.
-pub fn solve_patch(matrix: &BlockMatrix, k: usize, q: &Pair, mu: f64, reach: Reach, r: &Pair) -> Pair {
-    let mut own = Matrix6::zeros();
-    for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-        if let Some(block) = matrix.block(k + i, k + j) {
-            own.fixed_view_mut::<3, 3>(3 * i, 3 * j).copy_from(block);
-        }
-    }
-    PatchCone { mu, reach }.solve(&own, &both(q), r)
-}
-
 /// The set of one contact on a patch.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct PatchCone {
@@ -63,23 +50,15 @@ pub(super) struct PatchCone {
 const ITERATIONS: usize = 100;
 const ACCURACY: f64 = 1e-15;
 
-/// Newton steps for one contact, and the residual, relative to its terms, at which they end.
-const STEPS: usize = 60;
-const SOLVED: f64 = 1e-14;
-/// The shortest step of Newton's method, the number of projections that follow where none decreases, and the residual at
-/// which they are left to later sweeps.
-const SHORTEST: f64 = 1e-4;
-const PROJECTIONS: usize = 20;
-const ROUGH: f64 = 1e-12;
-
 /// The components `(f_1, f_2, tau, m_1, m_2)`.
-type Parts = SMatrix<f64, 5, 1>;
+pub(super) type Parts = SMatrix<f64, 5, 1>;
 
 /// The projection onto `rho S`, and its derivatives by the point and by `rho`.
-struct Projected {
-    value: Parts,
-    by_point: SMatrix<f64, 5, 5>,
-    by_rho: Parts,
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Projected {
+    pub value: Parts,
+    pub by_point: SMatrix<f64, 5, 5>,
+    pub by_rho: Parts,
 }
 
 impl PatchCone {
@@ -148,7 +127,7 @@ impl PatchCone {
     }
 
     /// The projection onto `rho S`.
-    fn onto(self, y: &Parts, rho: f64) -> Projected {
+    pub fn onto(self, y: &Parts, rho: f64) -> Projected {
         let mut of = Projected { value: *y, by_point: SMatrix::identity(), by_rho: Parts::zeros() };
         let scale = self.mu * rho;
         let (slide, drill) = (y[0].hypot(y[1]), y[2].abs());
@@ -223,61 +202,17 @@ impl PatchCone {
             (own, [block(&by_y, i, 1 - i), block(&by_r, i, 1 - i)])
         })
     }
-
-    /// Solves `u = W r + q` for one contact from `r`, by Newton's method with a line search, and by projections where that
-    /// does not decrease the residual; never worse than `r`.
-    pub fn solve(self, matrix: &Matrix6<f64>, q: &Vector6<f64>, r: &Pair) -> Pair {
-        let mut r = both(r);
-        let pair = |v: &Vector6<f64>| [Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5])];
-        let residual = |r: &Vector6<f64>| both(&self.value(&pair(r), &pair(&(matrix * r + q)))).norm();
-        // Below the reciprocal of the largest eigenvalue.
-        let step = matrix.trace().recip();
-        let mut best = (r, residual(&r));
-        let mut size = best.1;
-        for _ in 0..STEPS {
-            if size <= SOLVED * (r.norm() + q.norm()) {
-                break;
-            }
-            let (value, by_y) = self.linearise(&pair(&r), &pair(&(matrix * r + q)));
-            let newton = (by_y * matrix + Matrix6::identity() - by_y).lu().solve(&-value);
-            let mut length = 1.0;
-            let mut found = None;
-            if let Some(direction) = newton.filter(|newton| newton.iter().all(|x| x.is_finite())) {
-                while length >= SHORTEST && found.is_none() {
-                    let trial = r + direction * length;
-                    let at = residual(&trial);
-                    found = (at < (1.0 - SHORTEST * length) * size).then_some((trial, at));
-                    length *= 0.5;
-                }
-            }
-            if found.is_none() && size <= ROUGH * (r.norm() + q.norm()) {
-                break;
-            }
-            (r, size) = found.unwrap_or_else(|| {
-                let mut trial = r;
-                for _ in 0..PROJECTIONS {
-                    let u = both(&self.augment(pair(&(matrix * trial + q))));
-                    trial = both(&self.project(pair(&(trial - u * step))));
-                }
-                (trial, residual(&trial))
-            });
-            if size < best.1 {
-                best = (r, size);
-            }
-        }
-        pair(&best.0)
-    }
 }
 
-fn both(pair: &Pair) -> Vector6<f64> {
+pub(super) fn both(pair: &Pair) -> Vector6<f64> {
     Vector6::new(pair[0].x, pair[0].y, pair[0].z, pair[1].x, pair[1].y, pair[1].z)
 }
 
-fn parts(v: &Pair) -> Parts {
+pub(super) fn parts(v: &Pair) -> Parts {
     Parts::new(v[0].y, v[0].z, v[1].x, v[1].y, v[1].z)
 }
 
-fn joined(normal: f64, s: &Parts) -> Pair {
+pub(super) fn joined(normal: f64, s: &Parts) -> Pair {
     [Vector3::new(normal, s[0], s[1]), Vector3::new(s[2], s[3], s[4])]
 }
 
@@ -349,28 +284,6 @@ mod tests {
             let difference = (at(step) - at(-step)) / (2.0 * step);
             let error = (by_y * direction - difference).norm();
             assert!(error < 1e-5 * (1.0 + difference.norm()), "{r:?}: {error:e}");
-        }
-    }
-
-    #[test]
-    fn one_contact_is_solved_from_any_start() {
-        let mut seed = 11;
-        for (mu, reach) in [0.0, 0.2, 0.8].into_iter().flat_map(|mu| REACHES.map(|reach| (mu, reach))) {
-            if reach.roll > 1e3 {
-                continue;
-            }
-            for _ in 0..100 {
-                let a = Matrix6::from_fn(|_, _| numbers(&mut seed));
-                let w = a * a.transpose() + Matrix6::identity() * 0.5;
-                let q = both(&pair(&mut seed));
-                let cone = PatchCone { mu, reach };
-                let r = cone.solve(&w, &q, &[Vector3::zeros(); 2]);
-                let u = w * both(&r) + q;
-                let u = [Vector3::new(u[0], u[1], u[2]), Vector3::new(u[3], u[4], u[5])];
-                let map = both(&cone.natural_map(&r, &u)).norm();
-                let size = both(&r).norm() + cone.support(&u) + q.norm();
-                assert!(map < 1e-10 * size, "{mu} {reach:?} {q:?}: {map:e} of {size:e}");
-            }
         }
     }
 }
