@@ -39,6 +39,7 @@ pub const EXAMPLES: &[Example] = examples! {
     "diode_bridge_dvi"
     "diode_bridge_filter"
     "diode_bridge_netlist"
+    "elliptic_friction"
     "fluid_queue"
     "friction_belt"
     "friction_belt_map"

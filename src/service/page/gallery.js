@@ -22,6 +22,7 @@ const TEXTS = {
   rolling_ball: [1, "Newton and Euler, Coulomb's law at the contact", "A sliding ball comes to roll with 5/7 of its speed. Friction acts until the contact point rests."],
   spinning_disc: [1, "(F, tau/R) in mu N L,  L the limit surface of a disc (Contensou)", "A disc slides and spins, and its friction is shared by both. They end together: whatever the start, the ratio v/(R w) draws near to 0.653."],
   rougher_floor: [1, "mu = mu_0 (1 + k x) under each corner", "A block slides along a floor that grows rougher as a spring would stop it. Its front corners bear more of its weight, and meet more friction."],
+  elliptic_friction: [1, "(F_x/mu)^2 + (F_y/(c mu))^2 <= N^2", "A puck slides askew on a plate that is rougher across its grain. It loses its speed across it first, v_y ~ v_x^(c^2), and its path bends."],
   heavy_chain: [1, "six bodies, six joints", "A heavy ball swings on a chain of links a thousand times lighter. Ratios of mass like this break most game engines."],
   crank_slider: [1, "hinge, ball, hinge, slider: a closed loop", "A motor turns a crank, a rod drives a piston against a spring. The joints of a loop say some things twice, and hold."],
   shaken_table: [1, "a table with a given motion, a block, a sphere on a spring", "A block rides on a table that shakes, a sphere swings in a wind that grows. It shows given motions, springs and forces."],

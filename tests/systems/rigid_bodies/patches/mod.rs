@@ -5,6 +5,7 @@ mod hostile;
 
 use super::on_the_ground;
 use crate::systems::harness::{column, distance, last, solve};
+use crate::systems::reference::example;
 use dvi::solution::Solution;
 use serde_json::{Value, json};
 use std::f64::consts::PI;
@@ -159,14 +160,15 @@ fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
         assert_eq!(moving, spinning, "sliding and spinning end in different steps");
         assert!((solution.trajectory.t[moving] - end).abs() < 2.0 * h, "{} {end}", solution.trajectory.t[moving]);
         // Steps follow the integration to the part of the speed that friction takes within one of them.
+        let mut exact = [v, w];
         for left in [0.3, 0.1, 0.02, 0.005] {
             let place = vx.iter().position(|speed| *speed < left * v).unwrap();
-            let exact = until(vx[place], [v, w]);
+            exact = until(vx[place], exact);
             let apart = vx[place] / (R * wz[place]) - exact[0] / exact[1];
             println!("{ratio} {left}: {apart:e} {}", exact[0] / exact[1]);
             assert!(apart.abs() < MU * G * h / vx[place], "{ratio} {left}: {apart:e}");
         }
-        let at_the_end = until(1e-12, [v, w]);
+        let at_the_end = until(1e-9, exact);
         assert!((at_the_end[0] / at_the_end[1] - RATIO).abs() < 5e-4, "{ratio}: {at_the_end:?}");
         let apart: Vec<f64> = (0..moving - 1).map(|k| vx[k] / (R * wz[k]) - RATIO).collect();
         if ratio == RATIO {
@@ -176,6 +178,22 @@ fn a_disc_stops_to_slide_and_to_spin_together_at_the_ratio_of_farkas() {
             assert!(apart.windows(2).all(|pair| pair[1].abs() < pair[0].abs() + 1e-9 && pair[1] * pair[0] > 0.0));
         }
     }
+}
+
+#[test]
+fn the_disc_of_the_example_follows_the_integration_to_its_stop() {
+    let (start, h) = ([1.0, 2.5], 5e-4);
+    let solution = solve(&example("spinning_disc"));
+    assert_sound(&solution, 0.5 + 0.25 * 2.5 * 2.5);
+    let (t, vx, wz) = (&solution.trajectory.t, column(&solution, "disc.vx"), column(&solution, "disc.wz"));
+    let end = stop(start[0], start[1]);
+    for k in [20, 40, 60, 80] {
+        let exact = if t[k] < end { of_runge_kutta(start, t[k], 50) } else { [0.0; 2] };
+        // What friction takes within a few steps.
+        let off = (vx[k] - exact[0]).abs().max((R * wz[k] - exact[1]).abs());
+        assert!(off < 2.0 * MU * G * h, "{}: {off:e} {exact:?}", t[k]);
+    }
+    assert!(t[160] > end && vx[160].abs() < 1e-9 && wz[160].abs() < 1e-8);
 }
 
 #[test]
