@@ -130,12 +130,13 @@ def installed(program):
 def print_row(name, found, last):
     units = {"creep": 1e-6, "rise": 1e-6, "depth": 1e-6, "error": 1e-3}
     cells = [" " * 12 if found[key] is None else f"{found[key] / unit:12.3g}" for key, unit in units.items()]
-    print(f"{name:28} {' '.join(cells)} {last}", flush=True)
+    print(f"{name:28} {' '.join(cells)} {last}".rstrip(), flush=True)
 
 
 def main(program):
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     programs, failures = installed(program), []
+    print("at the ends of steps; the time of dvi counts its second solve, with steps twice as long, by which it judges the first")
     for title, scene in SCENES:
         print(f"\n{title}; {scene['end']:g} s in steps of {STEP * 1e3:g} ms")
         print(f"{'':28} {'creep um/s':>12} {'lift-off um':>12} {'depth um':>12} {'distance mm':>12} {'us a step':>10}")
