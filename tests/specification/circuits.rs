@@ -216,6 +216,31 @@ fn subcircuits_that_multiply_are_answered() {
 }
 
 #[test]
+fn couplings_that_no_inductors_have_are_refused() {
+    let coils = "V1 a 0 1\nR1 a p 1\nL1 p 0 1m\nL2 s 0 1m\nL3 u 0 1m\nR2 s 0 1\nR3 u 0 1\n";
+    for (couplings, code, part) in [
+        ("K12 L1 L2 .9\nK13 L1 L3 .9\nK23 L2 L3 .1", "out_of_range", "line 8, column 1: no inductors can have"),
+        (
+            "K1 L1 L2 1\nK2 L2 L3 1\nK3 L1 L3 0.5",
+            "out_of_range",
+            "no inductors can have the coupling coefficients of `L1`",
+        ),
+        ("K1 L1 L2 .5\nK2 L2 L1 .5", "out_of_range", "line 9, column 1: `K2` couples two inductors that are"),
+        ("K1 L1 L2 L1 .5", "out_of_range", "`K1` couples two inductors that are"),
+        ("K1 L1 L2 L4 .5", "unknown_name", "`K1` must couple inductors"),
+        ("K1 L1 R2 .5", "unknown_name", "`K1` must couple inductors"),
+        ("K1 L1 L2 L3", "malformed_number", "`L3`"),
+        ("K1 L1 L2 L3 1.1", "out_of_range", "1.1"),
+    ] {
+        assert_netlist(&format!("{coils}{couplings}"), &[(code, part)]);
+    }
+    let many: Vec<String> = (1..200).map(|k| format!("L{k} n{k} 0 1\nR{k} n{k} 0 1")).collect();
+    let names: Vec<String> = (1..200).map(|k| format!("L{k}")).collect();
+    let text = format!("V1 a 0 1\nR0 a n1 1\n{}\nK1 {} 0.5", many.join("\n"), names.join(" "));
+    assert_netlist(&text, &[("number_of_components", "199 inductors that are coupled")]);
+}
+
+#[test]
 fn large_and_hostile_netlists_are_answered() {
     assert_netlist(&"*".repeat(65_537), &[("too_long", "65537 bytes")]);
     assert_netlist("", &[("number_of_components", "0 components")]);
