@@ -11,9 +11,12 @@ import pathlib
 import re
 import shutil
 import signal
+import socket
+import ssl
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import urllib.request
 
@@ -45,6 +48,53 @@ def needs(*commands):
         if shutil.which(command):
             return shutil.which(command)
     raise LeftOut(f"{' or '.join(commands)} is not installed")
+
+
+class Encrypting:
+    """A proxy that encrypts what a service says, with `cert.pem` and `key.pem` of a folder; its port."""
+
+    def __init__(self, folder, address):
+        host, port = address.rsplit(":", 1)
+        self.service = host, int(port)
+        self.context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        self.context.load_cert_chain(folder / "cert.pem", folder / "key.pem")
+
+    def __enter__(self):
+        self.listener = socket.create_server(("127.0.0.1", 0))
+        threading.Thread(target=self.accept, daemon=True).start()
+        return self.listener.getsockname()[1]
+
+    def __exit__(self, *_):
+        # Shut down first: a thread that waits for connections would keep it open.
+        self.listener.shutdown(socket.SHUT_RDWR)
+        self.listener.close()
+
+    def accept(self):
+        while True:
+            try:
+                client, _ = self.listener.accept()
+            except OSError:
+                return
+            threading.Thread(target=self.meet, args=(client,), daemon=True).start()
+
+    def meet(self, client):
+        try:
+            client = self.context.wrap_socket(client, server_side=True)
+        except OSError:
+            # A client that does not trust it goes away.
+            return
+        service = socket.create_connection(self.service)
+        threading.Thread(target=self.copy, args=(client, service), daemon=True).start()
+        self.copy(service, client)
+
+    @staticmethod
+    def copy(source, destination):
+        try:
+            while data := source.recv(65536):
+                destination.sendall(data)
+            destination.shutdown(socket.SHUT_WR)
+        except OSError:
+            pass
 
 
 class Desk:
@@ -111,6 +161,8 @@ class Desk:
             text = text.replace("/var/lib/dvi", str(self.data)).replace("/backup", str(self.folder / "backup"))
         # A refusal of the service is a failure of the command.
         told += self.run(["bash", "-euo", "pipefail"], 'curl() { command curl --fail-with-body "$@"; }\n' + text)
+        if "openssl req" in text:
+            self.encrypted(text)
         for line in text.splitlines():
             if re.match(r"(curl|dvi solve)\b", line) and ">" not in line:
                 assert told.strip(), "nothing is answered"
@@ -127,6 +179,23 @@ class Desk:
             self.address = kept
             service.send_signal(signal.SIGTERM)
             assert service.wait(30) == 0
+
+    def encrypted(self, text):
+        """A proxy shows the service with the certificate that was made; one of an authority is refused, and it is said how to make another."""
+        solve = ["dvi", "solve", "--format", "csv", "belt.json", "--server"]
+        plain = self.run([*solve, f"http://{self.address}"])
+        environment = {**self.environment, "SSL_CERT_FILE": "cert.pem"}
+        with Encrypting(self.folder, self.address) as port:
+            assert self.run([*solve, f"https://localhost:{port}"], environment=environment) == plain
+            told = self.run(["curl", "-sS", "--cacert", "cert.pem", f"https://localhost:{port}/version"])
+            assert json.loads(told)["name"] == "dvi"
+        # Without the words that the text explains.
+        authority = text.replace(" -addext basicConstraints=critical,CA:FALSE", "")
+        assert authority != text
+        self.run(["bash", "-euo", "pipefail"], authority)
+        with Encrypting(self.folder, self.address) as port:
+            done = subprocess.run([*solve, f"https://localhost:{port}"], text=True, capture_output=True, cwd=self.folder, env=environment, timeout=60)
+            assert done.returncode == 6 and "CA:FALSE" in done.stderr, done.stderr
 
     def job(self):
         request = urllib.request.Request(f"http://{self.address}/solve", (self.folder / "belt.json").read_bytes(), {"content-type": "application/json", "prefer": "respond-async"})
