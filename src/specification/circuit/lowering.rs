@@ -130,8 +130,10 @@ impl<'a> Circuit<'a> {
                 };
             let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.member(k));
             let is_transformer = |k: &usize| matches!(self.components[*k], Component::Transformer(_));
-            let turned: Vec<usize> =
-                (0..count).filter(is_transformer).filter(|&k| !swapped[k] && is_named(k)).collect();
+            let left: Vec<usize> = (0..count).filter(is_transformer).filter(|&k| !swapped[k]).collect();
+            // Those that the fault names; all others where it names none.
+            let named: Vec<usize> = left.iter().copied().filter(|&k| is_named(k)).collect();
+            let turned = if named.is_empty() { left } else { named };
             let errors = first.get_or_insert(errors);
             if turned.is_empty() {
                 // An unknown name may be the cause of the fault, so report it first.
