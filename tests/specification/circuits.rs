@@ -215,6 +215,22 @@ fn subcircuits_that_multiply_are_answered() {
     );
 }
 
+/// Faults between components have the line of the first of them, and names in laws the line of the law.
+#[test]
+fn faults_of_a_netlist_have_the_line_of_a_component() {
+    for (text, code, part) in [
+        ("R1 a 0 1\nV1 a 0 1\nV2 a 0 2", "source_loop", "form a loop"),
+        ("C1 a 0 1u\nI1 a b 1\nI2 b 0 1", "source_cut_set", "line 2: `I1`, `I2`"),
+        ("R1 a b 1\nV1 a 0 5\nC1 a 0 1u IC=2\nR2 b 0 1", "inconsistent_start", "line 3: `C1` starts"),
+        ("V1 a 0 5\nR1 a 0 1\nC1 a 0 1u\nH1 k 0 V9 10\nR2 k 0 1", "unknown_name", "line 4: there is no `i(V9)`"),
+    ] {
+        let errors = errors_of(netlist(text).to_string());
+        let (error, others) = errors.split_first().expect("an error");
+        assert!(others.is_empty() && error.pointer == NETLIST && error.code == code, "{errors:#?}");
+        assert!(error.detail.starts_with("line ") && error.detail.contains(part), "{errors:#?}");
+    }
+}
+
 #[test]
 fn couplings_that_no_inductors_have_are_refused() {
     let coils = "V1 a 0 1\nR1 a p 1\nL1 p 0 1m\nL2 s 0 1m\nL3 u 0 1m\nR2 s 0 1\nR3 u 0 1\n";

@@ -54,18 +54,16 @@ Cf o 0 1u
 .end
 ";
 
-/// Faults that are of the circuit and of no line.
-const OF_THE_CIRCUIT: [&str; 10] = [
+/// Faults that are of the whole deck and of no line; a `.tran` within a subcircuit gives no time.
+const OF_THE_DECK: [&str; 8] = [
     "dead_circuit",
-    "derivative_of_dependent",
     "floating_node",
-    "impulse",
-    "inconsistent_start",
-    "number_of_components",
-    "source_cut_set",
-    "source_loop",
-    "too_many_unknowns",
+    "missing_key",
     "more_errors",
+    "number_of_components",
+    "singular_circuit",
+    "too_intertwined",
+    "too_many_unknowns",
 ];
 
 /// Changes of words and lines that nobody would make.
@@ -147,10 +145,11 @@ fn whatever_is_written_in_a_deck_is_read_or_refused() {
         for error in &errors {
             // Without its `.tran` a text is no deck.
             let has_place = error.detail.starts_with("line ")
-                || OF_THE_CIRCUIT.contains(&error.code)
+                || OF_THE_DECK.contains(&error.code)
                 || error.code == "syntax" && document == deck.as_bytes();
             assert!(has_place, "{error:#?} of\n{deck}");
         }
     }
-    assert!(correct > count / 20 && refused > count / 4, "{correct} correct, {refused} refused");
+    // Both happen: most changes of this deck are faults.
+    assert!(correct > count / 100 && refused > count / 4, "{correct} correct, {refused} refused");
 }
