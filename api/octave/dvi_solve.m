@@ -14,7 +14,8 @@ function answer = dvi_solve (specification, url, token)
   %   r = dvi_solve (s);
   %   plot (r.trajectory.t, r.trajectory.fields.x)
   %
-  % One-element lists may be written without brackets, as `set` and `of` above. Names of columns that are no names of MATLAB,
+  % One-element lists may be written without brackets, as `set` and `of` above. Names of columns that are no names of MATLAB
+  % come as jsondecode makes them: `v(out)` is r.trajectory.fields.v_out_.
   %
   % Errors of the specification are an error whose message has each with its place.
   if (nargin < 2 || isempty (url)), url = 'http://localhost:8080'; end

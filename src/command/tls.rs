@@ -19,11 +19,15 @@ pub async fn encrypt(stream: TcpStream, host: &str) -> Result<TlsStream<TcpStrea
     let name = ServerName::try_from(name).map_err(|error| format!("`{host}` can have no certificate: {error}"))?;
     let connector = TlsConnector::from(Arc::new(settings()?));
     connector.connect(name, stream).await.map_err(|error| {
-        let hint = match error.to_string().contains("UnknownIssuer") {
-            true => "; for an authority of your own, name its certificate: SSL_CERT_FILE=ca.pem",
-            false => "",
+        let said = error.to_string();
+        let hint = if said.contains("UnknownIssuer") {
+            "; for an authority of your own, name its certificate: SSL_CERT_FILE=ca.pem"
+        } else if said.contains("CaUsedAsEndEntity") {
+            "; a server that signs its own certificate must not be an authority: make it with CA:FALSE"
+        } else {
+            ""
         };
-        format!("no encrypted connection: {error}{hint}")
+        format!("no encrypted connection: {said}{hint}")
     })
 }
 

@@ -83,6 +83,18 @@ impl Errors {
         !self.cut
     }
 
+    /// The number of errors so far.
+    pub(super) fn count(&self) -> usize {
+        self.listed.len()
+    }
+
+    /// Puts the errors after the first `known` at a line of a text within the document.
+    pub(super) fn at_line(&mut self, known: usize, line: usize) {
+        for error in self.listed.iter_mut().skip(known) {
+            error.detail = format!("line {line}: {}", error.detail);
+        }
+    }
+
     /// Appends the errors of another list.
     pub(super) fn append(&mut self, other: Self) {
         for error in other.listed {

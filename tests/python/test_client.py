@@ -2,8 +2,10 @@
 
 import http.server
 import json
+import ssl
 import threading
 import time
+import urllib.request
 
 import pytest
 from conftest import ROOT
@@ -99,6 +101,41 @@ def test_what_is_asked_to_wait_waits_and_shows_the_same_key(belt):
         server.shutdown()
     assert answer["x"].size and len(set(Reluctant.keys)) == 1 and len(Reluctant.keys) == 3
     assert all(later - sooner >= 1.0 for sooner, later in zip(Reluctant.seen, Reluctant.seen[1:]))
+
+
+def test_an_encrypted_service_is_asked_by_those_who_trust_it(service, belt, monkeypatch):
+    certificates = ROOT / "tests/service/tls"
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(certificates / "localhost.pem", certificates / "localhost.key")
+
+    class Encrypting(http.server.BaseHTTPRequestHandler):
+        """Passes requests on to the service, and its answers back."""
+
+        def do_POST(self):
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            headers = {name: self.headers[name] for name in ("Content-Type", "Accept", "Prefer")}
+            with urllib.request.urlopen(urllib.request.Request(service + self.path, body, headers)) as answer:
+                body = answer.read()
+            self.send_response(answer.status)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_):
+            pass
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Encrypting)
+    server.socket = context.wrap_socket(server.socket, server_side=True)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    client = dvi.Client(f"https://localhost:{server.server_port}", retries=0)
+    try:
+        monkeypatch.setenv("SSL_CERT_FILE", str(certificates / "authority.pem"))
+        assert client.solve(belt)["x"].tobytes() == dvi.solve(belt)["x"].tobytes()
+        monkeypatch.delenv("SSL_CERT_FILE")
+        with pytest.raises(dvi.ServiceError, match="does not answer.*certificate"):
+            client.solve(belt)
+    finally:
+        server.shutdown()
 
 
 def test_nobody_there_is_said_so():

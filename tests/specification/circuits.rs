@@ -215,6 +215,47 @@ fn subcircuits_that_multiply_are_answered() {
     );
 }
 
+/// Faults between components have the line of the first of them, and names in laws the line of the law.
+#[test]
+fn faults_of_a_netlist_have_the_line_of_a_component() {
+    for (text, code, part) in [
+        ("R1 a 0 1\nV1 a 0 1\nV2 a 0 2", "source_loop", "form a loop"),
+        ("C1 a 0 1u\nI1 a b 1\nI2 b 0 1", "source_cut_set", "line 2: `I1`, `I2`"),
+        ("R1 a b 1\nV1 a 0 5\nC1 a 0 1u IC=2\nR2 b 0 1", "inconsistent_start", "line 3: `C1` starts"),
+        ("V1 a 0 5\nR1 a 0 1\nC1 a 0 1u\nH1 k 0 V9 10\nR2 k 0 1", "unknown_name", "line 4: there is no `i(V9)`"),
+    ] {
+        let errors = errors_of(netlist(text).to_string());
+        let (error, others) = errors.split_first().expect("an error");
+        assert!(others.is_empty() && error.pointer == NETLIST && error.code == code, "{errors:#?}");
+        assert!(error.detail.starts_with("line ") && error.detail.contains(part), "{errors:#?}");
+    }
+}
+
+#[test]
+fn couplings_that_no_inductors_have_are_refused() {
+    let coils = "V1 a 0 1\nR1 a p 1\nL1 p 0 1m\nL2 s 0 1m\nL3 u 0 1m\nR2 s 0 1\nR3 u 0 1\n";
+    for (couplings, code, part) in [
+        ("K12 L1 L2 .9\nK13 L1 L3 .9\nK23 L2 L3 .1", "out_of_range", "line 8, column 1: no inductors can have"),
+        (
+            "K1 L1 L2 1\nK2 L2 L3 1\nK3 L1 L3 0.5",
+            "out_of_range",
+            "no inductors can have the coupling coefficients of `L1`",
+        ),
+        ("K1 L1 L2 .5\nK2 L2 L1 .5", "out_of_range", "line 9, column 1: `K2` couples two inductors that are"),
+        ("K1 L1 L2 L1 .5", "out_of_range", "`K1` couples two inductors that are"),
+        ("K1 L1 L2 L4 .5", "unknown_name", "`K1` must couple inductors"),
+        ("K1 L1 R2 .5", "unknown_name", "`K1` must couple inductors"),
+        ("K1 L1 L2 L3", "malformed_number", "`L3`"),
+        ("K1 L1 L2 L3 1.1", "out_of_range", "1.1"),
+    ] {
+        assert_netlist(&format!("{coils}{couplings}"), &[(code, part)]);
+    }
+    let many: Vec<String> = (1..200).map(|k| format!("L{k} n{k} 0 1\nR{k} n{k} 0 1")).collect();
+    let names: Vec<String> = (1..200).map(|k| format!("L{k}")).collect();
+    let text = format!("V1 a 0 1\nR0 a n1 1\n{}\nK1 {} 0.5", many.join("\n"), names.join(" "));
+    assert_netlist(&text, &[("number_of_components", "199 inductors that are coupled")]);
+}
+
 #[test]
 fn large_and_hostile_netlists_are_answered() {
     assert_netlist(&"*".repeat(65_537), &[("too_long", "65537 bytes")]);

@@ -2,6 +2,7 @@
 //! schema is that of the types.
 
 mod circuits;
+mod decks;
 mod documents;
 mod elastic;
 mod equations;

@@ -233,6 +233,70 @@ fn loose_coupling_is_mutual_inductance() {
     assert!((last(&solution, "i(L1)") - i[0]).abs() < 1e-8);
 }
 
+/// Three equal coils, with turns in the ratio 1 : 2 : 3, as each sees a resistor of its own: the sum of the currents and
+/// their differences decay apart.
+#[test]
+fn three_coils_on_one_core_have_two_time_constants() {
+    let coils = "Three coils\nV1 in 0 DC 10\nR1 in p 1\nL1 p 0 1m\nL2 s 0 4m\nL3 u 0 9m\nR2 s 0 4\nR3 u 0 9\n";
+    let end = ".tran 10u 6m uic\n.end";
+    let at_once = run(&format!("{coils}K1 L1 L2 L3 0.9\n{end}"));
+    let in_pairs = run(&format!("{coils}K12 L1 L2 0.9\nK13 L1 L3 0.9\nK23 L2 L3 0.9\n{end}"));
+    let common = |t: f64| 1.0 - (-t / 2.8e-3).exp();
+    let differential = |t: f64| 1.0 - (-t / 0.1e-3).exp();
+    for solution in [at_once, in_pairs] {
+        assert_is(&solution, "i(L1)", 1e-8, |t| 10.0 / 3.0 * (common(t) + 2.0 * differential(t)));
+        assert_is(&solution, "i(L2)", 1e-8, |t| 10.0 / 6.0 * (common(t) - differential(t)));
+        assert_is(&solution, "i(L3)", 1e-8, |t| 10.0 / 9.0 * (common(t) - differential(t)));
+        assert!(solution.verdict.trusted);
+    }
+}
+
+/// The second and the third coil are coupled to each other by less than to the first: by symmetry they have one current, and
+/// the two modes are those of a symmetric matrix of two rows.
+#[test]
+fn three_coils_may_be_coupled_unequally() {
+    let solution = run("Three coils\nV1 in 0 DC 10\nR1 in p 1\nL1 p 0 1m\nL2 s 0 1m\nL3 u 0 1m\nR2 s 0 1\nR3 u 0 1\n\
+         K12 L1 L2 0.9\nK13 L1 L3 0.9\nK23 L2 L3 0.7\n.tran 10u 6m uic\n.end");
+    let side = 0.9 * 2.0_f64.sqrt();
+    let root = (0.35_f64.powi(2) + side * side).sqrt();
+    let currents = |t: f64| {
+        [1.35 + root, 1.35 - root].iter().fold([0.0; 2], |[one, others], value| {
+            let vector = [side, value - 1.0];
+            let share = 10.0 * vector[0] / (vector[0] * vector[0] + vector[1] * vector[1]);
+            let grown = share * (1.0 - (-t / (value * 1e-3)).exp());
+            [one + grown * vector[0], others + grown * vector[1] / 2.0_f64.sqrt()]
+        })
+    };
+    assert_is(&solution, "i(L1)", 1e-7, |t| currents(t)[0]);
+    assert_is(&solution, "i(L2)", 1e-7, |t| currents(t)[1]);
+    assert_is(&solution, "i(L3)", 1e-7, |t| currents(t)[1]);
+}
+
+/// Without leakage every turn has the same voltage, and the ampere-turns of the start decay as in one coil.
+#[test]
+fn three_coils_without_leakage_share_their_ampere_turns() {
+    let solution =
+        run("A flyback winding with two outputs\nL1 p 0 1m\nL2 s 0 4m\nL3 u 0 9m\nR1 p 0 1\nR2 s 0 4\nR3 u 0 9\n\
+                        K1 L1 L2 L3 1\n.ic I(L3)=2\n.tran 10u 6m uic\n.end");
+    // Six ampere-turns, that is 6 A in 1 mH, across three resistors of 1 ohm each, seen from the first winding.
+    let v = |t: f64| -2.0 * (-t / 3e-3).exp();
+    assert_is(&solution, "v(p)", 1e-8, v);
+    assert_is(&solution, "v(s)", 1e-8, |t| 2.0 * v(t));
+    assert_is(&solution, "v(u)", 1e-8, |t| 3.0 * v(t));
+}
+
+/// A current that `.ic` gives one of two coupled coils is the current of that coil alone.
+#[test]
+fn a_coupled_coil_starts_with_the_current_that_it_is_given() {
+    for (given, at_start) in [("I(L1)=3", [3.0, 0.0]), ("I(L2)=3", [0.0, 3.0])] {
+        let solution = run(&format!(
+            "Two coils\nL1 p 0 1m\nL2 s 0 4m\nR1 p 0 1\nR2 s 0 4\nK1 L1 L2 0.6\n.ic {given}\n.tran 10u 1m uic\n.end"
+        ));
+        assert!((column(&solution, "v(p)")[0] + at_start[0]).abs() < 1e-9, "{given}");
+        assert!((column(&solution, "v(s)")[0] + 4.0 * at_start[1]).abs() < 1e-9, "{given}");
+    }
+}
+
 #[test]
 fn the_four_controlled_sources_follow() {
     let solution = run("E F G H\nV1 in 0 SIN(0 1 100)\nR1 in x 1k\nVs x 0 0\nE1 e 0 in 0 -10\nRe e 0 1k\n\

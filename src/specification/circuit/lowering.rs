@@ -108,7 +108,7 @@ impl<'a> Circuit<'a> {
         let names = Names {
             components: self.components.iter().flat_map(windings).collect(),
             nodes: names,
-            pointer: &|k| self.at(k),
+            pointer: &|k| self.member(self.owners[k]),
             whole: self.place.to_string(),
         };
         // Either winding of a transformer may act as the voltage source, depending on the loops of the circuit. Start
@@ -128,15 +128,17 @@ impl<'a> Circuit<'a> {
                     Ok(model) => return Some(model),
                     Err(errors) => errors,
                 };
-            let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.at_component(k));
+            let is_named = |k: usize| errors.iter().any(|error| error.pointer == self.member(k));
             let is_transformer = |k: &usize| matches!(self.components[*k], Component::Transformer(_));
-            let turned: Vec<usize> =
-                (0..count).filter(is_transformer).filter(|&k| !swapped[k] && is_named(k)).collect();
+            let left: Vec<usize> = (0..count).filter(is_transformer).filter(|&k| !swapped[k]).collect();
+            // Those that the fault names; all others where it names none.
+            let named: Vec<usize> = left.iter().copied().filter(|&k| is_named(k)).collect();
+            let turned = if named.is_empty() { left } else { named };
             let errors = first.get_or_insert(errors);
             if turned.is_empty() {
                 // An unknown name may be the cause of the fault, so report it first.
                 dependent::check_names(self, &drives, (&names, definitions), lowering);
-                errors.drain(..).for_each(|error| lowering.errors.push(error));
+                errors.drain(..).for_each(|error| lowering.errors.push(self.placed(error)));
                 return None;
             }
             turned.into_iter().for_each(|k| swapped[k] = true);
@@ -146,7 +148,26 @@ impl<'a> Circuit<'a> {
     fn at_component(&self, k: usize) -> String {
         match self.lines {
             Some(_) => self.place.to_string(),
-            None => self.place.index(k).key(self.components[k].key()).to_string(),
+            None => self.member(k),
+        }
+    }
+
+    /// The pointer of a component in a list, by which faults name it; the components of a netlist have it as well, until
+    /// [`Self::placed`].
+    fn member(&self, k: usize) -> String {
+        self.place.index(k).key(self.components[k].key()).to_string()
+    }
+
+    /// An error of a component, at its line if it is from a netlist.
+    fn placed(&self, error: SpecificationError) -> SpecificationError {
+        let Some(lines) = self.lines else { return error };
+        match (0..self.components.len()).find(|&k| error.pointer == self.member(k)) {
+            Some(k) => SpecificationError {
+                pointer: self.place.to_string(),
+                detail: format!("line {}: {}", lines[k], error.detail),
+                ..error
+            },
+            None => error,
         }
     }
 
@@ -201,7 +222,12 @@ impl<'a> Circuit<'a> {
     }
 
     pub(super) fn node(&self, k: usize, key: &str, expression: &Expression, lowering: &mut Lowering) -> Node {
-        self.within(k, key, |place| lowering.node_or_zero(expression, place))
+        let known = lowering.errors.count();
+        let node = self.within(k, key, |place| lowering.node_or_zero(expression, place));
+        if let Some(lines) = self.lines {
+            lowering.errors.at_line(known, lines[self.owners[k]]);
+        }
+        node
     }
 
     /// Calls back with the pointer to a member of an element's component. All components of a netlist share one

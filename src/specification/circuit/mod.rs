@@ -54,7 +54,7 @@ pub struct CircuitProblem {
     /// At most 10000 components.
     pub components: Option<Vec<Component>>,
     /// A netlist in SPICE syntax, at most 64 KiB: lines of `R`, `C`, `L`, `V`, `I`, `D` (ideal), switches `S` and `W`
-    /// with a `.model`, the controlled sources `E`, `F`, `G` and `H` with a gain, `K` for two coupled inductors, `X`
+    /// with a `.model`, the controlled sources `E`, `F`, `G` and `H` with a gain, `K` for coupled inductors, `X`
     /// for a `.subckt`; sources `DC`, `SIN`, `PULSE`, `PWL` and `EXP`, values with suffixes as in `4.7k` or `100n` and
     /// expressions in braces with names of `.param`, `IC=` of capacitors and inductors, `.ic`, comments after `*` and
     /// `;`, continuations after `+`. If it has a `.tran`, its first line is the title; the horizon is taken from `time`

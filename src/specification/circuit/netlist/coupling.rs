@@ -1,5 +1,5 @@
-//! Two coupled inductors as an ideal transformer with its leakage and its magnetising inductance (the cantilever model: Erickson
-//! and Maksimovic, *Fundamentals of Power Electronics*, section 13.5):
+//! Coupled inductors. Two of them are an ideal transformer with its leakage and its magnetising inductance (the cantilever model:
+//! Erickson and Maksimovic, *Fundamentals of Power Electronics*, section 13.5); larger groups are in [`super::windings`].
 //!
 //! ```text
 //! v1 = L1 i1' + M i2',    v2 = M i1' + L2 i2',    M = k sqrt(L1 L2)
@@ -7,15 +7,17 @@
 //! ```
 
 use super::tokens::Token;
-use super::{NetlistError, Rest};
+use super::{NetlistError, Rest, windings};
 use crate::circuit::components::{Component, Inductor, Transformer};
 use crate::expression::Expression;
+use std::collections::{BTreeMap, HashMap};
 
 /// A line `K` of a netlist.
 pub(super) struct Coupling<'a> {
     pub first: Token<'a>,
     pub name: String,
-    pub inductors: [String; 2],
+    /// At least two.
+    pub inductors: Vec<String>,
     pub k: f64,
 }
 
@@ -27,10 +29,9 @@ impl<'a> Coupling<'a> {
         rest: &mut Rest<'a, '_>,
         mut component: impl FnMut(Token<'a>) -> String,
     ) -> Result<Self, NetlistError> {
-        let inductors = [rest.next("two inductors")?, rest.next("a second inductor")?].map(&mut component);
-        if rest.words().len() > 1 {
-            let detail = "more than two coupled inductors".to_owned();
-            return Err(NetlistError::new(first, "unexpected_word", detail, "two inductors and their coupling"));
+        let mut inductors = [rest.next("two inductors")?, rest.next("a second inductor")?].map(&mut component).to_vec();
+        while rest.words().len() > 1 {
+            inductors.push(component(rest.next("an inductor")?));
         }
         let k = rest.value("a coupling from 0 to 1")?;
         if !(k > 0.0 && k <= 1.0) {
@@ -40,21 +41,17 @@ impl<'a> Coupling<'a> {
         Ok(Self { first, name, inductors, k })
     }
 
-    /// Replaces the two inductors by a transformer with leakage and magnetising inductances.
+    /// Replaces two inductors, which nothing else couples, by a transformer with leakage and magnetising inductances.
     ///
     /// # Errors
-    /// The inductors do not exist, are coupled already, or have no positive numbers as inductances.
-    pub fn apply(&self, components: &mut Vec<Component>, lines: &mut Vec<usize>) -> Result<(), NetlistError> {
-        let place = |name: &String| {
-            components
-                .iter()
-                .position(|component| matches!(component, Component::Inductor(inductor) if inductor.name == *name))
-        };
-        let [Some(p), Some(s)] = [place(&self.inductors[0]), place(&self.inductors[1])] else {
-            let detail =
-                format!("`{}` must couple two inductors of the netlist that no other `K` couples", self.first.shown());
-            return Err(NetlistError::new(self.first, "unknown_name", detail, "two inductors, each in one coupling"));
-        };
+    /// The inductors do not exist, or have no positive numbers as inductances.
+    fn apply(
+        &self,
+        [primary, secondary]: [&String; 2],
+        components: &mut Vec<Component>,
+        lines: &mut Vec<usize>,
+    ) -> Result<(), NetlistError> {
+        let [p, s] = [self.place(primary, components)?, self.place(secondary, components)?];
         let (Component::Inductor(primary), Component::Inductor(secondary)) = (&components[p], &components[s]) else {
             return Ok(());
         };
@@ -71,7 +68,8 @@ impl<'a> Coupling<'a> {
             );
             return Err(NetlistError::new(self.first, "out_of_range", detail, "inductances above 0"));
         }
-        let magnetising = i1.zip(i2.or(Some(0.0))).map(|(i1, i2)| Expression::Number(i1 + i2 / ratio));
+        let has_start = i1.is_some() || i2.is_some();
+        let magnetising = has_start.then(|| Expression::Number(i1.unwrap_or(0.0) + i2.unwrap_or(0.0) / ratio));
         let (a, b) = primary.nodes;
         let leakage = (1.0 - self.k * self.k) * l1;
         let (inner, mut made) = if leakage > 0.0 {
@@ -104,4 +102,62 @@ impl<'a> Coupling<'a> {
         components.extend(made);
         Ok(())
     }
+
+    /// The place of an inductor among the components.
+    ///
+    /// # Errors
+    /// There is no such inductor.
+    pub fn place(&self, name: &String, components: &[Component]) -> Result<usize, NetlistError> {
+        let is_it =
+            |component: &Component| matches!(component, Component::Inductor(inductor) if inductor.name == *name);
+        components.iter().position(is_it).ok_or_else(|| {
+            let detail = format!("`{}` must couple inductors of the netlist", self.first.shown());
+            NetlistError::new(self.first, "unknown_name", detail, "the names of inductors")
+        })
+    }
+}
+
+/// Replaces all coupled inductors; returns an error for each group that cannot be.
+pub(super) fn couple(
+    couplings: &[Coupling<'_>],
+    components: &mut Vec<Component>,
+    lines: &mut Vec<usize>,
+) -> Vec<NetlistError> {
+    let mut errors = Vec::new();
+    for group in groups(couplings) {
+        let result = match (group.as_slice(), group[0].inductors.as_slice()) {
+            ([coupling], [primary, secondary]) => coupling.apply([primary, secondary], components, lines),
+            _ => windings::apply(&group, components, lines),
+        };
+        errors.extend(result.err());
+    }
+    errors
+}
+
+/// The couplings, those with a common inductor together, in the order of their first lines.
+fn groups<'c, 'a>(couplings: &'c [Coupling<'a>]) -> Vec<Vec<&'c Coupling<'a>>> {
+    // The first coupling of each group stands for it; a later one leads to an earlier one.
+    let mut earlier: Vec<usize> = (0..couplings.len()).collect();
+    let mut seen: HashMap<&str, usize> = HashMap::new();
+    for (k, coupling) in couplings.iter().enumerate() {
+        for inductor in &coupling.inductors {
+            let other = *seen.entry(inductor.as_str()).or_insert(k);
+            let [one, two] = [k, other].map(|of| root(&mut earlier, of));
+            earlier[one.max(two)] = one.min(two);
+        }
+    }
+    let mut groups: BTreeMap<usize, Vec<&Coupling<'_>>> = BTreeMap::new();
+    for (k, coupling) in couplings.iter().enumerate() {
+        groups.entry(root(&mut earlier, k)).or_default().push(coupling);
+    }
+    groups.into_values().collect()
+}
+
+/// The coupling that stands for the group of another; the way there is halved for the next time.
+fn root(earlier: &mut [usize], mut k: usize) -> usize {
+    while earlier[k] != k {
+        earlier[k] = earlier[earlier[k]];
+        k = earlier[k];
+    }
+    k
 }

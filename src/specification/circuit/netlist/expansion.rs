@@ -2,7 +2,7 @@
 
 use super::arithmetic::Scope;
 use super::component::{self, Rest, is_ground};
-use super::coupling::Coupling;
+use super::coupling::{Coupling, couple};
 use super::deck::{Deck, Given, assignments, nodes_and_options};
 use super::device::Kind;
 use super::tokens::{Statement, Token};
@@ -76,13 +76,11 @@ pub(super) fn expand(deck: &Deck<'_>, errors: Vec<NetlistError>) -> Result<Netli
     };
     let frame = Frame { prefix: "", ports: HashMap::new(), scope: deck.scope.clone() };
     expansion.lines(&deck.components, &frame, 0);
-    for coupling in std::mem::take(&mut expansion.couplings) {
-        let Netlist { components, lines, .. } = &mut expansion.netlist;
-        if let Err(error) = coupling.apply(components, lines) {
-            expansion.errors.push(error);
-        }
-    }
+    // Initial currents are those of the inductors as they are written, before any of them is replaced.
     expansion.starts(&frame);
+    let Netlist { components, lines, .. } = &mut expansion.netlist;
+    let refused = couple(&expansion.couplings, components, lines);
+    expansion.errors.extend(refused);
     expansion.remarks();
     if expansion.errors.is_empty() { Ok(expansion.netlist) } else { Err(expansion.errors) }
 }

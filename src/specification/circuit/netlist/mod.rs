@@ -7,7 +7,7 @@
 //! S1 in out c 0 SX       ; closed where the voltage between c and 0 is above VT= of its model
 //! C1 out 0 100u IC=0
 //! R1 out 0 {2*load}      ; .param load=1k
-//! K1 L1 L2 0.99          ; two coupled inductors
+//! K1 L1 L2 0.99          ; coupled inductors, two or more
 //! X1 in out filter       ; .subckt filter a b .. .ends
 //! ```
 //!
@@ -23,6 +23,7 @@ mod expansion;
 mod tokens;
 mod value;
 mod waveform;
+mod windings;
 
 use super::components::Component;
 use crate::error::SpecificationError;
