@@ -20,6 +20,7 @@ import { canRecord, record } from "./movie.js";
 import { number, seconds } from "./numbers.js";
 import { lineAt, linesOf, rangesOf } from "./places.js";
 import { Plots, nearestTo } from "./plots.js";
+import { Previews } from "./previews.js";
 import * as service from "./service.js";
 import { isSmall, packed, unpacked } from "./share.js";
 import { Stage } from "./stage.js";
@@ -190,7 +191,7 @@ function showLive(answer, text) {
   const run = runOf(answer, { text, specification, label: specification?.label, id: null });
   present(run, { keep: ghost !== null });
   byId("outcome").dataset.status = run.status === "completed" ? "successful" : "failed";
-  byId("outcome").textContent = `${run.status === "completed" ? "successful" : run.status.replaceAll("_", " ")} in ${seconds(run.diagnostics.wall_seconds ?? 0)}`;
+  byId("outcome").textContent = took(run.status === "completed" ? "successful" : run.status.replaceAll("_", " "), run);
   tellMessage(run.error?.message ?? run.error?.detail);
   if (editor.text === text) {
     markStale();
@@ -286,6 +287,9 @@ const runOf = ({ trajectory, diagnostics = {}, ...rest }, more) => ({ t: [], fie
 
 const fetchRun = async (id, label, text) => runOf(await service.results(id), { id, label, text, specification: text === null ? {} : (lenient(text) ?? {}) });
 
+// How a run ended, and how long it took where that is one number: the members of a sweep have each their own.
+const took = (word, { diagnostics: { wall_seconds: wall } }) => (wall > 0 ? `${word} in ${seconds(wall)}` : word);
+
 // What is in view is of the run before, while the next is on its way.
 function setAside(aside) {
   byId("before").hidden = !aside || byId("chosen").hidden;
@@ -301,7 +305,7 @@ async function show(status, text) {
   setAside(false);
   if (run) present(run);
   else presentNothing(status);
-  byId("outcome").textContent = run ? `${status.status} in ${seconds(run.diagnostics.wall_seconds ?? 0)}` : status.status;
+  byId("outcome").textContent = run ? took(status.status, run) : status.status;
   byId("outcome").dataset.status = status.status;
   checkText();
 }
@@ -323,7 +327,7 @@ function presentNothing(status) {
   byId("empty").hidden = true;
   byId("chosen").hidden = false;
   byId("label").textContent = status.label ?? "Without a label";
-  for (const id of ["verdict", "study", "unknown", "downloads", "evidence", "claims", "phase"]) byId(id).replaceChildren();
+  for (const id of ["verdict", "study", "unknown", "folded", "downloads", "evidence", "claims", "phase"]) byId(id).replaceChildren();
   if (status.verdict) byId("verdict").replaceChildren(...verdicts([{ verdict: status.verdict, diagnostics: {} }]).filter(Boolean));
   byId("fields").replaceChildren(element("legend", {}, "Fields"));
   for (const id of ["warnings", "picture", "clock", "plotbar", "phasebox", "raw"]) byId(id).hidden = true;
@@ -343,7 +347,9 @@ function present(run, { keep: keeps = false } = {}) {
   markStale();
   byId("label").textContent = run.label ?? "Without a label";
   byId("study").replaceChildren(...(run.study ? study(run.study) : []));
-  byId("unknown").replaceChildren(...unknownParts(run));
+  const parts = unknownParts(run);
+  byId("unknown").replaceChildren(...parts.filter(({ open }) => open));
+  byId("folded").replaceChildren(...parts.filter(({ open }) => !open));
   for (const id of ["plotbar", "phasebox"]) byId(id).hidden = run.t.length < 2;
   byId("raw").hidden = false;
   offerDownloads();
@@ -442,6 +448,28 @@ function unmarked(figure) {
   return copy;
 }
 
+const ground = () => getComputedStyle(document.body).backgroundColor;
+
+// The picture at the time of the cursor.
+async function picture() {
+  const canvas = byId("stage").querySelector("canvas");
+  if (canvas === null) return tellMessage("There is no picture.");
+  const { still } = await import("./standalone.js");
+  stage.draw(clock.time);
+  await save(() => still(canvas, ground()), "picture.png");
+}
+
+// All that is seen of an answer, in one file.
+async function html() {
+  const { standalone } = await import("./standalone.js");
+  const { label, text, specification, t } = shown;
+  await save(async () => standalone({
+    title: label ?? "Answer", text: text ?? JSON.stringify(specification, null, 2), t, canvas: t.length > 1 ? byId("stage").querySelector("canvas") : null,
+    draw: (time) => stage.draw(time), background: ground(), figure: panelsNow(), verdict: byId("verdict"), claims: byId("claims"),
+  }), "answer.html");
+  stage.draw(clock.time);
+}
+
 // The picture, played once, as a film.
 async function film() {
   const canvas = byId("stage").querySelector("canvas");
@@ -449,7 +477,7 @@ async function film() {
   byId("webm").disabled = true;
   byId("webm").textContent = "Recording ...";
   try {
-    await save(() => record(canvas, clock, getComputedStyle(document.body).backgroundColor), "film.webm");
+    await save(() => record(canvas, clock, ground()), "film.webm");
   } finally {
     byId("webm").disabled = false;
     byId("webm").textContent = "Film WebM";
@@ -626,6 +654,8 @@ async function start() {
   byId("logtime").addEventListener("change", draw);
   byId("svg").addEventListener("click", () => save(async () => asSvg(panelsNow()), "figure.svg"));
   byId("png").addEventListener("click", () => save(() => png(panelsNow()), "figure.png"));
+  byId("still").addEventListener("click", picture);
+  byId("html").addEventListener("click", html);
   byId("webm").hidden = !canRecord();
   byId("webm").addEventListener("click", film);
   byId("phasebox").addEventListener("toggle", drawPhase);
@@ -658,6 +688,7 @@ async function start() {
     const examples = await service.examples();
     for (const { name, title } of examples) byId("example").append(element("option", { value: name }, title));
     byId("gallery").replaceChildren(...gallery(examples, choose));
+    new Previews(byId("gallery"));
   } catch (refusal) {
     tellCheck([], [element("p", { class: "bad" }, refusal.message)]);
   }
