@@ -7,14 +7,13 @@ import { film } from "./pictures/film.js";
 import { load, pictureOf } from "./pictures/index.js";
 import { dot, line, surface } from "./pictures/surface.js";
 import { example, Refused, solveNow } from "./service.js";
-import { isSmall } from "./share.js";
 
 const LONGEST = 2; // seconds that a small picture may take
 const STILL = 0.4; // part of the horizon at which a picture stands still
 const LASTS = 4000; // milliseconds in which a horizon runs
 const POINTS = 241; // of a curve
 const CURVES = 3;
-const HEIGHT = 240; // pixels of curves
+const [WIDTH, HEIGHT] = [270, 140]; // pixels of a picture; circuits are as large as their netlists
 
 export class Previews {
   #bench = element("div", { class: "bench", "aria-hidden": "true" });
@@ -66,13 +65,14 @@ export class Previews {
   async #drawn(card, act) {
     const { kind, run } = this.#known.get(card);
     const picture = (await kind?.make(run.specification, run, {})) ?? curves(run);
+    if (pictureOf(run.specification) !== "circuit") Object.assign(picture.element.style, { width: `${WIDTH}px`, height: `${HEIGHT}px` });
     this.#bench.append(picture.element);
     const canvas = card.querySelector("canvas");
     try {
       await act((part) => {
         picture.draw(run.t[0] + part * (run.t.at(-1) - run.t[0]));
         const { width, height } = picture.element;
-        if (this.#bench.clientWidth === 0 || width === 0) return;
+        if (picture.element.clientWidth === 0) return; // the gallery is out of sight
         Object.assign(canvas, { width, height, hidden: false });
         canvas.getContext("2d").drawImage(picture.element, 0, 0);
       });
@@ -104,7 +104,6 @@ export class Previews {
 // The run of an example, and the kind of its picture; nothing where it takes long or does not move.
 async function solved(name, signal) {
   const text = await example(name);
-  if (!isSmall(text)) return null;
   const specification = JSON.parse(text);
   const picture = pictureOf(specification);
   const kind = picture === null || picture === "scene" ? null : await load(picture);

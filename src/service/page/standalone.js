@@ -6,13 +6,13 @@ const FRAMES = 80;
 const QUALITY = 0.85; // of a frame
 const LASTS = 8000; // milliseconds in which the frames run
 const STYLE = `:root { color-scheme: light dark; font: 15px/1.5 system-ui, sans-serif; } body { max-width: 52rem; margin: 1.5rem auto; padding: 0 1rem; }
-img, svg { max-width: 100%; height: auto; } input { width: 60%; vertical-align: middle; } pre { overflow: auto; } ul { list-style: none; padding: 0; } .light { margin-right: .5em; }`;
+img, svg { max-width: 100%; height: auto; } input { width: 60%; vertical-align: middle; } pre { overflow: auto; } ul { list-style: none; padding: 0; } .light, .badge, .badge span { margin-right: .5em; }`;
 const PLAYER = `const [picture, slider, play, told] = ["picture", "time", "play", "told"].map((id) => document.getElementById(id));
 let since = null;
 const show = (k) => { slider.value = k; picture.src = frames[k]; told.textContent = "t = " + Number(times[k].toPrecision(4)); };
 const step = (now) => {
   if (since === null) return;
-  show(Math.floor(((now - since) / ${LASTS}) * frames.length) % frames.length);
+  show(Math.floor((Math.max(0, now - since) / ${LASTS}) * frames.length) % frames.length);
   requestAnimationFrame(step);
 };
 slider.addEventListener("input", () => { since = null; play.textContent = "Play"; show(Number(slider.value)); });
