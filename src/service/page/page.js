@@ -12,9 +12,8 @@ import { describe, wantsLogTime } from "./fields.js";
 import { panelsFigure, phaseFigure, png, textOf } from "./figure.js";
 import { fixesOf } from "./fixes.js";
 import { gallery } from "./gallery.js";
-import { HeatMap } from "./heatmap.js";
 import { Jobs } from "./jobs.js";
-import { Knobs } from "./knobs.js";
+import { Knobs, nameInSweep } from "./knobs.js";
 import { Live } from "./live.js";
 import { canRecord, record } from "./movie.js";
 import { number, seconds } from "./numbers.js";
@@ -44,12 +43,12 @@ const GUIDE = `${service.base}/docs/evidence`;
 const clock = new Clock(byId("clock"));
 const plots = new Plots(byId("plots"), byId("hover"));
 const stage = new Stage(byId("picture"), byId("stage"), byId("stagehint"), clock);
-const editor = new Editor(byId("text"), { changed: textChanged, submit: solve });
+const editor = new Editor(byId("text"), { changed: textChanged, submit: solve, schema: service.schema });
 const knobs = new Knobs(byId("knobs"), turn);
-const map = new HeatMap(byId("map"), { knobs: () => knobs.list, specification: () => lenient(editor.text), open: openCell });
 const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal });
 const jobs = new Jobs(byId("jobtable"), { open: () => toggleJobs(false), fail: tellMessage });
 
+let map = null; // fetched when it is first opened
 let shown = null; // the run in view: {id, text, specification, label, verdict, t, fields, events, diagnostics}
 let ghost = null; // the run that was in view before a slider moved
 let other = null; // the run it is compared with
@@ -101,7 +100,23 @@ function offerKnobs(text) {
   const specification = lenient(text);
   knobs.show(specification);
   byId("sliders").hidden = knobs.count === 0;
-  map.offer(Object.keys(shown?.fields ?? {}));
+  offerMap();
+}
+
+// A map is offered over two numbers, of the fields of an answer.
+function offerMap() {
+  const fields = Object.keys(shown?.fields ?? {});
+  const specification = lenient(editor.text);
+  const known = specification ? knobs.list.filter((knob) => knob.low < knob.high && nameInSweep(knob, specification) !== null) : [];
+  byId("mapbox").hidden = known.length < 2 || fields.length === 0;
+  map?.offer(known, fields);
+}
+
+async function openMap() {
+  if (!byId("mapbox").open || map !== null) return;
+  const { HeatMap } = await import("./heatmap.js");
+  map ??= new HeatMap(byId("map"), { knobs: () => knobs.list, specification: () => lenient(editor.text), open: openCell });
+  offerMap();
 }
 
 function tellRefusal(refusal, text) {
@@ -391,7 +406,7 @@ function draw() {
 
 function offerFields() {
   const names = Object.keys(shown?.fields ?? {});
-  map.offer(names);
+  offerMap();
   const boxes = names.map((name, i) =>
     element("label", {}, element("input", { type: "checkbox", value: name, checked: i < PANELS, change: draw }), name),
   );
@@ -659,6 +674,7 @@ async function start() {
   byId("webm").hidden = !canRecord();
   byId("webm").addEventListener("click", film);
   byId("phasebox").addEventListener("toggle", drawPhase);
+  byId("mapbox").addEventListener("toggle", openMap);
   byId("raw").addEventListener("toggle", showEvidence);
   for (const id of ["horizontal", "vertical", "equal"]) byId(id).addEventListener("change", drawPhase);
   byId("phasesvg").addEventListener("click", () => phase && save(async () => asSvg(unmarked(phase.figure)), "phase.svg"));
@@ -683,7 +699,6 @@ async function start() {
   addEventListener("hashchange", openAddressed);
   byId("clock").hidden = true;
   listJobs();
-  service.schema().then((schema) => (editor.schema = schema), () => {});
   try {
     const examples = await service.examples();
     for (const { name, title } of examples) byId("example").append(element("option", { value: name }, title));
