@@ -242,12 +242,17 @@ async function solve() {
     remember(status);
     ghost = null;
     watch(status.id, text);
-    if (matchMedia("(max-width: 60rem)").matches) byId("result").scrollIntoView();
+    bringResult();
   } catch (refusal) {
     tellRefusal(refusal, text);
   } finally {
     byId("solve").disabled = false;
   }
+}
+
+// On a narrow screen the result is below the text.
+function bringResult() {
+  if (matchMedia("(max-width: 60rem)").matches) byId("result").scrollIntoView();
 }
 
 async function watch(id, text = null) {
@@ -634,6 +639,7 @@ async function choose(name) {
     markStale("", runs ? "Solving ..." : "Press Solve: this example is not run by itself.");
     if (runs) live.solve(text);
     await checkText();
+    bringResult();
   } catch (refusal) {
     byId("before").hidden = true;
     tellMessage(refusal.message);
