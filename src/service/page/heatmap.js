@@ -124,10 +124,14 @@ export class HeatMap {
       words(LEFT + side + 36, TOP + 10, number(high, 3), "start"),
     );
     let cell = [0, 0];
-    const move = (to) => {
-      cell = to.map((k) => Math.min(Math.max(k, 0), CELLS - 1));
+    const mark = () => {
       marker.setAttribute("x", LEFT + cell[0] * SIZE);
       marker.setAttribute("y", TOP + (CELLS - 1 - cell[1]) * SIZE);
+    };
+    mark();
+    const move = (to) => {
+      cell = to.map((k) => Math.min(Math.max(k, 0), CELLS - 1));
+      mark();
       const value = cells.get(cell.join()) ?? null;
       const where = knobs.map((knob, i) => `${knob.name} = ${number(values[i][cell[i]], 4)}`).join(", ");
       this.told.textContent = `${where}: ${value === null ? "no answer" : number(value, 5)}`;
