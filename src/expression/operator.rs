@@ -56,7 +56,7 @@ pub(super) enum Operator {
 }
 
 impl Operator {
-    /// Whether the second operand is ignored.
+    /// Whether the operator has one operand; the second one of its node is then ignored.
     pub(super) fn is_unary(self) -> bool {
         self < Self::Add
     }

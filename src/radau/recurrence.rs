@@ -41,7 +41,7 @@ pub(super) struct Recurrence {
     /// Number of switches within noise, and the variable of the last one.
     within: u32,
     variable: usize,
-    /// Time and number of accepted steps when these switches began.
+    /// Time and number of accepted steps at the first of the switches that are recorded.
     since: (f64, u64),
     /// Number of steps on one face until location resumes: at the next suspension, and in the present one (zero if
     /// none).

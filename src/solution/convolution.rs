@@ -185,7 +185,7 @@ pub fn integrate_convolution(
 /// each step takes in all earlier ones.
 const HALF_AS_MANY: f64 = 0.2;
 
-/// Records what a run with steps of a given size differs by from one with half as many, `before`.
+/// Records the difference between a run with steps of a given size and `before`, a run with half as many steps.
 fn judge_given_steps(before: Option<&Coarse>, fine: &Coarse, plan: &Plan, diagnostics: &mut Diagnostics) {
     let Some(before) = before else {
         diagnostics.checks.caveat(

@@ -22,8 +22,11 @@ fn a_fix_writes_the_name_that_was_meant() {
 #[test]
 fn keys_are_completed_from_the_schema() {
     let page = Page::open("complete", "/");
-    page.wait("performance.getEntriesByType('resource').some((entry) => entry.name.endsWith('/schema') && entry.responseEnd > 0)");
+    // It is fetched when it is first needed.
+    let fetched = "performance.getEntriesByType('resource').some((entry) => entry.name.endsWith('/schema') && entry.responseEnd > 0)";
+    assert_eq!(page.value(fetched), false);
     page.tab_to("#text");
+    page.wait(fetched);
     page.paste("{\"problem\": {}, \"me\"}");
     for _ in 0..2 {
         page.press("ArrowLeft", false);

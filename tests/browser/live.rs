@@ -152,6 +152,12 @@ fn jobs_of_this_client_are_listed_and_opened_with_their_specification() {
 fn an_answer_of_an_unknown_kind_is_shown_as_a_table() {
     let page = Page::open("unknown", "/");
     let told = "import('/page/unknown.js').then(({unknownParts}) => unknownParts({version: 1, t: [], sweep: [{k: 1, end: 2}, {k: 2, end: null}],
-        fit: {k: 3.5}, odd: [1, [2]]}).map((part) => part.textContent))";
-    assert_eq!(page.value(told), json!(["sweepkend122–", "fitvaluek3.5", "odd[\n  1,\n  [\n    2\n  ]\n]"]));
+        fit: {k: 3.5}, odd: [1, [2]], summary: {end: {count: 2, quantiles: {0.5: 0.25}}}}).map((part) => part.textContent))";
+    let wanted = json!([
+        "sweepkend122–",
+        "fitvaluek3.5",
+        "odd[\n  1,\n  [\n    2\n  ]\n]",
+        "summaryvalueendcount 2, quantiles: 0.5 0.25"
+    ]);
+    assert_eq!(page.value(told), wanted);
 }

@@ -49,3 +49,35 @@ fn nothing_is_wider_than_a_narrow_screen() {
     page.wait("document.documentElement.scrollWidth <= 390");
     page.picture("page_narrow");
 }
+
+#[test]
+fn on_a_narrow_screen_a_choice_leads_to_its_result() {
+    let page = Page::open("choice", "/");
+    page.call(
+        "Emulation.setDeviceMetricsOverride",
+        json!({"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": true}),
+    );
+    page.value("document.querySelector('.card[data-example=relay]').click()");
+    page.wait("/successful in/.test(document.getElementById('outcome').textContent)");
+    page.wait("Math.abs(document.getElementById('result').getBoundingClientRect().top) < 100");
+    page.picture("page_choice");
+}
+
+#[test]
+fn a_slow_network_and_a_lost_one_are_told() {
+    let page = Page::open("network", "/");
+    page.call("Network.enable", json!({}));
+    let network = |offline: bool, latency: u32, bytes: i32| {
+        let conditions =
+            json!({"offline": offline, "latency": latency, "downloadThroughput": bytes, "uploadThroughput": bytes});
+        page.call("Network.emulateNetworkConditions", conditions);
+    };
+    network(false, 400, 50_000);
+    page.value("document.getElementById('example').value = 'relay'");
+    page.value("document.getElementById('example').dispatchEvent(new Event('change'))");
+    assert_eq!(page.text("#before"), "Loading the example ...");
+    page.wait("/successful in/.test(document.getElementById('outcome').textContent)");
+    network(true, 0, -1);
+    page.value("document.getElementById('solve').click()");
+    page.wait("document.getElementById('check').textContent.includes('The service does not answer.')");
+}

@@ -11,7 +11,7 @@ fn a_cell_of_a_map_is_the_run_that_it_opens() {
     let page = Page::open("map", "/");
     page.solve(DECAY);
     page.value("document.getElementById('mapbox').open = true");
-    page.wait("document.querySelectorAll('#map select')[0].options.length >= 2");
+    page.wait("document.querySelectorAll('#map select')[0]?.options.length >= 2");
     page.value("document.querySelector('#map button').click()");
     page.wait("document.querySelectorAll('#map rect[data-cell]').length === 225");
     page.value("document.querySelector('.heatmap').focus()");

@@ -86,6 +86,45 @@ fn a_film_plays_pauses_and_steps_to_events() {
 }
 
 #[test]
+fn cards_of_the_gallery_have_pictures_that_leave_nothing_behind() {
+    let page = Page::open("cards", "/");
+    page.wait("document.querySelector('.card[data-example=bouncing_ball] canvas:not([hidden])') !== null");
+    let drawn = "[...document.querySelector('.card[data-example=bouncing_ball] canvas').getContext('2d')
+        .getImageData(0, 0, 270, 140).data].some((byte) => byte > 0)";
+    assert_eq!(page.value(drawn), true);
+    page.picture("page_cards");
+    page.wait("fetch('/jobs').then((answer) => answer.json()).then(({jobs}) => jobs.length === 0)");
+    let fetched = "performance.getEntriesByType('resource').some((entry) => entry.name.endsWith('/three.js'))";
+    assert_eq!(page.value(fetched), false);
+    assert_eq!(page.complaints(), Vec::<String>::new());
+}
+
+#[test]
+fn an_answer_is_saved_as_a_picture_and_as_a_file_that_needs_no_network() {
+    let page = Page::open("files", "/");
+    picture_of(&page, "friction_belt");
+    // What is saved is looked at here, in place of a file.
+    page.value(
+        "window.files = []; HTMLAnchorElement.prototype.click = () => {};
+        URL.createObjectURL = (blob) => { window.files.push(blob); return 'about:blank'; }; 0",
+    );
+    page.value("document.getElementById('still').click()");
+    page.wait("window.files.length === 1");
+    assert_eq!(page.value("window.files[0].type"), json!("image/png"));
+    page.value("document.getElementById('html').click()");
+    page.wait("window.files.length === 2");
+    let told = "window.files[1].text().then((text) => {
+        const read = new DOMParser().parseFromString(text, 'text/html');
+        return [read.querySelector('h1').textContent, read.querySelectorAll('svg').length, read.querySelectorAll('#claims li').length > 2,
+            JSON.parse(read.querySelector('pre').textContent).time.end, text.split('data:image/webp').length - 1,
+            [...read.querySelectorAll('[src], [href]')].length];
+    })";
+    let wanted = json!(["Mass on a spring and a moving belt: slip, stick, slip", 1, true, 20, 80, 0]);
+    assert_eq!(page.value(told), wanted);
+    assert_eq!(page.complaints(), Vec::<String>::new());
+}
+
+#[test]
 fn figures_have_names_units_and_a_legend() {
     let page = Page::open("figures", "/");
     let told = "Promise.all([import('/page/figure.js'), import('/page/fields.js')]).then(([{panelsFigure, textOf}, {panels}]) => {

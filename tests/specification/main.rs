@@ -21,6 +21,7 @@ mod schema;
 mod semantics;
 mod slips;
 mod static_vi;
+mod strings;
 mod structure;
 mod study;
 mod sweep;

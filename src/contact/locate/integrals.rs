@@ -80,7 +80,7 @@ impl SmoothPhase<'_, '_> {
                 sizes.iter_mut().zip(rates.sizes()).for_each(|(sum, size)| *sum += weight * (b - a) * size);
             }
             let [impulses, energy] = error.sizes();
-            // Velocities have an absolute tolerance.
+            // An error of `atol` in velocities changes the energy by `atol` times the impulses; impulses have no absolute tolerance.
             let rough = impulses > tolerance * sizes[0] || energy > tolerance * sizes[1] + atol * sizes[0];
             let middle = 0.5 * (a + b);
             if rough && b - a > least && a < middle && middle < b && passed + parts.len() < MOST_PARTS {

@@ -65,9 +65,9 @@ pub(super) struct Enclosure {
     of_blocks: BlockMonitors,
     /// Indices of the watched monitors that the box does not prove.
     left: Vec<usize>,
-    /// Whether no reasonable number of parts would prove them.
+    /// Whether no reasonable number of parts of the box would prove the monitors that are left.
     is_hopeless: bool,
-    /// Whether derivatives vary so much over the last box that they bound no errors: smaller boxes would.
+    /// Whether derivatives vary so much over the last box that error bounds from it are useless, and smaller boxes are needed.
     is_wide: bool,
 }
 

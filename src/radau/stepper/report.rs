@@ -40,9 +40,9 @@ pub struct LastStep<'a> {
 /// An end of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
-    /// Its beginning.
+    /// The beginning of the step.
     Before,
-    /// Its end.
+    /// The end of the step.
     After,
 }
 

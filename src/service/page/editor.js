@@ -65,9 +65,14 @@ const marks = StateField.define({
 export class Editor {
   #view;
   #schema = null;
+  #fetch; // of the schema
+  #asked = null;
 
-  // `changed()` is called when the text has changed, `submit()` on Ctrl+Enter.
-  constructor(host, { changed, submit }) {
+  // `changed()` is called when the text has changed, `submit()` on Ctrl+Enter; `schema()` fetches that from which the text is completed and
+  // explained, when the editor is first used.
+  constructor(host, { changed, submit, schema }) {
+    this.#fetch = schema;
+    host.addEventListener("focusin", () => this.#known());
     const shadow = host.attachShadow({ mode: "open" });
     const solve = () => (submit(), true);
     this.#view = new EditorView({
@@ -80,8 +85,8 @@ export class Editor {
           lineNumbers(), highlightSpecialChars(), highlightActiveLine(), history(), bracketMatching(), indentUnit.of("  "),
           json(), syntaxHighlighting(COLOURS), LOOK, marks,
           placeholder("Pick an example, or paste a specification."),
-          autocompletion({ override: [(context) => this.#complete(context)], activateOnTyping: true }),
-          hoverTooltip((view, at) => this.#meaning(view, at)),
+          autocompletion({ override: [(context) => (this.#schema ? this.#complete(context) : this.#known().then((schema) => (schema && !context.aborted ? this.#complete(context) : null)))], activateOnTyping: true }),
+          hoverTooltip(async (view, at) => ((await this.#known()) ? this.#meaning(view, at) : null)),
           keymap.of([...completionKeymap, ...lintKeymap, ...searchKeymap, ...historyKeymap, ...defaultKeymap]),
           EditorView.contentAttributes.of({ "aria-label": "Specification, JSON", spellcheck: "false", autocapitalize: "off", tabindex: "0" }),
           EditorView.updateListener.of((update) => update.docChanged && changed()),
@@ -90,9 +95,10 @@ export class Editor {
     });
   }
 
-  // Gives the editor the schema, from which it completes and explains.
-  set schema(schema) {
-    this.#schema = schema;
+  // The schema; nothing while the service does not give it.
+  async #known() {
+    this.#asked ??= this.#fetch().catch(() => (this.#asked = null));
+    return (this.#schema ??= await this.#asked);
   }
 
   get text() {
@@ -152,7 +158,6 @@ export class Editor {
   }
 
   #complete(context) {
-    if (this.#schema === null) return null;
     const node = syntaxTree(context.state).resolveInner(context.pos, -1);
     const text = context.state.doc.toString();
     const value = lenient(text);
@@ -190,7 +195,6 @@ export class Editor {
   }
 
   #meaning(view, at) {
-    if (this.#schema === null) return null;
     const node = syntaxTree(view.state).resolveInner(at, 1);
     if (node.name !== "PropertyName") return null;
     const path = pathAt(view.state, node);

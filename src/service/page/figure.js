@@ -92,7 +92,7 @@ export function panelsFigure(panels, { title = "", specification = {}, span = nu
   const [height, between] = [panels.length > 2 ? 130 : 200, 26];
   const total = 34 + panels.length * (height + between) + 24;
   const x = axis(times, [LEFT, width - RIGHT], logTime);
-  const parts = [text({ x: LEFT, y: 20, "font-weight": "bold" }, title)];
+  const parts = [text({ x: LEFT, y: 13, "font-weight": "bold" }, title)];
   panels.forEach((panel, i) => {
     const top = 34 + i * (height + between);
     const bottom = top + height;

@@ -83,6 +83,7 @@ function card({ name, title }, choose) {
   const button = element(
     "button",
     { type: "button", class: "card", "data-example": name, click: () => choose(name) },
+    element("canvas", { hidden: true, "aria-hidden": "true" }),
     element("b", {}, title),
     equations ? element("code", {}, equations) : null,
     text ? element("span", {}, text) : null,

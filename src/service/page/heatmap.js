@@ -2,7 +2,7 @@
 
 import { element } from "./element.js";
 import { svg } from "./figure.js";
-import { rounded } from "./knobs.js";
+import { nameInSweep, rounded } from "./knobs.js";
 import { number } from "./numbers.js";
 import { Refused, solveNow } from "./service.js";
 
@@ -12,21 +12,6 @@ const REDUCERS = [["final", "at the end"], ["max", "largest"], ["min", "least"],
 const [LEFT, TOP, SIZE, BAR] = [66, 12, 18, 14]; // pixels: margins, a cell, the scale of colours
 // From dark to light with one order for all eyes (viridis: S. van der Walt and N. Smith 2015), in five stops.
 const COLOURS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
-
-// The name of a knob in a sweep; null where it has none: components of a netlist, single numbers of vectors.
-export function nameInSweep({ pointer }, specification) {
-  const parts = pointer.split("/").slice(1).map((part) => part.replaceAll("~1", "/").replaceAll("~0", "~"));
-  const [, type, section, name, key] = parts;
-  if (pointer.includes("#") || name?.includes("[") || parts.length > 6) return null;
-  const problem = specification.problem[type];
-  if (section === "parameters" && parts.length === 4) return name;
-  if ((section === "states" || section === "coordinates") && parts.length === 5) return `${name}.${key}`;
-  if (type === "lcs" && section === "initial") return `${problem.state_names?.[name] ?? `x${Number(name) + 1}`}.initial`;
-  if (/^\d+$/.test(parts.at(-1))) return null;
-  const item = problem[section]?.[name];
-  const named = item?.[key]?.name ?? item?.name;
-  return Array.isArray(problem[section]) && typeof named === "string" ? `${named}.${parts.at(-1)}` : null;
-}
 
 const grid = ({ low, high }) => Array.from({ length: CELLS }, (_, k) => rounded(low + ((high - low) * k) / (CELLS - 1)));
 
@@ -38,7 +23,6 @@ export function colourAt(part) {
 }
 
 export class HeatMap {
-  #root;
   #knobs;
   #specification;
   #open;
@@ -47,7 +31,7 @@ export class HeatMap {
   // `knobs()` lists those that there are, with their ranges; `specification()` is the problem as it stands; `open(list)` is called with the
   // [pointer, value] of both numbers of a cell.
   constructor(root, { knobs, specification, open }) {
-    [this.#root, this.#knobs, this.#specification, this.#open] = [root, knobs, specification, open];
+    [this.#knobs, this.#specification, this.#open] = [knobs, specification, open];
     const select = (label) => element("select", { "aria-label": label });
     [this.across, this.up, this.field] = [select("Across"), select("Up"), select("Of the field")];
     this.reducer = element("select", { "aria-label": "Collected" }, ...REDUCERS.map(([name, words]) => element("option", { value: name }, words)));
@@ -58,10 +42,8 @@ export class HeatMap {
     root.append(row("Across", this.across, "up", this.up), row("colour", this.field, this.reducer, this.button), this.told, this.place);
   }
 
-  // The choices of a specification and of the fields of its answer; a choice that is still there stays.
-  offer(fields) {
-    const specification = this.#specification();
-    const known = specification ? this.#knobs().filter((knob) => knob.low < knob.high && nameInSweep(knob, specification) !== null) : [];
+  // The choices among numbers that a sweep can name and the fields of an answer; a choice that is still there stays.
+  offer(known, fields) {
     const put = (select, options, place) => {
       const before = select.value;
       select.replaceChildren(...options.map(([value, words]) => element("option", { value }, words)));
@@ -71,7 +53,6 @@ export class HeatMap {
     put(this.across, options, 0);
     put(this.up, options, 1);
     put(this.field, fields.map((name) => [name, name]), 0);
-    this.#root.closest("details").hidden = known.length < 2 || fields.length === 0;
   }
 
   async #draw() {
@@ -143,10 +124,14 @@ export class HeatMap {
       words(LEFT + side + 36, TOP + 10, number(high, 3), "start"),
     );
     let cell = [0, 0];
-    const move = (to) => {
-      cell = to.map((k) => Math.min(Math.max(k, 0), CELLS - 1));
+    const mark = () => {
       marker.setAttribute("x", LEFT + cell[0] * SIZE);
       marker.setAttribute("y", TOP + (CELLS - 1 - cell[1]) * SIZE);
+    };
+    mark();
+    const move = (to) => {
+      cell = to.map((k) => Math.min(Math.max(k, 0), CELLS - 1));
+      mark();
       const value = cells.get(cell.join()) ?? null;
       const where = knobs.map((knob, i) => `${knob.name} = ${number(values[i][cell[i]], 4)}`).join(", ");
       this.told.textContent = `${where}: ${value === null ? "no answer" : number(value, 5)}`;

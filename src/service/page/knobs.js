@@ -83,6 +83,21 @@ export function guessedRange({ value, start }) {
   return value > 0 ? [0, 2 * size] : [-2 * size, 0];
 }
 
+// The name of a knob in a sweep; null where it has none: components of a netlist, single numbers of vectors.
+export function nameInSweep({ pointer }, specification) {
+  const parts = pointer.split("/").slice(1).map((part) => part.replaceAll("~1", "/").replaceAll("~0", "~"));
+  const [, type, section, name, key] = parts;
+  if (pointer.includes("#") || name?.includes("[") || parts.length > 6) return null;
+  const problem = specification.problem[type];
+  if (section === "parameters" && parts.length === 4) return name;
+  if ((section === "states" || section === "coordinates") && parts.length === 5) return `${name}.${key}`;
+  if (type === "lcs" && section === "initial") return `${problem.state_names?.[name] ?? `x${Number(name) + 1}`}.initial`;
+  if (/^\d+$/.test(parts.at(-1))) return null;
+  const item = problem[section]?.[name];
+  const named = item?.[key]?.name ?? item?.name;
+  return Array.isArray(problem[section]) && typeof named === "string" ? `${named}.${parts.at(-1)}` : null;
+}
+
 export const rounded = (value) => Number(value.toPrecision(SIGNIFICANT));
 
 export class Knobs {

@@ -12,14 +12,14 @@ import { describe, wantsLogTime } from "./fields.js";
 import { panelsFigure, phaseFigure, png, textOf } from "./figure.js";
 import { fixesOf } from "./fixes.js";
 import { gallery } from "./gallery.js";
-import { HeatMap } from "./heatmap.js";
 import { Jobs } from "./jobs.js";
-import { Knobs } from "./knobs.js";
+import { Knobs, nameInSweep } from "./knobs.js";
 import { Live } from "./live.js";
 import { canRecord, record } from "./movie.js";
 import { number, seconds } from "./numbers.js";
 import { lineAt, linesOf, rangesOf } from "./places.js";
 import { Plots, nearestTo } from "./plots.js";
+import { Previews } from "./previews.js";
 import * as service from "./service.js";
 import { isSmall, packed, unpacked } from "./share.js";
 import { Stage } from "./stage.js";
@@ -43,12 +43,12 @@ const GUIDE = `${service.base}/docs/evidence`;
 const clock = new Clock(byId("clock"));
 const plots = new Plots(byId("plots"), byId("hover"));
 const stage = new Stage(byId("picture"), byId("stage"), byId("stagehint"), clock);
-const editor = new Editor(byId("text"), { changed: textChanged, submit: solve });
+const editor = new Editor(byId("text"), { changed: textChanged, submit: solve, schema: service.schema });
 const knobs = new Knobs(byId("knobs"), turn);
-const map = new HeatMap(byId("map"), { knobs: () => knobs.list, specification: () => lenient(editor.text), open: openCell });
 const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal });
 const jobs = new Jobs(byId("jobtable"), { open: () => toggleJobs(false), fail: tellMessage });
 
+let map = null; // fetched when it is first opened
 let shown = null; // the run in view: {id, text, specification, label, verdict, t, fields, events, diagnostics}
 let ghost = null; // the run that was in view before a slider moved
 let other = null; // the run it is compared with
@@ -100,7 +100,23 @@ function offerKnobs(text) {
   const specification = lenient(text);
   knobs.show(specification);
   byId("sliders").hidden = knobs.count === 0;
-  map.offer(Object.keys(shown?.fields ?? {}));
+  offerMap();
+}
+
+// A map is offered over two numbers, of the fields of an answer.
+function offerMap() {
+  const fields = Object.keys(shown?.fields ?? {});
+  const specification = lenient(editor.text);
+  const known = specification ? knobs.list.filter((knob) => knob.low < knob.high && nameInSweep(knob, specification) !== null) : [];
+  byId("mapbox").hidden = known.length < 2 || fields.length === 0;
+  map?.offer(known, fields);
+}
+
+async function openMap() {
+  if (!byId("mapbox").open || map !== null) return;
+  const { HeatMap } = await import("./heatmap.js");
+  map ??= new HeatMap(byId("map"), { knobs: () => knobs.list, specification: () => lenient(editor.text), open: openCell });
+  offerMap();
 }
 
 function tellRefusal(refusal, text) {
@@ -190,7 +206,7 @@ function showLive(answer, text) {
   const run = runOf(answer, { text, specification, label: specification?.label, id: null });
   present(run, { keep: ghost !== null });
   byId("outcome").dataset.status = run.status === "completed" ? "successful" : "failed";
-  byId("outcome").textContent = `${run.status === "completed" ? "successful" : run.status.replaceAll("_", " ")} in ${seconds(run.diagnostics.wall_seconds ?? 0)}`;
+  byId("outcome").textContent = took(run.status === "completed" ? "successful" : run.status.replaceAll("_", " "), run);
   tellMessage(run.error?.message ?? run.error?.detail);
   if (editor.text === text) {
     markStale();
@@ -226,12 +242,17 @@ async function solve() {
     remember(status);
     ghost = null;
     watch(status.id, text);
-    if (matchMedia("(max-width: 60rem)").matches) byId("result").scrollIntoView();
+    bringResult();
   } catch (refusal) {
     tellRefusal(refusal, text);
   } finally {
     byId("solve").disabled = false;
   }
+}
+
+// On a narrow screen the result is below the text.
+function bringResult() {
+  if (matchMedia("(max-width: 60rem)").matches) byId("result").scrollIntoView();
 }
 
 async function watch(id, text = null) {
@@ -286,6 +307,9 @@ const runOf = ({ trajectory, diagnostics = {}, ...rest }, more) => ({ t: [], fie
 
 const fetchRun = async (id, label, text) => runOf(await service.results(id), { id, label, text, specification: text === null ? {} : (lenient(text) ?? {}) });
 
+// How a run ended, and how long it took where that is one number: the members of a sweep have each their own.
+const took = (word, { diagnostics: { wall_seconds: wall } }) => (wall > 0 ? `${word} in ${seconds(wall)}` : word);
+
 // What is in view is of the run before, while the next is on its way.
 function setAside(aside) {
   byId("before").hidden = !aside || byId("chosen").hidden;
@@ -301,7 +325,7 @@ async function show(status, text) {
   setAside(false);
   if (run) present(run);
   else presentNothing(status);
-  byId("outcome").textContent = run ? `${status.status} in ${seconds(run.diagnostics.wall_seconds ?? 0)}` : status.status;
+  byId("outcome").textContent = run ? took(status.status, run) : status.status;
   byId("outcome").dataset.status = status.status;
   checkText();
 }
@@ -323,7 +347,7 @@ function presentNothing(status) {
   byId("empty").hidden = true;
   byId("chosen").hidden = false;
   byId("label").textContent = status.label ?? "Without a label";
-  for (const id of ["verdict", "study", "unknown", "downloads", "evidence", "claims", "phase"]) byId(id).replaceChildren();
+  for (const id of ["verdict", "study", "unknown", "folded", "downloads", "evidence", "claims", "phase"]) byId(id).replaceChildren();
   if (status.verdict) byId("verdict").replaceChildren(...verdicts([{ verdict: status.verdict, diagnostics: {} }]).filter(Boolean));
   byId("fields").replaceChildren(element("legend", {}, "Fields"));
   for (const id of ["warnings", "picture", "clock", "plotbar", "phasebox", "raw"]) byId(id).hidden = true;
@@ -343,7 +367,9 @@ function present(run, { keep: keeps = false } = {}) {
   markStale();
   byId("label").textContent = run.label ?? "Without a label";
   byId("study").replaceChildren(...(run.study ? study(run.study) : []));
-  byId("unknown").replaceChildren(...unknownParts(run));
+  const parts = unknownParts(run);
+  byId("unknown").replaceChildren(...parts.filter(({ open }) => open));
+  byId("folded").replaceChildren(...parts.filter(({ open }) => !open));
   for (const id of ["plotbar", "phasebox"]) byId(id).hidden = run.t.length < 2;
   byId("raw").hidden = false;
   offerDownloads();
@@ -385,7 +411,7 @@ function draw() {
 
 function offerFields() {
   const names = Object.keys(shown?.fields ?? {});
-  map.offer(names);
+  offerMap();
   const boxes = names.map((name, i) =>
     element("label", {}, element("input", { type: "checkbox", value: name, checked: i < PANELS, change: draw }), name),
   );
@@ -442,6 +468,28 @@ function unmarked(figure) {
   return copy;
 }
 
+const ground = () => getComputedStyle(document.body).backgroundColor;
+
+// The picture at the time of the cursor.
+async function picture() {
+  const canvas = byId("stage").querySelector("canvas");
+  if (canvas === null) return tellMessage("There is no picture.");
+  const { still } = await import("./standalone.js");
+  stage.draw(clock.time);
+  await save(() => still(canvas, ground()), "picture.png");
+}
+
+// All that is seen of an answer, in one file.
+async function html() {
+  const { standalone } = await import("./standalone.js");
+  const { label, text, specification, t } = shown;
+  await save(async () => standalone({
+    title: label ?? "Answer", text: text ?? JSON.stringify(specification, null, 2), t, canvas: t.length > 1 ? byId("stage").querySelector("canvas") : null,
+    draw: (time) => stage.draw(time), background: ground(), figure: panelsNow(), verdict: byId("verdict"), claims: byId("claims"),
+  }), "answer.html");
+  stage.draw(clock.time);
+}
+
 // The picture, played once, as a film.
 async function film() {
   const canvas = byId("stage").querySelector("canvas");
@@ -449,7 +497,7 @@ async function film() {
   byId("webm").disabled = true;
   byId("webm").textContent = "Recording ...";
   try {
-    await save(() => record(canvas, clock, getComputedStyle(document.body).backgroundColor), "film.webm");
+    await save(() => record(canvas, clock, ground()), "film.webm");
   } finally {
     byId("webm").disabled = false;
     byId("webm").textContent = "Film WebM";
@@ -591,6 +639,7 @@ async function choose(name) {
     markStale("", runs ? "Solving ..." : "Press Solve: this example is not run by itself.");
     if (runs) live.solve(text);
     await checkText();
+    bringResult();
   } catch (refusal) {
     byId("before").hidden = true;
     tellMessage(refusal.message);
@@ -626,9 +675,12 @@ async function start() {
   byId("logtime").addEventListener("change", draw);
   byId("svg").addEventListener("click", () => save(async () => asSvg(panelsNow()), "figure.svg"));
   byId("png").addEventListener("click", () => save(() => png(panelsNow()), "figure.png"));
+  byId("still").addEventListener("click", picture);
+  byId("html").addEventListener("click", html);
   byId("webm").hidden = !canRecord();
   byId("webm").addEventListener("click", film);
   byId("phasebox").addEventListener("toggle", drawPhase);
+  byId("mapbox").addEventListener("toggle", openMap);
   byId("raw").addEventListener("toggle", showEvidence);
   for (const id of ["horizontal", "vertical", "equal"]) byId(id).addEventListener("change", drawPhase);
   byId("phasesvg").addEventListener("click", () => phase && save(async () => asSvg(unmarked(phase.figure)), "phase.svg"));
@@ -653,11 +705,11 @@ async function start() {
   addEventListener("hashchange", openAddressed);
   byId("clock").hidden = true;
   listJobs();
-  service.schema().then((schema) => (editor.schema = schema), () => {});
   try {
     const examples = await service.examples();
     for (const { name, title } of examples) byId("example").append(element("option", { value: name }, title));
     byId("gallery").replaceChildren(...gallery(examples, choose));
+    new Previews(byId("gallery"));
   } catch (refusal) {
     tellCheck([], [element("p", { class: "bad" }, refusal.message)]);
   }

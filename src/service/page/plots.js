@@ -12,6 +12,7 @@ import { number, ticks } from "./numbers.js";
 const HEIGHTS = [300, 220, 180, 156]; // of a panel, where there are one, two, three or more
 const FOOT = 36; // pixels of the labels of the times
 const NEAR = 6; // pixels within which an event is pointed at
+const FINE_DECADES = 4; // up to which a grid has lines within a decade
 const OFFERED = 30; // largest over least value from which a logarithmic axis is offered
 const TICK = 7; // pixels of an event's tick
 
@@ -193,11 +194,12 @@ export class Plots {
           ...axis,
           size: last ? 26 : 6,
           values: (_, at) => (last ? labels(at, this.#logTime) : at.map(() => "")),
+          grid: decades(axis.grid, this.#logTime),
           label: last ? (hasSeconds(typeOf(this.#specification)) ? "t in s" : "t") : undefined,
           labelSize: 18,
           labelGap: -4,
         },
-        { ...axis, size: 64, values: (_, at) => labels(at, log) },
+        { ...axis, size: 64, values: (_, at) => labels(at, log), grid: decades(axis.grid, log) },
       ],
       hooks: {
         draw: [(plot) => this.#drawEvents(plot, group, last)],
@@ -377,10 +379,16 @@ function roomy(low, high) {
   return [low - room, high + room];
 }
 
+const isDecade = (value) => value !== null && Math.abs(Math.log10(value) - Math.round(Math.log10(value))) < 1e-9;
+
+// The lines of a grid: over many decades, at powers of ten alone.
+const decades = (grid, log) =>
+  log ? { ...grid, filter: (_, at) => (at.filter(isDecade).length > FINE_DECADES ? at.map((value) => (isDecade(value) ? value : null)) : at) } : grid;
+
 // The ticks of an axis; of a logarithmic one powers of ten alone.
 function labels(at, log) {
   if (!log) return ticks(at);
-  return at.map((value) => (value !== null && Math.abs(Math.log10(value) - Math.round(Math.log10(value))) < 1e-9 ? number(value) : ""));
+  return at.map((value) => (isDecade(value) ? number(value) : ""));
 }
 
 function swatch(colour, place) {

@@ -22,7 +22,8 @@ const lacking = (options) =>
     ? "Your token does not allow reading jobs; use another."
     : "Your token allows reading jobs, but not checking, solving or cancelling; use another.";
 
-async function ask(address, options = {}) {
+// Where a token is missing, the page asks for one, unless `quiet` says that nobody waits for the answer.
+async function ask(address, { quiet = false, ...options } = {}) {
   const headers = token() ? { ...options.headers, authorization: `Bearer ${token()}` } : options.headers;
   let response;
   try {
@@ -36,7 +37,7 @@ async function ask(address, options = {}) {
   const problem = type.includes("json") ? await response.json() : { title: `The service answered ${response.status}` };
   const lacks = problem.type?.endsWith("/problems/scope-missing");
   if (lacks) problem.detail = lacking(options);
-  if (lacks || response.status === 401) dispatchEvent(new Event("tokenrequired"));
+  if ((lacks || response.status === 401) && !quiet) dispatchEvent(new Event("tokenrequired"));
   const wait = response.headers.get("retry-after");
   throw new Refused(wait ? { ...problem, retryAfter: Number(wait) } : problem);
 }
@@ -57,11 +58,11 @@ export const version = () => json("/version");
 
 // The answer to a specification that takes no longer than `seconds`, `null` if it does; it leaves no job behind. What `signal` ends
 // is cancelled at the service.
-export async function solveNow(text, seconds, signal) {
+export async function solveNow(text, seconds, signal, { quiet = false } = {}) {
   const limit = AbortSignal.timeout(seconds * 1000);
   const either = AbortSignal.any([signal, limit]);
   try {
-    const response = await ask("/solve", { ...posted(text, { prefer: `wait=${Math.ceil(seconds) + 1}` }), signal: either });
+    const response = await ask("/solve", { ...posted(text, { prefer: `wait=${Math.ceil(seconds) + 1}` }), signal: either, quiet });
     const job = /\/jobs\/([^>/]+)>/.exec(response.headers.get("link") ?? "")?.[1];
     const answer = await response.json();
     if (job) forget(job).catch(() => {}); // it goes by itself when its time is over

@@ -20,7 +20,15 @@ export function unknownParts(run) {
     });
 }
 
-const told = (value) => (typeof value === "number" ? number(value) : value === null ? "–" : typeof value === "object" ? JSON.stringify(value) : String(value));
+const told = (value) => {
+  if (typeof value === "number") return number(value);
+  if (value === null) return "–";
+  if (typeof value !== "object") return String(value);
+  if (Array.isArray(value)) return JSON.stringify(value);
+  return Object.entries(value).map(([name, one]) => (isObject(one) ? `${name}: ${told(one)}` : `${name} ${told(one)}`)).join(", ");
+};
+
+const isObject = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
 
 // A list of like objects, columns of equal length, or names with short values.
 function tableOf(value) {

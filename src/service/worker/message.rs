@@ -318,7 +318,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// The progress of the solve under `control`, with the events after the first `told`.
+    /// The progress of the solve under `control`, with its events after number `told`, the last that was reported.
     pub fn of(control: &Control, told: u64) -> Self {
         Self { fraction: control.fraction(), steps: control.steps(), events: control.events_after(told) }
     }

@@ -126,10 +126,10 @@ impl PartsWriter {
         if self.rest.as_ref().is_some_and(|rest| rest.rows() >= PART) { self.put(out) } else { Ok(()) }
     }
 
-    /// Writes what is left; gives the index, if there was a table.
+    /// Writes the rows that are left; returns the index, or nothing if no table was added.
     ///
     /// # Errors
-    /// As of [`PartsWriter::add`].
+    /// The same as those of [`PartsWriter::add`].
     pub fn end(mut self, out: &mut impl Write) -> io::Result<Option<PartsIndex>> {
         self.put(out)?;
         Ok(self.index)

@@ -25,7 +25,7 @@ impl Table {
     /// The table as bytes.
     ///
     /// # Errors
-    /// It has more rows, or longer words, than four bytes count.
+    /// The table has more rows, or longer words, than four bytes count.
     pub fn to_bytes(&self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         put_text(&serde_json::to_vec(&self.head())?, &mut bytes)?;
@@ -34,10 +34,10 @@ impl Table {
         Ok(bytes)
     }
 
-    /// The table that [`Table::to_bytes`] wrote.
+    /// Reads a table that [`Table::to_bytes`] wrote.
     ///
     /// # Errors
-    /// [`io::ErrorKind::InvalidData`] if the bytes are others.
+    /// [`io::ErrorKind::InvalidData`] if the bytes are not such a table.
     pub fn of_bytes(bytes: &[u8]) -> io::Result<Self> {
         let mut rest = Rest(bytes);
         let length = rest.count()?;

@@ -16,7 +16,7 @@ pub fn html(limits: &Stability) -> String {
     let Stability { outcomes, rays, contractions, balances } = limits;
     let mut page = include_str!("stability.html").to_owned();
     let passed = outcomes.iter().filter(|outcome| outcome.passed()).count();
-    page += &format!("<p><strong>{passed} of {}</strong> cases come out as they must.</p>", outcomes.len());
+    page += &format!("<p><strong>{passed} of {}</strong> cases pass.</p>", outcomes.len());
     page += &verdicts(limits);
     let failed: Vec<&Outcome> = outcomes.iter().filter(|outcome| !outcome.passed()).collect();
     if !failed.is_empty() {

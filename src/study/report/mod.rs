@@ -268,13 +268,13 @@ impl Chapter {
         })
     }
 
-    /// How many of the answers of its runs are trusted, and of how many that reached the end.
+    /// The number of trusted answers, and the number of runs of the system that reached the end.
     pub fn trusted(&self) -> (usize, usize) {
         let ended = self.ladders.iter().flat_map(|ladder| &ladder.runs).filter(|run| run.outcome == Outcome::Completed);
         ended.filter_map(|run| run.trusted).fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))
     }
 
-    /// How many runs there were, with how many that have no answer: here, or of other programs.
+    /// The number of runs without an answer, and the number of all runs that were tried.
     pub fn lost(ladders: &[Ladder]) -> (usize, usize) {
         let runs = || ladders.iter().flat_map(|ladder| &ladder.runs).filter(|run| run.outcome != Outcome::NotTried);
         (runs().filter(|run| run.outcome != Outcome::Completed).count(), runs().count())

@@ -2,13 +2,14 @@
 
 import { element } from "../element.js";
 
-// `paint(context, {width, height, colour})` draws in CSS pixels; `redraw()` of the answer draws again.
-export function surface(label, height, paint) {
+// `paint(context, {width, height, colour})` draws in CSS pixels; `redraw()` of the answer draws again. The canvas is `tall` pixels high until its
+// style says otherwise.
+export function surface(label, tall, paint) {
   const canvas = element("canvas", { role: "img", "aria-label": label });
-  canvas.style.height = `${height}px`;
+  canvas.style.height = `${tall}px`;
   const colour = (name) => getComputedStyle(canvas).getPropertyValue(name).trim() || "#888888";
   const redraw = () => {
-    const width = canvas.clientWidth;
+    const [width, height] = [canvas.clientWidth, parseFloat(canvas.style.height)];
     if (width === 0) return;
     const scale = Math.min(devicePixelRatio, 2);
     const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
