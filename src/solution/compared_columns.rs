@@ -93,7 +93,7 @@ impl Columns {
     }
 
     /// Whether a plan makes no choice of the outputs of the problem, but has them all.
-    pub fn has_all(&self, plan: &Plan) -> bool {
+    fn has_all(&self, plan: &Plan) -> bool {
         (0..self.outputs).all(|output| plan.fields.contains(&output))
     }
 

@@ -25,7 +25,7 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// The kinds of all outputs.
     fn kinds(&self) -> Vec<Kind>;
 
-    /// Groups of outputs that are components of one vector, and are measured by the largest of them where nobody chose one.
+    /// Groups of outputs that are components of one vector, and are measured by the largest of them where all are asked for.
     fn vectors(&self) -> Vec<Vec<usize>> {
         Vec::new()
     }
@@ -36,6 +36,13 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// Writes for each output by what it is displaced if the impacts in the last step are off by the step; returns false if
     /// there are none.
     fn strike(&mut self, out: &mut [f64]) -> bool;
+
+    /// Writes for each output the change of its rate by impacts in the last step, times the step: at a time within the step, it
+    /// may be off the line between the ends of the step by as much as this times both parts of the step. Returns false if
+    /// there are no impacts, or outputs within steps know of them.
+    fn bend(&mut self, _out: &mut [f64]) -> bool {
+        false
+    }
 
     /// Writes for each output by what it is displaced at the end of the last step by data that vary within steps, beyond
     /// what the steps see of them; returns false if there are none.
@@ -82,8 +89,6 @@ pub(super) struct LongerRun<S> {
     start: f64,
     end: f64,
     events: Vec<SelectedEvents>,
-    /// Whether all outputs of the problem are asked for, by no choice.
-    has_all: bool,
 }
 
 /// The events of a selection that is collected, of both runs.
@@ -158,8 +163,8 @@ impl<S: TimeStepped> LongerRun<S> {
         let changes = vec![0.0; y.len()];
         let times = plan.times.clone().unwrap_or_default();
         let (start, end, last) = (plan.start, plan.end, y.clone());
-        let (events, has_all) = (SelectedEvents::of(plan), columns.has_all(plan));
-        Self { stepper, columns, comparison, open, free, y, changes, last, times, next: 0, start, end, events, has_all }
+        let events = SelectedEvents::of(plan);
+        Self { stepper, columns, comparison, open, free, y, changes, last, times, next: 0, start, end, events }
     }
 
     /// Follows the last step of a run.
@@ -201,6 +206,11 @@ impl<S: TimeStepped> LongerRun<S> {
                 let line = self.last.iter().zip(&row.y).map(|(from, to)| from + part * (to - from));
                 self.changes.iter_mut().zip(line).for_each(|(out, line)| *out = line);
                 self.comparison.look_within(&y, &self.changes);
+                self.changes.fill(0.0);
+                if run.bend(&mut self.changes[..outputs]) {
+                    self.columns.displace(at, &y, &mut self.changes);
+                    self.comparison.bend(&self.changes, part * (1.0 - part));
+                }
                 self.y = y;
             }
         }
@@ -274,9 +284,10 @@ impl<S: TimeStepped> LongerRun<S> {
             self.join(run, count);
         }
         self.comparison.settle();
-        if self.has_all {
-            self.comparison.share_units(&self.stepper.vectors());
-        }
+        // The error of a whole vector, relative to it, is the same in any frame.
+        let mut vectors = self.stepper.vectors();
+        vectors.retain(|vector| vector.iter().all(|&column| self.comparison.compares(column)));
+        self.comparison.share_units(&vectors);
         for of in &self.events {
             let (error, what) = of.error(self.start);
             self.comparison.note(error, what);

@@ -82,6 +82,8 @@ pub(super) struct Quantity {
     missed: f64,
     /// The sum of the distances of values within steps from the lines between the ends.
     held: f64,
+    /// The largest distance of values within steps from them by impacts.
+    bent: f64,
     /// The value at the end of the last step.
     last: f64,
     /// The numbers of changes of sign of both runs, and the largest error of the time of one, relative to the time since the
@@ -107,6 +109,7 @@ impl Quantity {
             impacts: 0.0,
             missed: 0.0,
             held: 0.0,
+            bent: 0.0,
             last: 0.0,
             crossings: [0; 2],
             late: 0.0,
@@ -142,7 +145,8 @@ impl Quantity {
         let distance = (value - other).abs();
         match self.measure {
             Measure::Values if self.kind == Kind::Continuous => {
-                if is_worse(distance, self.distance) {
+                // Within a step that impacts bend, the longer step knows less than the shorter ones, which end there.
+                if over.is_some() && is_worse(distance, self.distance) {
                     self.distance = distance;
                 }
             }
@@ -187,9 +191,12 @@ impl Quantity {
             "and {name} is estimated to be off {when} {apart:.1e} of its largest {of}, by which it differs with steps twice \
              as long"
         );
-        let held = relative(self.held / f64::from(within.max(1)));
+        let (held, how) = match self.is_continuous() {
+            true => (relative(self.bent), "by impacts"),
+            false => (relative(self.held / f64::from(within.max(1))), "in the mean"),
+        };
         let between = format!(
-            "and {name} is off by {held:.1e} of its largest {of} at times within steps, in the mean: ask for ends of steps"
+            "and {name} is off by {held:.1e} of its largest {of} at times within steps, {how}: ask for ends of steps"
         );
         let missed = relative(self.missed);
         let unseen =
@@ -253,6 +260,11 @@ impl Comparison {
         }
     }
 
+    /// Whether the values of a column are compared.
+    pub fn compares(&self, column: usize) -> bool {
+        self.quantities.iter().any(|of| of.column == column && of.measure == Measure::Values)
+    }
+
     /// Lets columns be measured in one unit, as the coordinates of two bodies along the line on which they meet: none of them
     /// counts as smaller than the others.
     pub fn share_units(&mut self, groups: &[Vec<usize>]) {
@@ -294,6 +306,17 @@ impl Comparison {
         self.within += 1;
         for quantity in self.quantities.iter_mut().filter(|of| !of.is_continuous()) {
             quantity.held += (at[quantity.column] - line[quantity.column]).abs();
+        }
+    }
+
+    /// Notes that the rates of columns change within a step by as much as the step makes of `bends`, at an output time within it
+    /// that has the product `parts` of the parts of the step before and after it.
+    pub fn bend(&mut self, bends: &[f64], parts: f64) {
+        for quantity in self.quantities.iter_mut().filter(|of| of.measure == Measure::Values) {
+            let by = parts * bends[quantity.column].abs();
+            if quantity.kind == Kind::Continuous && is_worse(by, quantity.bent) {
+                quantity.bent = by;
+            }
         }
     }
 

@@ -360,6 +360,47 @@ impl<'a> RigidBodyRun<'a> {
         Event { t: self.t, kind: *kind, of }
     }
 
+    /// For each moving body, the change of its velocities by impacts in the last step, times the step.
+    fn kinks(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let (h, gravity) = (self.t - self.before, self.scene.gravity);
+        let fall = h * gravity.norm();
+        // What contacts carry throughout a step is no larger than the forces, and is not displaced in time.
+        let beyond = |change: Vector3<f64>, least: f64| {
+            change.map(|change| h * (change.abs() - least).max(0.0).copysign(change))
+        };
+        let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
+        let motions = self.starts.iter().zip(&self.simulation.ends).zip(&self.simulation.pushed);
+        let kink = |(body, ((before, after), pushed)): (&Body, ((&Motion, &Motion), &bool))| {
+            if !pushed {
+                return Default::default();
+            }
+            let by = beyond(after.velocity - before.velocity - h * gravity, fall);
+            (by, beyond(after.omega - before.omega, fall / body.collider.reach()))
+        };
+        moving.zip(motions).map(kink).collect()
+    }
+
+    /// Writes what displacements of bodies, of their centres and about them, make of the outputs.
+    fn displace(&self, by: &[(Vector3<f64>, Vector3<f64>)], out: &mut [f64]) {
+        let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
+        let (of_bodies, others) = out.split_at_mut(self.states.len());
+        let motions = self.simulation.ends.iter().zip(by);
+        for ((body, (motion, (by, turn))), out) in moving.zip(motions).zip(of_bodies.chunks_exact_mut(13)) {
+            let rotation = motion.pose.rotation;
+            let turned = Quaternion::from_parts(0.0, 0.5 * turn) * rotation.into_inner();
+            let place = by - turn.cross(&(rotation * body.centre));
+            let turned = [turned.w, turned.i, turned.j, turned.k];
+            out[..7].iter_mut().zip(place.iter().chain(&turned)).for_each(|(out, by)| *out = *by);
+            others[1] -= motion.mass * self.scene.gravity.dot(by);
+        }
+        let [before, now] = &self.forces;
+        let joints = others.iter_mut().skip(OF_SCENE.len()).zip(&self.coordinates);
+        for (k, (out, _)) in joints.enumerate().filter(|(_, (_, is_coordinate))| **is_coordinate) {
+            // The change of the change in a step.
+            *out = now[k] - 2.0 * before[k] + self.forces_before.get(k).copied().unwrap_or(before[k]);
+        }
+    }
+
     /// Writes the states at a time within the last step.
     fn write_states(&mut self, t: f64) {
         let h = self.t - self.before;
@@ -447,38 +488,20 @@ impl TimeStepped for RigidBodyRun<'_> {
     }
 
     fn strike(&mut self, out: &mut [f64]) -> bool {
-        let (h, gravity) = (self.t - self.before, self.scene.gravity);
-        let fall = h * gravity.norm();
         if !self.simulation.pushed.contains(&true) {
             return false;
         }
-        // What contacts carry throughout a step is no larger than the forces, and is not displaced in time.
-        let beyond = |change: Vector3<f64>, least: f64| {
-            change.map(|change| h * (change.abs() - least).max(0.0).copysign(change))
-        };
-        let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
-        let motions = self.starts.iter().zip(&self.simulation.ends).zip(&self.simulation.pushed);
-        let (of_bodies, others) = out.split_at_mut(self.states.len());
-        for ((body, ((before, after), pushed)), out) in moving.zip(motions).zip(of_bodies.chunks_exact_mut(13)) {
-            if !pushed {
-                continue;
-            }
-            let by = beyond(after.velocity - before.velocity - h * gravity, fall);
-            let turn = beyond(after.omega - before.omega, fall / body.collider.reach());
-            let rotation = after.pose.rotation;
-            let turned = Quaternion::from_parts(0.0, 0.5 * turn) * rotation.into_inner();
-            let offset = rotation * body.centre;
-            let place = by - turn.cross(&offset);
-            let turned = [turned.w, turned.i, turned.j, turned.k];
-            out[..7].iter_mut().zip(place.iter().chain(&turned)).for_each(|(out, by)| *out = *by);
-            others[1] -= after.mass * gravity.dot(&by);
+        let mut by = self.kinks();
+        self.simulation.confine(&mut by);
+        self.displace(&by, out);
+        true
+    }
+
+    fn bend(&mut self, out: &mut [f64]) -> bool {
+        if !self.simulation.pushed.contains(&true) {
+            return false;
         }
-        let [before, now] = &self.forces;
-        let joints = others.iter_mut().skip(OF_SCENE.len()).zip(&self.coordinates);
-        for (k, (out, _)) in joints.enumerate().filter(|(_, (_, is_coordinate))| **is_coordinate) {
-            // The change of the change in a step.
-            *out = now[k] - 2.0 * before[k] + self.forces_before.get(k).copied().unwrap_or(before[k]);
-        }
+        self.displace(&self.kinks(), out);
         true
     }
 

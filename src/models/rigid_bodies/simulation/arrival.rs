@@ -7,6 +7,12 @@ use super::super::touches::Touched;
 use super::MoreauStepping;
 use nalgebra::Vector3;
 
+/// The part of displacements along normals at which they count as taken away, a tenth of what an estimate of an error is worth.
+const CONFINED: f64 = 1e-2;
+
+/// Most sweeps over the contacts; what is left then is not taken away.
+const MOST_SWEEPS: usize = 50;
+
 impl MoreauStepping<'_> {
     /// Detects events of contacts; must be called before the impulses of the previous step are replaced.
     pub(super) fn follow(&mut self, h: f64) {
@@ -40,6 +46,43 @@ impl MoreauStepping<'_> {
             held[body as usize] = true;
         }
         self.held = held;
+    }
+
+    /// Takes from displacements of the moving bodies, of their centres and about them, what the contacts that the last step has
+    /// closed do not allow: bodies that have come to rest on each other are where their surfaces meet, whenever they met. By
+    /// impulses along the normals, one after the other.
+    pub fn confine(&self, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
+        let closed = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
+        let along = |contact: &Contact, by: &[(Vector3<f64>, Vector3<f64>)]| contact.change(|body| by[body as usize]).x;
+        let push = |contact: &Contact, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]| {
+            for side in [0, 1] {
+                let Some(body) = contact.bodies[side] else { continue };
+                let (impulse, angular) = contact.wrench(side, &(Vector3::x() * amount));
+                let motion = &self.moving[body as usize];
+                let (place, turn) = &mut by[body as usize];
+                *place += impulse / motion.mass;
+                *turn += motion.mobility * angular;
+            }
+        };
+        let mut unit = vec![(Vector3::zeros(), Vector3::zeros()); by.len()];
+        let mut contacts = Vec::new();
+        for contact in self.contacts.iter().filter(closed) {
+            push(contact, 1.0, &mut unit);
+            contacts.push((contact, along(contact, &unit)));
+            contact.bodies.iter().flatten().for_each(|&body| unit[body as usize] = Default::default());
+        }
+        let apart = contacts.iter().map(|(contact, _)| along(contact, by).abs()).fold(0.0, f64::max);
+        for _ in 0..MOST_SWEEPS {
+            let mut left = 0.0_f64;
+            for &(contact, mobility) in contacts.iter().filter(|(_, mobility)| *mobility > 0.0) {
+                let normal = along(contact, by);
+                left = left.max(normal.abs());
+                push(contact, -normal / mobility, by);
+            }
+            if left <= CONFINED * apart {
+                break;
+            }
+        }
     }
 
     /// Computes the velocities at the end of the step, and extends `pushed` to all bodies of an implicit island.
