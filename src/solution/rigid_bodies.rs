@@ -492,7 +492,7 @@ impl TimeStepped for RigidBodyRun<'_> {
             return false;
         }
         let mut by = self.kinks();
-        self.simulation.confine(&mut by);
+        self.simulation.confine(self.t - self.before, &mut by);
         self.displace(&by, out);
         true
     }

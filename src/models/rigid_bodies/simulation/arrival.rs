@@ -48,10 +48,10 @@ impl MoreauStepping<'_> {
         self.held = held;
     }
 
-    /// Takes from displacements of the moving bodies, of their centres and about them, what the contacts that the last step has
-    /// closed do not allow: bodies that have come to rest on each other are where their surfaces meet, whenever they met. By
-    /// impulses along the normals, one after the other.
-    pub fn confine(&self, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
+    /// Takes from displacements of the moving bodies in the last step of length `h`, of their centres and about them, what the
+    /// contacts that it has closed do not allow: bodies are where their surfaces meet at its end, whenever they met, but for the
+    /// way that they part again. By impulses along the normals, one after the other.
+    pub fn confine(&self, h: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
         let closed = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
         let along = |contact: &Contact, by: &[(Vector3<f64>, Vector3<f64>)]| contact.change(|body| by[body as usize]).x;
         let push = |contact: &Contact, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]| {
@@ -68,18 +68,19 @@ impl MoreauStepping<'_> {
         let mut contacts = Vec::new();
         for contact in self.contacts.iter().filter(closed) {
             push(contact, 1.0, &mut unit);
-            contacts.push((contact, along(contact, &unit)));
+            let apart = contact.velocity(|body| (self.ends[body as usize].velocity, self.ends[body as usize].omega)).x;
+            contacts.push((contact, along(contact, &unit), h * apart.max(0.0)));
             contact.bodies.iter().flatten().for_each(|&body| unit[body as usize] = Default::default());
         }
-        let apart = contacts.iter().map(|(contact, _)| along(contact, by).abs()).fold(0.0, f64::max);
+        let first = contacts.iter().map(|(contact, _, way)| (along(contact, by) - way).abs()).fold(0.0, f64::max);
         for _ in 0..MOST_SWEEPS {
             let mut left = 0.0_f64;
-            for &(contact, mobility) in contacts.iter().filter(|(_, mobility)| *mobility > 0.0) {
-                let normal = along(contact, by);
-                left = left.max(normal.abs());
-                push(contact, -normal / mobility, by);
+            for &(contact, mobility, way) in contacts.iter().filter(|(_, mobility, _)| *mobility > 0.0) {
+                let beyond = along(contact, by) - way;
+                left = left.max(beyond.abs());
+                push(contact, -beyond / mobility, by);
             }
-            if left <= CONFINED * apart {
+            if left <= CONFINED * first {
                 break;
             }
         }
