@@ -76,14 +76,14 @@ impl ActiveContacts {
     ) -> Contacts<'a> {
         let Self { delassus, mu, cone, .. } = self;
         let delassus = crate::law::Delassus::Blocks(delassus);
-        Contacts { delassus, free, before, gap, mu, restitution, cone, h }
+        Contacts { delassus, free, before, gap, mu, restitution, cone, roles: &[], h }
     }
 
     /// Input of the contact law without friction, restitution and gaps.
     pub fn without_friction<'a>(&'a self, free: &'a [Vector3<f64>]) -> Contacts<'a> {
         let Self { delassus, cone, zeros, none, .. } = self;
         let delassus = crate::law::Delassus::Blocks(delassus);
-        Contacts { delassus, free, before: zeros, gap: none, mu: none, restitution: none, cone, h: 1.0 }
+        Contacts { delassus, free, before: zeros, gap: none, mu: none, restitution: none, cone, roles: &[], h: 1.0 }
     }
 
     /// `u` of each contact at velocities `v`.

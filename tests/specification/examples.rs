@@ -14,7 +14,7 @@ fn every_example_passes_every_check_and_has_a_title() {
         assert!(specification.model().warnings().is_empty(), "{path:?}: {:?}", specification.model().warnings());
         count += 1;
     }
-    assert_eq!(count, 54);
+    assert_eq!(count, 57);
 }
 
 /// The bridge is given twice, by matrices and by expressions: the equations agree at a point without zero components.

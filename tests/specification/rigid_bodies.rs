@@ -349,3 +349,26 @@ fn friction_is_told_what_it_may_depend_on_and_where_directions_fit() {
     forced["problem"]["rigid_bodies"]["forces"] = json!([{"body": "ball", "force": [0, 0, 1]}]);
     assert_errors(&forced, &[(&at("friction"), "depends_on_body", "`x` of a body")]);
 }
+
+#[test]
+fn patches_have_lengths_and_no_directions() {
+    let contacts = |given: Value| {
+        let mut document = scene();
+        for (key, value) in given.as_object().unwrap() {
+            document["problem"]["rigid_bodies"]["contacts"][key] = value.clone();
+        }
+        document
+    };
+    let at = |key: &str| format!("{PROBLEM}/contacts/{key}");
+    for right in [json!({"patch": 0.01, "rolling": 0}), json!({"patch": 0, "ratio": 2, "rolling": 0.001})] {
+        Specification::from_json(contacts(right).to_string().as_bytes()).unwrap();
+    }
+    assert_errors(&contacts(json!({"patch": -0.1})), &[(&at("patch"), "out_of_range", "-0.1")]);
+    assert_errors(&contacts(json!({"rolling": "0 - 1"})), &[(&at("rolling"), "out_of_range", "-1")]);
+    assert_errors(&contacts(json!({"patch": 0.1, "ratio": 2})), &[(&at("patch"), "conflict", "`ratio`")]);
+    let faceted = contacts(json!({"rolling": 0.1, "cone": "polyhedral"}));
+    assert_errors(&faceted, &[(&at("rolling"), "conflict", "polyhedral")]);
+    let mut pair = scene();
+    pair["problem"]["rigid_bodies"]["contacts"]["pairs"][0]["patch"] = json!("t");
+    assert_errors(&pair, &[(&at("pairs/0/patch"), "unknown_name", "t")]);
+}

@@ -9,11 +9,11 @@ use vi::coulomb::Grip;
 /// The size of the contact problem of one island.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Size {
-    /// The number of contacts.
+    /// The number of contacts; a contact on a patch counts twice, by its force and its torque.
     pub contacts: usize,
     /// The number of blocks of `W`, if they are assembled.
     pub blocks: usize,
-    /// Whether contacts are coupled through bodies alone, so that many contacts need the factors of `W` only.
+    /// Whether contacts are at points and coupled through bodies alone, so that many contacts need the factors of `W` only.
     pub has_factors: bool,
     /// The admissible set of friction; `None` without friction.
     pub friction: Option<Cone>,

@@ -6,7 +6,8 @@
 //! u+ = W r + u_free,    0 <= r_n  _|_  u_n+ - w >= 0,    r_t in mu r_n B,    -u_t+ normal to mu r_n B at r_t
 //! ```
 //!
-//! where `B` is the unit disk or a polygon in it. The target `w` of the normal velocity is
+//! where `B` is the unit disk or a polygon in it. A contact on a patch has a second row, of its torque. The target `w` of
+//! the normal velocity is
 //!
 //! - `-e u_n-` for a contact that closes within the step and had approached with `u_n- < 0` (Moreau 1988, on Newton's
 //!   law: for one `e` and no friction `v+ = P - e N`, with `v- = P + N` split by the cone of admissible velocities and
@@ -33,7 +34,7 @@ use nalgebra::{Matrix3, Vector3};
 use polyhedral::Polyhedral;
 use problem::Control;
 use vi::Outcome;
-use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, Factored, Limits, ProximalSweeps};
+use vi::coulomb::{BlockMatrix, Coulomb, CoulombProblem, Factored, Limits, ProximalSweeps, Role};
 
 /// The admissible set of friction impulses, for `mu r_n = 1`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,6 +91,8 @@ pub struct Contacts<'a> {
     pub restitution: &'a [f64],
     /// The admissible sets of friction.
     pub cone: &'a [Cone],
+    /// The roles of the rows; empty if all are contacts at points. The torque of a patch has no gap and no restitution.
+    pub roles: &'a [Role],
     /// The step size.
     pub h: f64,
 }
@@ -270,7 +273,7 @@ impl Law {
         let round = |k: usize| contacts.mu[k] > 0.0 && contacts.cone[k] == Cone::Quadratic;
         let faceted = |k: usize| contacts.mu[k] > 0.0 && contacts.cone[k] != Cone::Quadratic;
         let pivots = r.len() <= MOST_PIVOTED || (0..r.len()).any(faceted);
-        if pivots && !(0..r.len()).any(round) {
+        if pivots && contacts.roles.is_empty() && !(0..r.len()).any(round) {
             self.polyhedral.solve(contacts, blocks, &q, r, report, control);
             let over = matches!(report.outcome, Outcome::Solved | Outcome::Interrupted);
             if over || (0..r.len()).any(|k| faceted(k) && contacts.cone[k] != SEGMENT) {
@@ -281,7 +284,9 @@ impl Law {
             r.fill(Vector3::zeros());
             report.solves += 1;
         }
-        if self.problem.replace(blocks, &q, contacts.mu).is_ok() {
+        let is_read = self.problem.replace(blocks, &q, contacts.mu).is_ok()
+            && (contacts.roles.is_empty() || self.problem.take_roles(contacts.roles).is_ok());
+        if is_read {
             let solved = self.coulomb.solve(&self.problem, r, control);
             report.take(solved, None);
         } else {
@@ -338,6 +343,11 @@ impl Contacts<'_> {
     /// Whether the contact can rebound.
     fn approaches(&self, k: usize) -> bool {
         self.restitution[k] > 0.0 && self.before[k].x < 0.0
+    }
+
+    /// Whether row `k` is the torque of a patch.
+    fn is_torque(&self, k: usize) -> bool {
+        self.roles.get(k) == Some(&Role::Torque)
     }
 
     /// Whether contact `k` closes within the step if it moves with normal velocity `u_n`.

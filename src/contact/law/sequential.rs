@@ -5,7 +5,7 @@
 
 use super::{Contacts, Delassus};
 use nalgebra::Vector3;
-use vi::coulomb::solve_contact;
+use vi::coulomb::{Role, solve_contact, solve_patch};
 
 /// Largest number of strikes per contact; the simultaneous law takes over from there.
 const STRIKES: usize = 1000;
@@ -14,24 +14,41 @@ const STRIKES: usize = 1000;
 const ROUNDING: f64 = 1e-13;
 
 /// The strikes in their order, each with its contact and its impulse, from the velocities before the step. Friction in
-/// each strike is that of a single contact with a disk.
+/// each strike is that of a single contact with a disk, or on a patch with its torque.
 pub fn sequential(contacts: &Contacts<'_>) -> Vec<(usize, Vector3<f64>)> {
     let n = contacts.gap.len();
     let mut u = contacts.before.to_vec();
     let least = ROUNDING * u.iter().fold(0.0_f64, |most, u| most.max(u.norm()));
     let mut strikes = Vec::new();
     while strikes.len() < STRIKES * n {
-        let closed = |k: &usize| u[*k].x < -least && contacts.closes(*k, u[*k].x);
+        let closed = |k: &usize| !contacts.is_torque(*k) && u[*k].x < -least && contacts.closes(*k, u[*k].x);
         let Some(k) = (0..n).filter(closed).min_by(|&a, &b| u[a].x.total_cmp(&u[b].x)) else { break };
         let q = Vector3::new((1.0 + contacts.restitution[k]) * u[k].x, u[k].y, u[k].z);
-        let Some(strike) = solve_contact(&contacts.delassus.diagonal(k), &q, contacts.mu[k]) else { break };
-        strikes.push((k, strike));
+        let first = strikes.len();
+        match (contacts.delassus, contacts.roles.get(k)) {
+            (Delassus::Blocks(blocks), Some(&Role::Force(reach))) => {
+                let none = [Vector3::zeros(); 2];
+                let [force, torque] = solve_patch(blocks, k, &[q, u[k + 1]], contacts.mu[k], reach, &none);
+                if force.x <= 0.0 {
+                    break;
+                }
+                strikes.extend([(k, force), (k + 1, torque)]);
+            }
+            (delassus, _) => {
+                let Some(strike) = solve_contact(&delassus.diagonal(k), &q, contacts.mu[k]) else { break };
+                strikes.push((k, strike));
+            }
+        }
         match contacts.delassus {
-            // W is symmetric up to rounding: row k equals column k.
-            Delassus::Blocks(blocks) => blocks.row(k).for_each(|(l, block)| u[l] += block.transpose() * strike),
+            // W is symmetric up to rounding: rows equal columns.
+            Delassus::Blocks(blocks) => {
+                for &(row, strike) in &strikes[first..] {
+                    blocks.row(row).for_each(|(l, block)| u[l] += block.transpose() * strike);
+                }
+            }
             Delassus::Factors(factors) => {
                 let mut alone = vec![Vector3::zeros(); n];
-                alone[k] = strike;
+                strikes[first..].iter().for_each(|&(row, strike)| alone[row] = strike);
                 u.iter_mut().zip(factors.product(&alone)).for_each(|(u, change)| *u += change);
             }
         }

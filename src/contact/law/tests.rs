@@ -31,6 +31,7 @@ fn strike(
         mu: &vec![mu; n],
         restitution,
         cone: &vec![Cone::Quadratic; n],
+        roles: &[],
         h: 1e-3,
     };
     let mut r = vec![Vector3::zeros(); n];
@@ -79,6 +80,7 @@ fn balls_struck_one_after_the_other_hand_the_blow_to_the_last() {
         mu: &[0.0; 4],
         restitution: &[1.0; 4],
         cone: &[Cone::Quadratic; 4],
+        roles: &[],
         h: 1e-3,
     };
     let strikes = sequential(&contacts);
@@ -139,6 +141,7 @@ fn an_open_gap_may_close_and_no_more() {
         mu: &[0.0],
         restitution: &[0.0],
         cone: &[Cone::Quadratic],
+        roles: &[],
         h: 1e-3,
     };
     let mut r = [Vector3::zeros()];
@@ -167,6 +170,7 @@ fn polygons_with_more_corners_come_to_the_disk() {
             mu: &[0.3; 3],
             restitution: &[0.0; 3],
             cone: &[cone; 3],
+            roles: &[],
             h: 1e-3,
         };
         let mut r = [Vector3::zeros(); 3];
@@ -215,6 +219,7 @@ fn a_block_on_two_corners_whose_slips_differ_by_rounding_is_struck_by_the_law() 
                 mu: &[mu; 2],
                 restitution: &[0.8; 2],
                 cone: &[Cone::Polyhedral(2); 2],
+                roles: &[],
                 h: 1.0,
             };
             let mut r = vec![Vector3::zeros(); 2];

@@ -9,11 +9,15 @@
 
 use super::collision::ContactPoint;
 use super::motion::Motion;
-use super::scene::Law;
+use super::scene::{Law, Patch};
 use nalgebra::{Matrix3, Vector3};
+use vi::coulomb::{Reach, Role};
 
 /// The smallest identity of a joint stop; contact points of surfaces are numbered from zero.
 pub const STOPS: u64 = 1 << 63;
+
+/// The bit of the identity of a torque, beside that of its contact point.
+const TORQUES: u64 = 1 << 62;
 
 /// A contact within one step.
 #[derive(Clone, Copy, Debug)]
@@ -27,8 +31,11 @@ pub struct Contact {
     pub position: Vector3<f64>,
     /// The lever arms from the centres of mass to the contact point.
     pub arms: [Vector3<f64>; 2],
-    /// Whether this is the stop of a hinge: the gap is an angle about the normal in radians, and impulses are angular.
+    /// Whether impulses are angular: of the stop of a hinge, with a gap about the normal in radians, or of a torque.
     pub turns: bool,
+    /// The role in the law: a contact at a point, or the force or the torque of a patch. The torque of a patch follows its
+    /// force; its frame has the axes of drilling and rolling, with the length of a radius of gyration.
+    pub role: Role,
     /// The reference size for gaps: that of the smaller body, or one radian for angles.
     pub size: f64,
     /// The gap between the surfaces at the beginning of the step.
@@ -72,6 +79,7 @@ impl Contact {
             position: point.position,
             arms: bodies.map(arm),
             turns: false,
+            role: Role::Point,
             size: 0.0,
             surface: Vector3::zeros(),
             gap: point.gap,
@@ -113,8 +121,45 @@ impl Contact {
             law: Law::default(),
             before: Vector3::zeros(),
             surface: Vector3::zeros(),
+            role: Role::Point,
             ..self
         }
+    }
+
+    /// The force and the torque of a contact on a patch; `turning` are the angular velocities of both bodies where these are
+    /// prescribed. The rows of the torque have the length of a mean radius of gyration of both bodies, so that they weigh
+    /// in the law as those of the force do, however small or large the patch is.
+    pub fn on(self, patch: &Patch, moving: &[Motion], turning: [Vector3<f64>; 2]) -> [Self; 2] {
+        let bodies = || self.bodies.iter().flatten().map(|&body| &moving[body as usize]);
+        let linear: f64 = bodies().map(|motion| motion.mass.recip()).sum();
+        let angular: f64 = bodies().map(|motion| motion.mobility.trace() / 3.0).sum();
+        let length = (linear / angular).sqrt();
+        let mut frame = self.frame;
+        for i in 0..3 {
+            let size = frame.row(i).norm();
+            frame.row_mut(i).scale_mut(length / size);
+        }
+        let (a, b, id) = self.key;
+        let mut torque = Self {
+            frame,
+            turns: true,
+            role: Role::Torque,
+            size: 1.0,
+            gap: 0.0,
+            law: Law::default(),
+            key: (a, b, id | TORQUES),
+            surface: Vector3::zeros(),
+            gap_at_end: 0.0,
+            ..self
+        };
+        torque.before = torque.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
+        let reach = Reach { drill: patch.radius / length, roll: patch.rolling / length };
+        [Self { role: Role::Force(reach), ..self }, torque.carried(turning)]
+    }
+
+    /// Whether this is the torque of a patch.
+    pub fn is_torque(&self) -> bool {
+        self.role == Role::Torque
     }
 
     /// Adds the surface velocities of bodies with prescribed motion.
@@ -125,7 +170,8 @@ impl Contact {
 
     /// Predicts the gap at the end of a step `h` with the given mean velocities.
     pub fn foresee(&mut self, h: f64, of: impl Fn(u32) -> (Vector3<f64>, Vector3<f64>)) {
-        self.gap_at_end = self.gap + h * self.velocity(of).x;
+        // A torque closes with its force.
+        self.gap_at_end = if self.is_torque() { f64::INFINITY } else { self.gap + h * self.velocity(of).x };
     }
 
     /// The speed of the slip of `u`.
@@ -136,8 +182,10 @@ impl Contact {
     /// The components of an impulse in world axes.
     pub fn components(&self, impulse: &Vector3<f64>) -> Vector3<f64> {
         let mut components = self.frame * impulse;
-        if self.law.grain.is_some() {
-            components.z /= self.frame.row(2).norm_squared();
+        if self.law.grain.is_some() || self.is_torque() {
+            for (i, component) in components.iter_mut().enumerate() {
+                *component /= self.frame.row(i).norm_squared();
+            }
         }
         components
     }
@@ -163,7 +211,7 @@ impl Contact {
 
     /// The block `A` of `J` for the angular velocity of one side: `u = +-(E v + A w)`, `A = -E [r]x`.
     pub fn angular(&self, side: usize) -> Matrix3<f64> {
-        -self.frame * self.arms[side].cross_matrix()
+        if self.turns { self.frame } else { -self.frame * self.arms[side].cross_matrix() }
     }
 }
 

@@ -37,7 +37,7 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
                 touches.push(Touch {
                     body,
                     contact: k as u32,
-                    linear: contact.frame * sign,
+                    linear: if contact.turns { Matrix3::zeros() } else { contact.frame * sign },
                     angular: contact.angular(side) * sign,
                 });
             }
@@ -60,7 +60,8 @@ pub fn blocks(contacts: &[Contact], moving: &[Motion], control: &Control) -> Opt
         for (side, sign) in [(0, -1.0), (1, 1.0)] {
             let Some(place) = contact.bodies[side] else { continue };
             let body = &moving[place as usize];
-            let (linear, angular) = (contact.frame * (sign / body.mass), contact.angular(side) * body.mobility * sign);
+            let along = if contact.turns { 0.0 } else { sign / body.mass };
+            let (linear, angular) = (contact.frame * along, contact.angular(side) * body.mobility * sign);
             for b in &touches[on_body[place as usize].clone()] {
                 let block = linear * b.linear.transpose() + angular * b.angular.transpose();
                 blocks.push((i, b.contact as usize, block));

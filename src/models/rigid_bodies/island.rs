@@ -28,6 +28,7 @@ use contact::law::{Coefficients, Cone, Contacts, Delassus, Law, Report, is_facto
 use nalgebra::{Vector3, Vector6};
 use problem::Control;
 use vi::Outcome;
+use vi::coulomb::{Role, mean_speed};
 
 /// Data shared by all islands of a multibody system.
 #[derive(Debug)]
@@ -303,8 +304,10 @@ impl Island {
         self.steps = 1;
         // On interruption the caller discards the island.
         let is_rough = self.contacts.iter().any(|contact| contact.law.is_rough());
+        // The sweeps over factors solve rows one by one, but force and torque of a patch share one set.
+        let has_patches = self.contacts.iter().any(Contact::is_torque);
         let (blocks, factors);
-        let matrix = if is_factored(self.contacts.len(), is_rough.then_some(self.cone)) {
+        let matrix = if !has_patches && is_factored(self.contacts.len(), is_rough.then_some(self.cone)) {
             factors = delassus::factors(&self.contacts, &self.moving);
             Delassus::Factors(&factors)
         } else {
@@ -336,13 +339,35 @@ impl Island {
         }
     }
 
+    /// The roles of the contacts in the law; empty if all are contacts at points.
+    fn roles(&self) -> Vec<Role> {
+        if self.contacts.iter().any(Contact::is_torque) {
+            self.contacts.iter().map(|contact| contact.role).collect()
+        } else {
+            Vec::new()
+        }
+    }
+
+    /// Marks the torques of patches where their forces are marked.
+    fn pair(&self, marked: &mut [bool]) {
+        for k in 1..marked.len() {
+            if self.contacts[k].is_torque() {
+                marked[k] = marked[k - 1];
+            }
+        }
+    }
+
     /// Sets the coefficients that vary to those of the end of the step, for contacts with the velocities `u`; returns false if
     /// one is negative or not finite.
     fn take_coefficients(&mut self, u: &[Vector3<f64>], h: f64, mu: &mut [f64]) -> bool {
-        for ((contact, u), mu) in self.contacts.iter().zip(u).zip(mu) {
+        for (k, (contact, mu)) in self.contacts.iter().zip(mu).enumerate() {
             let Some(place) = contact.law.varying else { continue };
             let t = self.t + h;
-            match self.coefficients[place as usize].at(t, &contact.position, contact.slip_speed(u)) {
+            let slip = contact.slip_speed(&u[k]);
+            // On a patch, the mean of the speeds.
+            let slip =
+                if let Role::Force(reach) = contact.role { mean_speed(slip, reach.drill * u[k + 1].x) } else { slip };
+            match self.coefficients[place as usize].at(t, &contact.position, slip) {
                 Ok(value) => *mu = value,
                 Err(mu) => {
                     let bodies = [contact.key.0 as usize, contact.key.1 as usize];
@@ -385,7 +410,9 @@ impl Island {
     /// Whether contacts that are open at the beginning of the step, and have the impulses `r`, close at different times. One
     /// that no body approaches closes after another has been struck.
     fn strikes_in_turn(&self, r: &[Vector3<f64>]) -> bool {
-        let struck = self.contacts.iter().zip(r).filter(|(contact, r)| r.x > 0.0 && contact.gap > contact.no_gap);
+        let is_struck =
+            |contact: &Contact, r: &Vector3<f64>| !contact.is_torque() && r.x > 0.0 && contact.gap > contact.no_gap;
+        let struck = self.contacts.iter().zip(r).filter(|(contact, r)| is_struck(contact, r));
         let mut first: Option<(f64, f64)> = None;
         for (contact, _) in struck {
             let approach = (-contact.before.x).max(0.0);
@@ -429,10 +456,13 @@ impl Island {
         let of = |contact: &Contact| if rebounds { contact.law.restitution } else { 0.0 };
         let restitution: Vec<f64> = self.contacts.iter().map(of).collect();
         let cone = vec![self.cone; gap.len()];
+        let roles = self.roles();
+        let roles = &roles[..];
         let mut struck = vec![Vector3::zeros(); gap.len()];
         let (restitution, cone) = (&restitution[..], &cone[..]);
         if rebounds && impact_law == ImpactLaw::Sequential {
-            let contacts = Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
+            let contacts =
+                Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, roles, h };
             sequential(&contacts).into_iter().for_each(|(k, strike)| struck[k] += strike);
             for (k, change) in delassus.product(&struck).iter().enumerate() {
                 before[k] += change;
@@ -441,7 +471,8 @@ impl Island {
         }
         let mut coefficients = Coefficients::default();
         loop {
-            let contacts = Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, h };
+            let contacts =
+                Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, roles, h };
             let mut report = law.impulses(&contacts, &mut r, control);
             let mut is_over = !varies || report.outcome != Outcome::Solved;
             if !is_over {

@@ -1,7 +1,8 @@
 //! Memory estimate for the contacts of a multibody system, updated while contacts are detected and before matrices are
 //! assembled. All contacts on the same body are coupled, and so are all contacts of an island on bodies with joints:
-//! the matrix size grows as the square of the number of contacts on a body, but where the contacts of an island without
-//! joints are so many that factors of the matrix take its place.
+//! the matrix size grows as the square of the number of block rows of contacts on a body, of which a contact on a patch
+//! has two. Where the contacts of an island without joints and patches are so many that factors of the matrix take its
+//! place, it grows with their number.
 //!
 //! Islands are disjoint sets of bodies, merged as contacts are found (union-find, Tarjan 1975). Islands are solved in
 //! parallel, as many at a time as there are threads; the estimate assumes that these are the largest.
@@ -15,9 +16,9 @@ use contact::islands::threads;
 use contact::law::{Cone, Size};
 use nalgebra::{Matrix3, Vector6};
 
-/// Bytes per contact besides those of the contact law: in the list of all contacts, in its island, and in stored
-/// impulses.
-const OF_CONTACT: usize = 4 * size_of::<Contact>();
+/// Bytes per block row of a contact besides those of the contact law: in the list of all contacts, in its island, and in
+/// stored impulses.
+const OF_ROW: usize = 4 * size_of::<Contact>();
 /// Bytes per pair of nearby bodies.
 const OF_PAIR: usize = size_of::<(u32, u32)>();
 /// Bytes per body with joints besides the matrix: motions at the beginning and the end of a step, and copies for
@@ -36,6 +37,8 @@ pub struct Load {
     pub pairs: usize,
     /// The number of contacts.
     pub contacts: usize,
+    /// The number of their block rows.
+    rows: usize,
     friction: Option<Cone>,
     bodies: Vec<Touched>,
     /// The largest islands as `(root, bytes)`, at most `at_a_time`.
@@ -52,16 +55,20 @@ struct Touched {
     parent: u32,
     /// The number of contacts on the body.
     contacts: u32,
+    /// The number of their block rows.
+    rows: u32,
     has_joints: bool,
     island: Island,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
 struct Island {
-    contacts: usize,
+    rows: usize,
     blocks: usize,
-    /// The number of contacts on bodies with joints.
+    /// The number of block rows of contacts on bodies with joints.
     joined: usize,
+    /// Whether there is a contact on a patch.
+    has_patches: bool,
     /// The bytes of the equations of linkages.
     linkages: usize,
 }
@@ -85,11 +92,11 @@ impl Load {
 
     /// Resets the estimate to a multibody system without contacts, keeping its allocations.
     pub fn begin(&mut self, scene: &MultibodySystem) {
-        (self.pairs, self.contacts) = (0, 0);
+        (self.pairs, self.contacts, self.rows) = (0, 0, 0);
         self.friction = scene.laws.any(Law::is_rough).then_some(scene.cone);
         self.largest.clear();
         self.bodies.clear();
-        let alone = |parent| Touched { parent, contacts: 0, has_joints: false, island: Island::default() };
+        let alone = |parent| Touched { parent, contacts: 0, rows: 0, has_joints: false, island: Island::default() };
         self.bodies.extend((0..scene.bodies.len() as u32).map(alone));
         for Joint { bodies: (a, b), .. } in &scene.joints {
             let moves = |body: &usize| !scene.bodies[*body].fixed;
@@ -107,33 +114,37 @@ impl Load {
         }
     }
 
-    /// Adds `contacts` contacts between two bodies; `None` is a body that does not move.
-    pub fn add(&mut self, [a, b]: [Option<usize>; 2], contacts: usize) {
+    /// Adds `contacts` contacts of one law between two bodies; `None` is a body that does not move.
+    pub fn add(&mut self, [a, b]: [Option<usize>; 2], contacts: usize, law: Law) {
         if contacts == 0 {
             return;
         }
         let Some(root) = self.join(a, b) else { return };
+        let rows = contacts * law.rows();
         self.contacts += contacts;
+        self.rows += rows;
         let mut joined = false;
         let mut blocks = 0;
         for body in [a, b].into_iter().flatten() {
             let body = &mut self.bodies[body];
             joined |= body.has_joints;
-            let before = body.contacts as usize;
+            let before = body.rows as usize;
             body.contacts += contacts as u32;
-            blocks += contacts * (2 * before + contacts);
+            body.rows += rows as u32;
+            blocks += rows * (2 * before + rows);
         }
         let island = &mut self.bodies[root].island;
-        island.contacts += contacts;
+        island.rows += rows;
         island.blocks += blocks;
-        island.joined += if joined { contacts } else { 0 };
+        island.has_patches |= law.patch.is_some();
+        island.joined += if joined { rows } else { 0 };
         self.weigh(root);
     }
 
     /// The estimated bytes of a step with the contacts found so far.
     pub fn bytes(&self) -> usize {
         let islands = self.largest.iter().map(|(_, bytes)| *bytes).fold(0, usize::saturating_add);
-        islands.saturating_add(self.pairs * OF_PAIR).saturating_add(self.contacts * OF_CONTACT)
+        islands.saturating_add(self.pairs * OF_PAIR).saturating_add(self.rows * OF_ROW)
     }
 
     /// The index of the body with the most contacts, and the number of its contacts.
@@ -183,9 +194,10 @@ impl Load {
 
 impl Island {
     fn take(&mut self, other: &Self) {
-        self.contacts += other.contacts;
+        self.rows += other.rows;
         self.blocks += other.blocks;
         self.joined += other.joined;
+        self.has_patches |= other.has_patches;
         self.linkages += other.linkages;
     }
 
@@ -193,8 +205,8 @@ impl Island {
         // Blocks of contacts coupled through joints, besides blocks of contacts on the same body.
         let coupled = self.joined.saturating_mul(self.joined);
         let blocks = self.blocks.saturating_add(coupled);
-        let has_factors = self.joined == 0;
-        let size = Size { contacts: self.contacts, blocks, has_factors, friction };
+        let has_factors = self.joined == 0 && !self.has_patches;
+        let size = Size { contacts: self.rows, blocks, has_factors, friction };
         size.bytes().saturating_add(coupled.saturating_mul(OF_COUPLING)).saturating_add(self.linkages)
     }
 }

@@ -41,7 +41,7 @@ pub use motion::Motion;
 pub use outputs::{OF_BODY, OF_SCENE, between, state};
 pub use polyhedron::Polyhedron;
 pub use prescribed::{Angular, Linear, Prescription};
-pub use scene::{Body, Law, Laws, MultibodySystem, Overlap};
+pub use scene::{Body, Law, Laws, MultibodySystem, Overlap, Patch};
 pub use shape::Shape;
 pub use signals::Signals;
 pub use simulation::{ContactReport, MoreauStepping, StepFailure};

@@ -53,14 +53,30 @@ pub struct Law {
     pub varying: Option<u32>,
     /// The index of the directions of friction in [`Laws::grains`], if the coefficient depends on them.
     pub grain: Option<u32>,
+    /// The index of the patch in [`Laws::patches`], if there is drilling or rolling friction.
+    pub patch: Option<u32>,
     /// The coefficient of restitution in Newton's law, from 0 to 1.
     pub restitution: f64,
 }
 
+/// The patch on which bodies touch.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Patch {
+    /// The radius of a disc with uniform pressure, in metres: friction resists drilling, coupled with sliding.
+    pub radius: f64,
+    /// The coefficient of rolling friction, in metres: the largest rolling torque for the unit of the normal force.
+    pub rolling: f64,
+}
+
 impl Law {
+    /// The number of block rows of a contact: its force, and its torque on a patch.
+    pub fn rows(&self) -> usize {
+        if self.patch.is_some() { 2 } else { 1 }
+    }
+
     /// Whether there may be friction.
     pub fn is_rough(&self) -> bool {
-        self.friction > 0.0 || self.varying.is_some()
+        self.friction > 0.0 || self.varying.is_some() || self.patch.is_some()
     }
 }
 
@@ -73,12 +89,14 @@ pub struct Laws {
     pub coefficients: Vec<Coefficient>,
     /// Directions of friction.
     pub grains: Vec<Grain>,
+    /// Patches.
+    pub patches: Vec<Patch>,
 }
 
 impl Laws {
     /// The laws of all pairs of a number of materials, by rows.
-    pub fn new(materials: usize, laws: Vec<Law>, coefficients: Vec<Coefficient>, grains: Vec<Grain>) -> Self {
-        Self { materials, laws, coefficients, grains }
+    pub fn new(materials: usize, laws: Vec<Law>) -> Self {
+        Self { materials, laws, coefficients: Vec::new(), grains: Vec::new(), patches: Vec::new() }
     }
 
     /// The law of a pair of materials.
@@ -165,7 +183,8 @@ impl MultibodySystem {
             control,
             |[a, b], points| {
                 load.pairs += 1;
-                load.add([a, b].map(moving), points.len());
+                let law = self.laws.of(self.bodies[a].material, self.bodies[b].material);
+                load.add([a, b].map(moving), points.len(), law);
                 if load.bytes() < enough { Ok(()) } else { Err(Ended::Enough) }
             },
         )?;

@@ -338,7 +338,13 @@ impl<'a> MoreauStepping<'a> {
         let mut is_elastic = !report.is_limited;
         let mut work = 0.0;
         report.closed = 0;
-        for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
+        for contact in self.contacts.iter().filter(|contact| contact.is_torque() || contact.impulse.x > 0.0) {
+            if contact.is_torque() {
+                self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
+                report.work[1] += contact.work.sum();
+                report.done.drives -= contact.impulse.dot(&contact.surface);
+                continue;
+            }
             let is_stop = contact.is_stop();
             self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
             contact.bodies.iter().flatten().for_each(|&body| self.pushed[body as usize] = true);

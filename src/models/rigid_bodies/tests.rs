@@ -53,7 +53,7 @@ fn cube(side: f64, mass: f64, at: [f64; 3]) -> Body {
 
 fn scene(bodies: Vec<Body>, friction: f64, restitution: f64) -> MultibodySystem {
     let law = scene::Law { friction, restitution, ..scene::Law::default() };
-    let laws = Laws::new(1, vec![law], Vec::new(), Vec::new());
+    let laws = Laws::new(1, vec![law]);
     MultibodySystem {
         gravity: Vector3::new(0.0, 0.0, -G),
         bodies,

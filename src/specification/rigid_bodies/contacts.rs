@@ -11,7 +11,7 @@ use crate::range::in_range;
 use crate::wording::{abridged, listed};
 use contact::law::Cone;
 use expression::{Node, Tape, nearest};
-use models::rigid_bodies::{AxesOfGrain, Coefficient, Grain, Law, Laws, OF_BODY};
+use models::rigid_bodies::{AxesOfGrain, Coefficient, Grain, Law, Laws, OF_BODY, Patch};
 use nalgebra::Vector3;
 use serde::Deserialize;
 use std::collections::{HashMap, HashSet};
@@ -33,6 +33,13 @@ pub struct BodyContacts {
     pub along: Option<Vector>,
     /// The axes of `along`: those of the world, or of the body that stands first in the scene. Default `world`.
     pub axes: Option<AxesOfForce>,
+    /// The radius in metres of the patch on which bodies touch at a point: a disc with uniform pressure, on which sliding and
+    /// drilling about the normal share friction (Contensou's law). For all pairs of materials with none of their own.
+    /// Default 0, a point that resists no drilling.
+    pub patch: Option<Expression>,
+    /// The coefficient of rolling friction in metres: the largest torque against rolling, divided by the normal force. For all
+    /// pairs of materials with none of their own. Default 0.
+    pub rolling: Option<Expression>,
     /// The default coefficient of restitution, from 0 to 1, for bodies without a material or whose material has none.
     /// Default 0.
     pub restitution: Option<Expression>,
@@ -80,6 +87,10 @@ pub struct MaterialPair {
     pub along: Option<Vector>,
     /// The axes of `along`: those of the world, or of the body with the first of the two materials. Default `world`.
     pub axes: Option<AxesOfForce>,
+    /// The radius of the patch in metres, as that of `contacts`. Default: that of `contacts`.
+    pub patch: Option<Expression>,
+    /// The coefficient of rolling friction in metres. Default: that of `contacts`.
+    pub rolling: Option<Expression>,
 }
 
 impl BodyContacts {
@@ -142,6 +153,7 @@ enum Friction {
 struct Coefficients {
     friction: Friction,
     restitution: f64,
+    patch: Patch,
 }
 
 /// The names of the inputs of a coefficient of friction, after the time.
@@ -158,6 +170,7 @@ struct Reading<'l, 'c> {
     coefficients: Vec<Coefficient>,
     known: HashMap<(Node, Node), u32>,
     grains: Vec<Grain>,
+    patches: Vec<Patch>,
 }
 
 impl Reading<'_, '_> {
@@ -196,7 +209,24 @@ impl Reading<'_, '_> {
         Coefficients {
             friction: friction.unwrap_or(default.friction),
             restitution: restitution.unwrap_or(default.restitution),
+            patch: default.patch,
         }
+    }
+
+    /// The patch, by its radius and its coefficient of rolling friction.
+    fn patch(&mut self, given: [Option<&Expression>; 2], default: Patch, cone: ConeName, place: &Pointer<'_>) -> Patch {
+        let mut read = |value: Option<&Expression>, key: &str, default: f64| {
+            let Some(value) = value else { return default };
+            let range: (fn(f64) -> bool, &str) = (|length| length >= 0.0, "not below 0, in metres");
+            let value = in_range(value, key, range, &place.key(key), self.lowering).unwrap_or(0.0);
+            if value > 0.0 && cone == ConeName::Polyhedral {
+                let detail = format!("a `{key}` beside a polyhedral cone");
+                let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
+                self.lowering.errors.push(error.expected(format!("`\"cone\": \"quadratic\"`, or no `{key}`")));
+            }
+            value
+        };
+        Patch { radius: read(given[0], "patch", default.radius), rolling: read(given[1], "rolling", default.rolling) }
     }
 
     /// The friction of two materials: the geometric mean.
@@ -213,8 +243,15 @@ impl Reading<'_, '_> {
         }
     }
 
-    fn law(&mut self, Coefficients { friction, restitution }: Coefficients, grain: Option<u32>) -> Law {
-        let law = Law { restitution, grain, ..Law::default() };
+    fn law(&mut self, Coefficients { friction, restitution, patch }: Coefficients, grain: Option<u32>) -> Law {
+        let place = (patch != Patch::default()).then(|| {
+            let known = self.patches.iter().position(|known| *known == patch);
+            known.unwrap_or_else(|| {
+                self.patches.push(patch);
+                self.patches.len() - 1
+            }) as u32
+        });
+        let law = Law { restitution, grain, patch: place, ..Law::default() };
         match friction {
             Friction::Constant(friction) => Law { friction, ..law },
             Friction::Varying(a, b) => Law { varying: Some(self.coefficient(a, b)), ..law },
@@ -268,6 +305,17 @@ impl Reading<'_, '_> {
         self.grains.push(Grain { along: along.into_inner(), axes, ratio });
         Some(self.grains.len() as u32 - 1)
     }
+
+    /// Refuses directions of friction on a patch with a radius, whose law is that of a disc without directions; `key` is the
+    /// one that is at fault where the error is reported.
+    fn refuse_grain_on(&mut self, patch: Patch, grain: Option<u32>, key: &str, place: &Pointer<'_>) {
+        let directed = grain.is_some_and(|grain| self.grains[grain as usize].ratio != 1.0);
+        if patch.radius > 0.0 && directed {
+            let detail = "a `ratio` of friction on a patch";
+            let error = SpecificationError::new(place.key(key).to_string(), "conflict", detail);
+            self.lowering.errors.push(error.expected("a `ratio`, or a `patch` with a radius above 0"));
+        }
+    }
 }
 
 /// Directions of friction as they are given.
@@ -287,13 +335,22 @@ pub(super) fn lower(
     lowering: &mut Lowering<'_>,
 ) -> Laws {
     let place = problem.key("contacts");
-    let mut reading =
-        Reading { lowering, first: inputs, coefficients: Vec::new(), known: HashMap::new(), grains: Vec::new() };
+    let mut reading = Reading {
+        lowering,
+        first: inputs,
+        coefficients: Vec::new(),
+        known: HashMap::new(),
+        grains: Vec::new(),
+        patches: Vec::new(),
+    };
     let given = (contacts.friction.as_ref(), contacts.restitution.as_ref());
-    let none = Coefficients { friction: Friction::Constant(0.0), restitution: 0.0 };
-    let default = reading.coefficients(given.0, given.1, none, &place);
+    let none = Coefficients { friction: Friction::Constant(0.0), restitution: 0.0, patch: Patch::default() };
+    let mut default = reading.coefficients(given.0, given.1, none, &place);
     let directions = Directions { ratio: contacts.ratio.as_ref(), along: contacts.along.as_ref(), axes: contacts.axes };
     let grain = reading.grain(&directions, AxesOfGrain::First, contacts.cone, &place);
+    let lengths = [contacts.patch.as_ref(), contacts.rolling.as_ref()];
+    default.patch = reading.patch(lengths, Patch::default(), contacts.cone, &place);
+    reading.refuse_grain_on(default.patch, grain, "patch", &place);
     let place_of_materials = problem.key("materials");
     let mut single: Vec<Coefficients> = materials
         .iter()
@@ -310,7 +367,7 @@ pub(super) fn lower(
     for a in &single {
         for b in &single {
             let friction = reading.mean(a.friction, b.friction);
-            of_pairs.push((Coefficients { friction, restitution: a.restitution.min(b.restitution) }, grain));
+            of_pairs.push((Coefficients { friction, restitution: a.restitution.min(b.restitution), ..default }, grain));
         }
     }
     for (k, pair) in contacts.pairs.iter().enumerate() {
@@ -331,12 +388,22 @@ pub(super) fn lower(
         };
         let (Some(a), Some(b)) = (find(0), find(1)) else { continue };
         let given = (pair.friction.as_ref(), pair.restitution.as_ref());
-        let coefficients = reading.coefficients(given.0, given.1, of_pairs[a * n + b].0, &place);
+        let mut coefficients = reading.coefficients(given.0, given.1, of_pairs[a * n + b].0, &place);
+        let lengths = [pair.patch.as_ref(), pair.rolling.as_ref()];
+        coefficients.patch = reading.patch(lengths, coefficients.patch, contacts.cone, &place);
         let directions = Directions { ratio: pair.ratio.as_ref(), along: pair.along.as_ref(), axes: pair.axes };
         let own = reading.grain(&directions, AxesOfGrain::Material(a), contacts.cone, &place);
         let law = (coefficients, own.or(of_pairs[a * n + b].1));
+        // What a pair takes over from `contacts` is judged there.
+        if pair.patch.is_some() || own.is_some() {
+            let key = if pair.patch.is_some() { "patch" } else { "ratio" };
+            reading.refuse_grain_on(coefficients.patch, law.1, key, &place);
+        }
         (of_pairs[a * n + b], of_pairs[b * n + a]) = (law, law);
     }
     let laws = of_pairs.into_iter().map(|(coefficients, grain)| reading.law(coefficients, grain)).collect();
-    Laws::new(n, laws, reading.coefficients, reading.grains)
+    let Reading { coefficients, grains, patches, .. } = reading;
+    let mut laws = Laws::new(n, laws);
+    (laws.coefficients, laws.grains, laws.patches) = (coefficients, grains, patches);
+    laws
 }

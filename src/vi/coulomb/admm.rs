@@ -13,6 +13,7 @@
 
 use super::cone::{FrictionCone, tangent};
 use super::linear::BlockSystem;
+use super::patch::{PatchCone, Role};
 use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
 use nalgebra::{Matrix3, Vector3};
@@ -48,11 +49,24 @@ impl Admm {
     /// Prepares a run from `r`; `None` if memory does not suffice.
     pub fn new(scaling: &Scaling, r: &[Vector3<f64>]) -> Option<Self> {
         let problem = &scaling.problem;
-        let y = r.iter().enumerate().map(|(k, _)| {
-            let cone = FrictionCone { mu: problem.mu()[k] };
-            let y = -cone.augment(problem.velocity(k, r));
-            y - cone.project(y)
-        });
+        let mut y: Vec<Vector3<f64>> = (0..r.len()).map(|k| problem.velocity(k, r)).collect();
+        for k in 0..r.len() {
+            let mu = problem.mu()[k];
+            match problem.role(k) {
+                Role::Point => {
+                    let cone = FrictionCone { mu };
+                    let of = -cone.augment(y[k]);
+                    y[k] = of - cone.project(of);
+                }
+                Role::Force(reach) => {
+                    let cone = PatchCone { mu, reach };
+                    let of = cone.augment([y[k], y[k + 1]]).map(|u| -u);
+                    let projected = cone.project(of);
+                    (y[k], y[k + 1]) = (of[0] - projected[0], of[1] - projected[1]);
+                }
+                Role::Torque => {}
+            }
+        }
         Some(Self {
             system: BlockSystem::new(problem.matrix())?,
             rho: 1.0,
@@ -60,7 +74,7 @@ impl Admm {
             r: vec![0.0; 3 * r.len()],
             z: r.to_vec(),
             previous: r.to_vec(),
-            y: y.collect(),
+            y,
             iterations: 0,
             factorisations: 0,
             changed: 0,
@@ -108,7 +122,12 @@ impl Admm {
         for (k, right) in self.r.chunks_exact_mut(3).enumerate() {
             let y = self.y[k];
             let mut b = (self.z[k] - y) * rho - problem.q()[k];
-            b.x -= problem.mu()[k] * rho * tangent(&y).norm();
+            b.x -= rho
+                * match problem.role(k) {
+                    Role::Point => problem.mu()[k] * tangent(&y).norm(),
+                    Role::Force(reach) => PatchCone { mu: problem.mu()[k], reach }.support(&[y, self.y[k + 1]]),
+                    Role::Torque => 0.0,
+                };
             right.copy_from_slice(b.as_slice());
         }
         if !(self.is_factored && self.system.solve(&mut self.r)) {
@@ -117,8 +136,23 @@ impl Admm {
         std::mem::swap(&mut self.z, &mut self.previous);
         for (k, r) in self.r.chunks_exact(3).enumerate() {
             let relaxed = Vector3::from_column_slice(r) * RELAXATION + self.previous[k] * (1.0 - RELAXATION);
-            self.z[k] = FrictionCone { mu: problem.mu()[k] }.project(relaxed + self.y[k]);
-            self.y[k] += relaxed - self.z[k];
+            let target = relaxed + self.y[k];
+            match problem.role(k) {
+                Role::Point => self.z[k] = FrictionCone { mu: problem.mu()[k] }.project(target),
+                // The torque follows, and with it the projection of both.
+                Role::Force(_) => self.z[k] = target,
+                Role::Torque => {
+                    if let Role::Force(reach) = problem.role(k - 1) {
+                        let cone = PatchCone { mu: problem.mu()[k - 1], reach };
+                        let projected = cone.project([self.z[k - 1], target]);
+                        self.y[k - 1] = self.z[k - 1] - projected[0];
+                        (self.z[k - 1], self.z[k]) = (projected[0], projected[1]);
+                    }
+                }
+            }
+            if !matches!(problem.role(k), Role::Force(_)) {
+                self.y[k] += relaxed - self.z[k];
+            }
         }
         self.iterations += 1;
         true

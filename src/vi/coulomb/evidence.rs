@@ -3,6 +3,7 @@
 
 use super::CoulombProblem;
 use super::cone::{FrictionCone, tangent};
+use super::patch::Role;
 use nalgebra::Vector3;
 
 /// The residuals of Coulomb's law at a point. Norms are those of the user's `r` and `u`, unscaled.
@@ -20,26 +21,56 @@ pub struct Evidence {
     pub dissipation_gap: f64,
 }
 
+/// A block row of the law, with its natural map.
+pub(super) struct Row {
+    pub role: Role,
+    pub mu: f64,
+    pub q: Vector3<f64>,
+    pub r: Vector3<f64>,
+    pub u: Vector3<f64>,
+    pub map: Vector3<f64>,
+}
+
+impl Row {
+    /// The row of a contact at a point.
+    pub fn of_point(mu: f64, q: Vector3<f64>, r: Vector3<f64>, u: Vector3<f64>) -> Self {
+        Self { role: Role::Point, mu, q, r, u, map: FrictionCone { mu }.natural_map(r, u) }
+    }
+}
+
 impl Evidence {
     /// Evaluates the residuals at `r`; NaN if a value is not finite.
     pub fn of(problem: &CoulombProblem, r: &[Vector3<f64>]) -> Self {
-        Self::of_contacts((0..r.len()).map(|k| (problem.mu()[k], problem.q()[k], r[k], problem.velocity(k, r))))
+        let u: Vec<Vector3<f64>> = (0..r.len()).map(|k| problem.velocity(k, r)).collect();
+        let mut maps = vec![Vector3::zeros(); r.len()];
+        problem.natural_maps(|k| r[k], |k| u[k], |k, map| maps[k] = map);
+        let row = |k: usize| {
+            let (role, mu, q) = (problem.role(k), problem.mu()[k], problem.q()[k]);
+            Row { role, mu, q, r: r[k], u: u[k], map: maps[k] }
+        };
+        Self::of_rows((0..r.len()).map(row))
     }
 
-    /// Evaluates the residuals of contacts with their `mu`, `q`, `r` and `u`.
-    pub(super) fn of_contacts(contacts: impl Iterator<Item = (f64, Vector3<f64>, Vector3<f64>, Vector3<f64>)>) -> Self {
+    /// Evaluates the residuals of block rows.
+    pub(super) fn of_rows(rows: impl Iterator<Item = Row>) -> Self {
         let mut evidence = Self::default();
         let (mut map, mut q_norm, mut r_norm, mut u_norm) = (0.0, 0.0, 0.0, 0.0);
-        for (mu, q, r_k, u) in contacts {
-            map += FrictionCone { mu }.natural_map(r_k, u).norm_squared();
+        for Row { role, mu, q, r, u, map: of_row } in rows {
+            map += of_row.norm_squared();
             q_norm += q.norm_squared();
-            r_norm += r_k.norm_squared();
+            r_norm += r.norm_squared();
             u_norm += u.norm_squared();
-            let (slip, friction) = (tangent(&u), tangent(&r_k));
-            evidence.signorini = evidence.signorini.max(r_k.x.min(u.x).abs());
-            evidence.cone_violation = evidence.cone_violation.max(friction.norm() - mu * r_k.x);
-            let gap = (friction.dot(&slip) + mu * r_k.x * slip.norm()).abs();
-            evidence.dissipation_gap = evidence.dissipation_gap.max(gap);
+            if role == Role::Torque {
+                continue;
+            }
+            let (slip, friction) = (tangent(&u), tangent(&r));
+            evidence.signorini = evidence.signorini.max(r.x.min(u.x).abs());
+            evidence.cone_violation = evidence.cone_violation.max(friction.norm() - mu * r.x);
+            let gap = (friction.dot(&slip) + mu * r.x * slip.norm()).abs();
+            // The power of a patch has further terms, which the natural map judges.
+            if role == Role::Point {
+                evidence.dissipation_gap = evidence.dissipation_gap.max(gap);
+            }
         }
         evidence.natural_map = f64::sqrt(map);
         let size: f64 = q_norm.max(r_norm).max(u_norm).sqrt();

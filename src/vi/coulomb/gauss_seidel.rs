@@ -3,7 +3,8 @@
 //! from a good start; but convergence is linear, and slow or absent where contacts outnumber degrees of freedom.
 
 use super::local::Diagonal;
-use super::{BlockMatrix, CoulombProblem};
+use super::patch::Role;
+use super::{BlockMatrix, CoulombProblem, solve_patch};
 use nalgebra::{Matrix3, Vector3};
 
 /// `W` in the layout of a sweep: the off-diagonal blocks in one stream, those on the diagonal prepared.
@@ -37,6 +38,10 @@ impl Sweeps {
 
     /// Makes one sweep over all contacts of the problem whose matrix was copied.
     pub fn sweep(&self, problem: &CoulombProblem, r: &mut [Vector3<f64>]) {
+        if problem.has_patches() {
+            self.sweep_with_patches(problem, r);
+            return;
+        }
         let mut start = 0;
         for (k, (&end, diagonal)) in self.ends.iter().zip(&self.diagonal).enumerate() {
             let mut q = problem.q()[k];
@@ -46,6 +51,31 @@ impl Sweeps {
             start = end;
             if let Some(exact) = diagonal.solve(q, problem.mu()[k]) {
                 r[k] = exact;
+            }
+        }
+    }
+
+    fn sweep_with_patches(&self, problem: &CoulombProblem, r: &mut [Vector3<f64>]) {
+        let matrix = problem.matrix();
+        for k in 0..r.len() {
+            let mu = problem.mu()[k];
+            match problem.role(k) {
+                Role::Point => {
+                    let q = problem.velocity(k, r) - matrix.diagonal(k) * r[k];
+                    if let Some(exact) = self.diagonal[k].solve(q, mu) {
+                        r[k] = exact;
+                    }
+                }
+                Role::Force(reach) => {
+                    let own = [r[k], r[k + 1]];
+                    let without = |i: usize| {
+                        let blocks = (0..2).filter_map(|j| Some(matrix.block(k + i, k + j)? * own[j]));
+                        problem.velocity(k + i, r) - blocks.sum::<Vector3<f64>>()
+                    };
+                    let q = [without(0), without(1)];
+                    [r[k], r[k + 1]] = solve_patch(matrix, k, &q, mu, reach, &own);
+                }
+                Role::Torque => {}
             }
         }
     }

@@ -10,6 +10,8 @@
 //! contacts outnumber degrees of freedom, so that no one method solves every instance (Acary, Bremond and Huber 2018,
 //! *On solving contact problems with Coulomb friction: formulations and numerical comparisons*): [`Coulomb`] runs
 //! block Gauss-Seidel, an interior-point method, proximal Newton and ADMM in turn, depending on the residual.
+//!
+//! A contact on a patch, with drilling and rolling friction, takes two block rows with a [set of its own](patch).
 
 mod admm;
 mod alart_curnier;
@@ -20,10 +22,13 @@ mod evidence;
 mod factored;
 mod gauss_seidel;
 mod interior_point;
+mod limit_surface;
 mod linear;
 mod local;
+mod local_patch;
 mod lorentz;
 mod newton;
+mod patch;
 mod portfolio;
 mod problem;
 mod proximal;
@@ -35,7 +40,10 @@ pub use blocks::BlockMatrix;
 pub use cone::FrictionCone;
 pub use evidence::Evidence;
 pub use factored::{Factored, Grip, Mobility, Twist};
+pub use limit_surface::mean_speed;
 pub use local::solve_contact;
+pub use local_patch::solve_patch;
+pub use patch::{Reach, Role};
 pub use portfolio::{Attempt, Coulomb, Limits, Method, Report};
 pub use problem::{CoulombProblem, CoulombProblemError};
 pub use proximal::{ProximalReport, ProximalSweeps};

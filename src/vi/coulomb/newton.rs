@@ -13,9 +13,10 @@
 
 use super::alart_curnier::{self, Linearised};
 use super::linear::BlockSystem;
+use super::patch::{PatchCone, Role};
 use super::portfolio::Task;
 use super::scaling::{Residual, Scaling};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// Largest number of Newton steps for one inner problem, which either has the correct contact states after five or is
 /// chattering.
@@ -49,6 +50,8 @@ const SHORTEST: f64 = 1e-3;
 pub(super) struct ProximalNewton {
     system: BlockSystem,
     linearised: Vec<Linearised>,
+    /// For each row, the derivatives of its function by velocity and impulse of the other row of its patch.
+    across: Vec<[Matrix3<f64>; 2]>,
     direction: Vec<f64>,
     centre: Vec<Vector3<f64>>,
     iterate: Vec<Vector3<f64>>,
@@ -63,6 +66,7 @@ impl ProximalNewton {
         Some(Self {
             system: BlockSystem::new(scaling.problem.matrix())?,
             linearised: vec![zero; n],
+            across: vec![Default::default(); if scaling.problem.has_patches() { n } else { 0 }],
             direction: vec![0.0; 3 * n],
             centre: vec![Vector3::zeros(); n],
             iterate: vec![Vector3::zeros(); n],
@@ -129,20 +133,39 @@ impl ProximalNewton {
     fn linearise(&mut self, scaling: &Scaling, alpha: f64) -> f64 {
         let problem = &scaling.problem;
         let mut sum = 0.0;
-        for (k, linearised) in self.linearised.iter_mut().enumerate() {
-            let r = &self.iterate[k];
-            let u = problem.velocity(k, &self.iterate) + (r - self.centre[k]) * alpha;
-            *linearised = alart_curnier::linearise(r, &u, problem.mu()[k]);
-            sum += linearised.value.norm_squared();
+        let velocity = |k: usize| problem.velocity(k, &self.iterate) + (self.iterate[k] - self.centre[k]) * alpha;
+        for k in 0..self.linearised.len() {
+            let (r, mu) = (&self.iterate, problem.mu()[k]);
+            match problem.role(k) {
+                Role::Point => self.linearised[k] = alart_curnier::linearise(&r[k], &velocity(k), mu),
+                Role::Force(reach) => {
+                    let u = [velocity(k), velocity(k + 1)];
+                    let rows = PatchCone { mu, reach }.linearise_rows(&[r[k], r[k + 1]], &u);
+                    for (i, (own, across)) in rows.into_iter().enumerate() {
+                        (self.linearised[k + i], self.across[k + i]) = (own, across);
+                    }
+                }
+                Role::Torque => {}
+            }
+            sum += self.linearised[k].value.norm_squared();
         }
         sum.sqrt()
     }
 
     fn newton_direction(&mut self, scaling: &Scaling, alpha: f64) -> bool {
-        let linearised = &self.linearised;
-        let factored = self.system.factorise(scaling.problem.matrix(), |i, j, block| {
+        let (linearised, across, problem) = (&self.linearised, &self.across, &scaling.problem);
+        let factored = self.system.factorise(problem.matrix(), |i, j, block| {
             let row = &linearised[i];
-            let product = row.by_u * block;
+            let mut product = row.by_u * block;
+            if let Some(other) = problem.partner(i) {
+                let [by_u, by_r] = &across[i];
+                if let Some(block) = problem.matrix().block(other, j) {
+                    product += by_u * block;
+                }
+                if other == j {
+                    product += by_u * alpha + by_r;
+                }
+            }
             if i == j { product + row.by_u * alpha + row.by_r } else { product }
         });
         for (right, row) in self.direction.chunks_exact_mut(3).zip(linearised) {
@@ -157,9 +180,15 @@ impl ProximalNewton {
         for ((trial, r), d) in self.trial.iter_mut().zip(&self.iterate).zip(self.direction.chunks_exact(3)) {
             *trial = r + Vector3::new(d[0], d[1], d[2]) * length;
         }
-        let value = |(k, r): (usize, &Vector3<f64>)| {
-            let u = problem.velocity(k, &self.trial) + (r - self.centre[k]) * alpha;
-            alart_curnier::value(r, &u, problem.mu()[k]).norm_squared()
+        let velocity = |k: usize| problem.velocity(k, &self.trial) + (self.trial[k] - self.centre[k]) * alpha;
+        let value = |(k, r): (usize, &Vector3<f64>)| match problem.role(k) {
+            Role::Point => alart_curnier::value(r, &velocity(k), problem.mu()[k]).norm_squared(),
+            Role::Force(reach) => {
+                let (r, u) = ([*r, self.trial[k + 1]], [velocity(k), velocity(k + 1)]);
+                let [force, torque] = PatchCone { mu: problem.mu()[k], reach }.value(&r, &u);
+                force.norm_squared() + torque.norm_squared()
+            }
+            Role::Torque => 0.0,
         };
         self.trial.iter().enumerate().map(value).sum::<f64>().sqrt()
     }

@@ -3,7 +3,8 @@
 //! 1. One contact: its exact solution.
 //! 2. Block Gauss-Seidel with Anderson's acceleration, as long as its rate predicts the tolerance within few sweeps.
 //! 3. Proximal Newton, from the best point so far, if contacts are few: its contact states are often those of the solution.
-//! 4. The interior-point method, which finds the contact states, then Newton again if digits are missing.
+//! 4. The interior-point method, which finds the contact states, then Newton again if digits are missing; not if there are
+//!    contacts on patches.
 //! 5. If Newton stalls, ADMM for a while, then Newton from there, and so on with ever longer runs. ADMM keeps its own
 //!    state, so that nothing is lost if Newton fails again.
 //!
@@ -261,6 +262,10 @@ impl Coulomb {
 
     /// Runs the interior-point method.
     fn pass_through_the_interior(&mut self, control: &Control) {
+        // Its barrier is that of second-order cones, which the set of a patch is not.
+        if self.scaling.problem.has_patches() {
+            return;
+        }
         let Some(mut method) = InteriorPoint::new(&self.scaling) else { return };
         let before = self.residual;
         self.work.clone_from(&self.best);

@@ -1,6 +1,8 @@
 //! The validated data of one frictional contact problem.
 
 use super::BlockMatrix;
+use super::cone::FrictionCone;
+use super::patch::{PatchCone, Role};
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
@@ -10,6 +12,8 @@ pub struct CoulombProblem {
     matrix: BlockMatrix,
     q: Vec<Vector3<f64>>,
     mu: Vec<f64>,
+    /// The roles of the block rows; empty if all are contacts at points.
+    roles: Vec<Role>,
 }
 
 /// The reason why data are not a contact problem.
@@ -34,6 +38,9 @@ pub enum CoulombProblemError {
     /// An entry of `W` or `q` is NaN or infinite.
     #[error("W and q must be finite")]
     NotFinite,
+    /// The row of the force of a patch is not followed by that of its torque, or that of a torque has none before it.
+    #[error("the force of a patch and its torque must be neighbours")]
+    Roles,
     /// A coefficient is negative, NaN or infinite.
     #[error("the coefficient of contact {contact} must be a number >= 0, got {value}")]
     Coefficient {
@@ -47,7 +54,7 @@ pub enum CoulombProblemError {
 impl CoulombProblem {
     /// Checks and keeps the data of `n = matrix.len()` contacts.
     pub fn new(matrix: BlockMatrix, q: Vec<Vector3<f64>>, mu: Vec<f64>) -> Result<Self, CoulombProblemError> {
-        let problem = Self { matrix, q, mu };
+        let problem = Self { matrix, q, mu, roles: Vec::new() };
         problem.check().map(|()| problem)
     }
 
@@ -58,7 +65,71 @@ impl CoulombProblem {
         self.q.extend_from_slice(q);
         self.mu.clear();
         self.mu.extend_from_slice(mu);
+        self.roles.clear();
         self.check()
+    }
+
+    /// Sets the roles of the block rows.
+    ///
+    /// # Errors
+    /// If forces and torques are not neighbours.
+    pub fn take_roles(&mut self, roles: &[Role]) -> Result<(), CoulombProblemError> {
+        let is_force = |k: usize| matches!(roles.get(k), Some(Role::Force(_)));
+        let is_torque = |k: usize| roles.get(k) == Some(&Role::Torque);
+        let fits = |(k, role): (usize, &Role)| match role {
+            Role::Point => true,
+            Role::Force(_) => is_torque(k + 1),
+            Role::Torque => k > 0 && is_force(k - 1),
+        };
+        if !(roles.is_empty() || roles.len() == self.contacts()) || !roles.iter().enumerate().all(fits) {
+            return Err(CoulombProblemError::Roles);
+        }
+        self.roles.clear();
+        if roles.iter().any(|role| *role != Role::Point) {
+            self.roles.extend_from_slice(roles);
+        }
+        Ok(())
+    }
+
+    /// The role of a block row.
+    pub(super) fn role(&self, k: usize) -> Role {
+        self.roles.get(k).copied().unwrap_or_default()
+    }
+
+    /// Whether there is a contact on a patch.
+    pub(super) fn has_patches(&self) -> bool {
+        !self.roles.is_empty()
+    }
+
+    /// The other row of a contact on a patch.
+    pub(super) fn partner(&self, k: usize) -> Option<usize> {
+        match self.role(k) {
+            Role::Point => None,
+            Role::Force(_) => Some(k + 1),
+            Role::Torque => Some(k - 1),
+        }
+    }
+
+    /// Calls `of` with each row and the natural map of the law there, for impulses `r` and velocities `u`; the map of a patch
+    /// is formed once.
+    pub(super) fn natural_maps(
+        &self,
+        r: impl Fn(usize) -> Vector3<f64>,
+        u: impl Fn(usize) -> Vector3<f64>,
+        mut of: impl FnMut(usize, Vector3<f64>),
+    ) {
+        for k in 0..self.contacts() {
+            let mu = self.mu[k];
+            match self.role(k) {
+                Role::Point => of(k, FrictionCone { mu }.natural_map(r(k), u(k))),
+                Role::Force(reach) => {
+                    let [force, torque] = PatchCone { mu, reach }.natural_map(&[r(k), r(k + 1)], &[u(k), u(k + 1)]);
+                    of(k, force);
+                    of(k + 1, torque);
+                }
+                Role::Torque => {}
+            }
+        }
     }
 
     fn check(&self) -> Result<(), CoulombProblemError> {
@@ -139,5 +210,6 @@ impl CoulombProblem {
         target.q.clear();
         target.q.extend(self.q.iter().zip(d).map(|(q, d)| q * *d));
         target.mu.clone_from(&self.mu);
+        target.roles.clone_from(&self.roles);
     }
 }

@@ -14,6 +14,7 @@
 
 use super::anderson::Anderson;
 use super::cone::FrictionCone;
+use super::evidence::Row;
 use super::factored::{Factored, Twist};
 use super::local::Diagonal;
 use super::portfolio::{Attempt, Method, SWEEPS_AT_ONCE};
@@ -105,8 +106,8 @@ impl ProximalSweeps {
             *r = best * *d;
         }
         let velocities = factors.product(r);
-        let contact = |k: usize| (mu[k], q[k], r[k], velocities[k] + q[k]);
-        let evidence = Evidence::of_contacts((0..n).map(contact));
+        let row = |k: usize| Row::of_point(mu[k], q[k], r[k], velocities[k] + q[k]);
+        let evidence = Evidence::of_rows((0..n).map(row));
         let outcome = if evidence.relative.is_nan() {
             Outcome::Breakdown
         } else if solved.strict <= limits.tolerance {

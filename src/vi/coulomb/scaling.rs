@@ -5,6 +5,7 @@
 
 use super::CoulombProblem;
 use super::cone::FrictionCone;
+use super::patch::Role;
 use nalgebra::{Matrix3, Vector3};
 
 /// The residual of a point.
@@ -36,15 +37,36 @@ impl Scaling {
     pub fn fit(&mut self, problem: &CoulombProblem) {
         self.d.clear();
         self.d.extend((0..problem.contacts()).map(|k| unit(problem.matrix().diagonal(k))));
+        // A patch has one unit: that of its force.
+        for k in (0..problem.contacts()).filter(|&k| problem.role(k) == Role::Torque) {
+            self.d[k] = self.d[k - 1];
+        }
         problem.scale_into(&self.d, &mut self.problem);
     }
 
     pub fn residual(&self, r: &[Vector3<f64>]) -> Residual {
+        if self.problem.has_patches() {
+            return self.residual_with_patches(r);
+        }
         let contact = |(k, r_k): (usize, &Vector3<f64>)| {
             let cone = FrictionCone { mu: self.problem.mu()[k] };
             (cone, self.d[k], *r_k, self.problem.velocity(k, r), self.problem.q()[k])
         };
         residual(r.iter().enumerate().map(contact))
+    }
+
+    fn residual_with_patches(&self, r: &[Vector3<f64>]) -> Residual {
+        let u: Vec<Vector3<f64>> = (0..r.len()).map(|k| self.problem.velocity(k, r)).collect();
+        let (mut scaled, mut plain) = ([0.0; 4], [0.0; 4]);
+        for (sums, power) in [(&mut scaled, 0), (&mut plain, 1)] {
+            let unit = |k: usize| self.d[k].powi(power);
+            let of = |k: usize, map: Vector3<f64>| {
+                let terms = [map, self.problem.q()[k] / unit(k), r[k] * unit(k), u[k] / unit(k)];
+                sums.iter_mut().zip(terms).for_each(|(sum, v)| *sum += v.norm_squared());
+            };
+            self.problem.natural_maps(|k| r[k] * unit(k), |k| u[k] / unit(k), of);
+        }
+        Residual::of(scaled, plain)
     }
 
     pub fn scale<'a>(&'a self, r: &'a [Vector3<f64>]) -> impl Iterator<Item = Vector3<f64>> + 'a {
@@ -74,11 +96,18 @@ pub(super) fn residual(
             }
         }
     }
-    let [map, q, r, u] = scaled.map(f64::sqrt);
-    if map == 0.0 || map.is_nan() {
-        return Residual { relative: map, strict: map };
+    Residual::of(scaled, plain)
+}
+
+impl Residual {
+    /// The residual from the squared norms of map, `q`, `r` and `u`.
+    fn of(scaled: [f64; 4], plain: [f64; 4]) -> Self {
+        let [map, q, r, u] = scaled.map(f64::sqrt);
+        if map == 0.0 || map.is_nan() {
+            return Self { relative: map, strict: map };
+        }
+        let [plain_map, plain_q, plain_r, plain_u] = plain.map(f64::sqrt);
+        let relative = (map / q.max(r).max(u)).max(plain_map / plain_q.max(plain_r).max(plain_u));
+        Self { relative, strict: relative.max(map / (q.max(u) + (IMPULSE_ROOM * r).min(LARGEST_ROOM * q))) }
     }
-    let [plain_map, plain_q, plain_r, plain_u] = plain.map(f64::sqrt);
-    let relative = (map / q.max(r).max(u)).max(plain_map / plain_q.max(plain_r).max(plain_u));
-    Residual { relative, strict: relative.max(map / (q.max(u) + (IMPULSE_ROOM * r).min(LARGEST_ROOM * q))) }
 }

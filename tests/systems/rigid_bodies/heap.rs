@@ -56,7 +56,7 @@ pub fn scene(side: usize) -> MultibodySystem {
         bodies.push(body(Shape::Sphere { radius: RADIUS }, at, 1.0));
     }
     let law = Law { friction: 0.5, ..Law::default() };
-    let laws = Laws::new(1, vec![law], Vec::new(), Vec::new());
+    let laws = Laws::new(1, vec![law]);
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     MultibodySystem {
         gravity,

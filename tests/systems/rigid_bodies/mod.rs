@@ -11,6 +11,7 @@ mod heaps;
 mod impacts;
 mod joints;
 mod mounts;
+mod patches;
 mod stacks;
 mod surfaces;
 

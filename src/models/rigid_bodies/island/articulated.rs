@@ -172,7 +172,7 @@ impl Island {
         mechanism: &Mechanism<'_>,
         control: &Control,
     ) -> Result<bool, Vec<bool>> {
-        let carries = |contact: &Contact| contact.impulse != Vector3::zeros();
+        let carries = |contact: &Contact| !contact.is_torque() && contact.impulse != Vector3::zeros();
         if self.contacts.iter().any(carries) {
             let mean: Vec<Vector6<f64>> = self.midpoint(h, mechanism).mean;
             self.judge_positions(&mean, h);
@@ -192,7 +192,10 @@ impl Island {
             }
             kept.restore(self, linked);
         }
-        Err(self.contacts.iter().map(|contact| carries(contact) || contact.stays_closed()).collect())
+        let mut closing: Vec<bool> =
+            self.contacts.iter().map(|contact| carries(contact) || contact.stays_closed()).collect();
+        self.pair(&mut closing);
+        Err(closing)
     }
 
     /// Makes a step without contacts, in parts as long as in the last step, and longer if the loss permits.

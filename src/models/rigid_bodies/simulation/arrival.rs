@@ -23,7 +23,12 @@ impl MoreauStepping<'_> {
             is_closed: contact.stays_closed(),
         };
         let fall = h * self.scene.gravity.norm();
-        touches.follow(self.contacts.iter().map(touched), &self.moving, fall, &mut new_events);
+        touches.follow(
+            self.contacts.iter().filter(|contact| !contact.is_torque()).map(touched),
+            &self.moving,
+            fall,
+            &mut new_events,
+        );
         (self.touches, self.new_events) = (touches, new_events);
     }
 

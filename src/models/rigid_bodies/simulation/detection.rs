@@ -86,10 +86,10 @@ impl MoreauStepping<'_> {
             let [first, second] = [i, j].map(|body| (&scene.bodies[body].collider, pose(body)));
             self.points.clear();
             contacts(first, second, margin(i) + margin(j), &mut self.points);
-            load.add([i, j].map(|body| places[body].map(|_| body)), self.points.len());
-            check(load)?;
             let materials = [i, j].map(|body| scene.bodies[body].material);
             let law = scene.laws.of(materials[0], materials[1]);
+            load.add([i, j].map(|body| places[body].map(|_| body)), self.points.len(), law);
+            check(load)?;
             let grain = law.grain.map(|grain| &scene.laws.grains[grain as usize]);
             let new = |point: &ContactPoint| {
                 let frame = grain.map_or_else(
@@ -103,7 +103,14 @@ impl MoreauStepping<'_> {
             };
             let size = overlaps::smaller(scene, i, j);
             let sized = |contact| Contact { size, no_gap: overlaps::OVERLAP * size, ..contact };
-            self.contacts.extend(self.points.iter().map(new).map(sized));
+            let Some(patch) = law.patch.map(|patch| &scene.laws.patches[patch as usize]) else {
+                self.contacts.extend(self.points.iter().map(new).map(sized));
+                continue;
+            };
+            let turning = [i, j].map(|body| given(body).map_or_else(Vector3::zeros, |given| given.omega));
+            for force in self.points.iter().map(new).map(sized) {
+                self.contacts.extend(force.on(patch, moving, turning));
+            }
         }
         self.add_stops();
         Ok(())

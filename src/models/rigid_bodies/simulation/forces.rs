@@ -35,6 +35,10 @@ impl MoreauStepping<'_> {
                 for (side, sign) in [(contact.key.0, -1.0), (contact.key.1, 1.0)] {
                     if side as usize == body {
                         let impulse = contact.frame.tr_mul(&contact.impulse) * sign;
+                        if contact.is_torque() {
+                            *torque += impulse;
+                            continue;
+                        }
                         *force += impulse;
                         *torque += (contact.position - centre).cross(&impulse);
                     }

@@ -82,6 +82,7 @@ impl MoreauStepping<'_> {
         for motion in &mut self.moving {
             (motion.velocity, motion.omega) = Default::default();
         }
+        self.contacts.retain(|contact| !contact.is_torque());
         for contact in &mut self.contacts {
             *contact = contact.of_displacements();
         }

@@ -52,6 +52,11 @@ impl Island {
                     is_closed &= !*closes;
                 }
             }
+            for k in 1..all.len() {
+                if all[k].is_torque() {
+                    closing[k] = closing[k - 1];
+                }
+            }
             if is_closed {
                 break true;
             }
@@ -120,14 +125,16 @@ impl Island {
         let Some(Ended { mut velocities, lost: of_linkages, driven }) = end(&midpoint, linked) else { return false };
         let lost: f64 = of_linkages.iter().sum();
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
-        let most = if p.iter().any(|p| p.x > 0.0) { LOSS_IN_IMPACTS } else { LOSS };
+        // The torque of a patch needs no force only where it is zero.
+        let is_pushed = p.iter().zip(&self.contacts).any(|(p, contact)| !contact.is_torque() && p.x > 0.0);
+        let most = if is_pushed { LOSS_IN_IMPACTS } else { LOSS };
         let largest = self.largest_energy.max(energy).max(0.5 * midpoint.size());
         let is_judged = mechanism.exceeded.is_none();
         if is_judged && (lost > most * largest || stiffness(&midpoint, linked, &velocities) > STIFF * largest) {
             return false;
         }
         self.parts.pushed = if lost * ROOM <= most * largest { 2.0 * h } else { h };
-        if p.iter().any(|p| p.x > 0.0) {
+        if is_pushed {
             let moved = midpoint.moved_bodies();
             for (linked, lost) in linked.iter().zip(&of_linkages) {
                 restore(linked, &moved, &mut velocities, *lost);
@@ -140,7 +147,7 @@ impl Island {
         if are_replaced {
             self.done.drives += driven + linked.iter_mut().map(Linked::correct).sum::<f64>();
             self.arrive(&midpoint, linked, &velocities, energy, mechanism);
-            if p.iter().any(|p| p.x > 0.0) {
+            if is_pushed {
                 // The velocities have jumped.
                 self.accelerations.fill(None);
             }
@@ -229,9 +236,14 @@ impl Island {
     ) -> bool {
         // Skip contacts that are open and without an impulse.
         let all = std::mem::take(&mut self.contacts);
-        let (mut kept, mut places) = (Vec::new(), Vec::new());
+        let (mut kept, mut places): (Vec<Contact>, Vec<usize>) = (Vec::new(), Vec::new());
         for (place, contact) in all.iter().enumerate() {
-            if contact.stays_closed() || p[place].x > 0.0 {
+            let is_kept = if contact.is_torque() {
+                places.last() == Some(&(place - 1))
+            } else {
+                contact.stays_closed() || p[place].x > 0.0
+            };
+            if is_kept {
                 kept.push(*contact);
                 places.push(place);
             }
