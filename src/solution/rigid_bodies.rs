@@ -491,8 +491,13 @@ impl TimeStepped for RigidBodyRun<'_> {
         if !self.simulation.pushed.contains(&true) {
             return false;
         }
-        let mut by = self.kinks();
-        self.simulation.confine(self.t - self.before, &mut by);
+        let (h, mut by) = (self.t - self.before, self.kinks());
+        let early = self.simulation.early(h);
+        for ((place, turn), early) in by.iter_mut().zip(early) {
+            *place *= early / h;
+            *turn *= early / h;
+        }
+        self.simulation.confine(h, &mut by);
         self.displace(&by, out);
         true
     }

@@ -53,6 +53,25 @@ impl MoreauStepping<'_> {
         self.held = held;
     }
 
+    /// For each moving body, the time by which the last step of length `h` makes the impacts on its island early: it makes them at
+    /// its beginning, and they happen when the gaps are closed. Where a step is made in parts, or at its end, they may be off by
+    /// the whole step.
+    pub fn early(&self, h: f64) -> Vec<f64> {
+        let mut early = vec![h; self.moving.len()];
+        if self.report.parts > 1 {
+            return early;
+        }
+        for island in self.tasks[..self.islands.len()].iter().filter(|island| !island.is_implicit()) {
+            let is_struck =
+                |contact: &&Contact| !contact.is_torque() && contact.impulse.x > 0.0 && contact.gap > contact.no_gap;
+            // A gap that nothing closes yet is closed by what happens in the step.
+            let until = |contact: &Contact| (contact.gap / (-contact.before.x).max(0.0)).min(h);
+            let longest = island.contacts.iter().filter(is_struck).map(until).fold(0.0, f64::max);
+            island.bodies.iter().for_each(|&body| early[body as usize] = longest);
+        }
+        early
+    }
+
     /// Takes from displacements of the moving bodies in the last step of length `h`, of their centres and about them, what the
     /// contacts that it has closed do not allow: bodies are where their surfaces meet at its end, whenever they met, but for the
     /// way that they part again. By impulses along the normals, one after the other.
