@@ -55,13 +55,13 @@ fn pure_spin_has_two_thirds_of_the_torque_and_pure_sliding_the_whole_force() {
 fn of_surface(v: f64, w: f64) -> [f64; 2] {
     let (rings, parts) = (120, 60);
     let mut sums = [0.0; 2];
-    for i in 0..rings {
-        let r = (f64::from(i) + 0.5) / f64::from(rings);
-        for j in 0..parts {
-            // One half of the disc is the mirror image of the other.
-            let (sine, cosine) = (PI * (f64::from(j) + 0.5) / f64::from(parts) - 0.5 * PI).sin_cos();
+    for j in 0..parts {
+        // One half of the disc is the mirror image of the other.
+        let (sine, cosine) = (PI * (f64::from(j) + 0.5) / f64::from(parts) - 0.5 * PI).sin_cos();
+        for i in 0..rings {
+            let r = (f64::from(i) + 0.5) / f64::from(rings);
             let (x, y) = (v - w * r * sine, w * r * cosine);
-            let weight = 2.0 * r / f64::from(rings * parts) / x.hypot(y);
+            let weight = 2.0 * r / (f64::from(rings * parts) * (x * x + y * y).sqrt());
             sums[0] += weight * x;
             sums[1] += weight * r * (y * cosine - x * sine);
         }
