@@ -257,13 +257,15 @@ impl<S: TimeStepped> LongerRun<S> {
     /// Compares the first `count` steps that are open, all of which the last step spans.
     fn compare(&mut self, count: usize) {
         let length = self.stepper.t() - self.stepper.begin();
+        self.changes.fill(0.0);
+        let is_bent = self.stepper.bend(&mut self.changes[..self.columns.outputs()]);
         let mut y = std::mem::take(&mut self.y);
         let rows: Vec<Row> = self.open.drain(..count).collect();
         for (k, row) in rows.iter().enumerate() {
             let values = &mut y[..self.columns.outputs()];
             self.stepper.values(row.t, values);
             self.columns.evaluate(row.t, &mut y);
-            self.comparison.differ([&row.y, &y], [row.t, row.h], (length, k + 1 == count));
+            self.comparison.differ([&row.y, &y], [row.t, row.h], (length, k + 1 == count), is_bent);
         }
         self.y = y;
         self.free.extend(rows);

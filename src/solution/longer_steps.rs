@@ -7,7 +7,7 @@
 //! errors; what they have in common, the runs show.
 //!
 //! What is asked for is compared, be it a state, another output, a definition, an integral, a monitor or what a sweep
-//! collects. What is continuous in time is compared at the ends of the longer steps, relative to its largest change over the
+//! collects. What is continuous in time is compared at every common time, relative to its largest change over the
 //! run, or to its largest value if that is smaller: where it is zero may be a convention. Velocities, energies and forces jump,
 //! at times that differ from run to run by up to a step, and are compared in the mean over time, relative to their largest
 //! values. What never changes by more than what the forces of a single step would make of it is relative to that, since no step
@@ -142,13 +142,12 @@ impl Quantity {
     }
 
     /// Notes values of both runs at the end of a step of length `h` of the run, at a time `elapsed` since the start, where the
-    /// step of the run with longer steps is of length `over`, or goes on.
-    fn differ(&mut self, [value, other]: [f64; 2], [h, elapsed]: [f64; 2], over: Option<f64>) {
+    /// step of the run with longer steps is of length `over`, or goes on; places are compared if they are `known`.
+    fn differ(&mut self, [value, other]: [f64; 2], [h, elapsed]: [f64; 2], over: Option<f64>, known: bool) {
         let distance = (value - other).abs();
         match self.measure {
             Measure::Values if self.kind == Kind::Continuous => {
-                // Within a step that impacts bend, the longer step knows less than the shorter ones, which end there.
-                if over.is_some() && is_worse(distance, self.distance) {
+                if known && is_worse(distance, self.distance) {
                     self.distance = distance;
                 }
             }
@@ -334,14 +333,15 @@ impl Comparison {
     }
 
     /// Compares columns of both runs at a time `t` at the end of a step of length `h`, within or at the end of a step of the
-    /// other run of length `length`.
-    pub fn differ(&mut self, [run, other]: [&[f64]; 2], [t, h]: [f64; 2], (length, ends): (f64, bool)) {
+    /// other run of length `length`. Within a step that impacts bend, the longer step knows less of what is continuous than the
+    /// shorter ones, which end there.
+    pub fn differ(&mut self, [run, other]: [&[f64]; 2], [t, h]: [f64; 2], (length, ends): (f64, bool), is_bent: bool) {
         let over = ends.then_some(length);
         self.compared += over.unwrap_or(0.0);
         let times = [h, t - self.start];
         for quantity in &mut self.quantities {
             let values = [quantity.value(run, h), quantity.value(other, length)];
-            quantity.differ(values, times, over);
+            quantity.differ(values, times, over, !is_bent || ends);
         }
     }
 

@@ -393,6 +393,9 @@ impl<'a> RigidBodyRun<'a> {
             out[..7].iter_mut().zip(place.iter().chain(&turned)).for_each(|(out, by)| *out = *by);
             others[1] -= motion.mass * self.scene.gravity.dot(by);
         }
+        if by.iter().all(|(place, turn)| *place == Vector3::zeros() && *turn == Vector3::zeros()) {
+            return;
+        }
         let [before, now] = &self.forces;
         let joints = others.iter_mut().skip(OF_SCENE.len()).zip(&self.coordinates);
         for (k, (out, _)) in joints.enumerate().filter(|(_, (_, is_coordinate))| **is_coordinate) {
@@ -503,11 +506,9 @@ impl TimeStepped for RigidBodyRun<'_> {
     }
 
     fn bend(&mut self, out: &mut [f64]) -> bool {
-        if !self.simulation.pushed.contains(&true) {
-            return false;
-        }
-        self.displace(&self.kinks(), out);
-        true
+        let by = self.kinks();
+        self.displace(&by, out);
+        by.iter().any(|by| *by != Default::default())
     }
 
     fn miss(&mut self, out: &mut [f64]) -> bool {

@@ -212,6 +212,8 @@ pub struct Island {
     /// Whether impacts of one step that do not happen at once follow the sequential law, for comparison with a run in which
     /// they happen at once.
     pub is_beside: bool,
+    /// The change of velocity by gravity in the step: what approaches more slowly is no impact, but a contact that goes on.
+    kick: f64,
     /// Whether the step cannot be shortened: it is tried however long it is.
     pub is_shortest: bool,
     /// The accelerations of its bodies in the last step, where they are known.
@@ -255,6 +257,7 @@ impl Island {
             largest_energy: 0.0,
             parts: Parts::default(),
             is_beside: false,
+            kick: 0.0,
             is_shortest: false,
             accelerations: Vec::new(),
             guess: None,
@@ -296,7 +299,7 @@ impl Island {
 
     /// Solves for the impulses and applies them to the velocities; an implicit island also moves its bodies.
     pub fn solve(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
-        self.is_beside = mechanism.exceeded.is_some();
+        (self.is_beside, self.kick) = (mechanism.exceeded.is_some(), h * mechanism.gravity.norm());
         if self.is_implicit() {
             self.solve_joined(h, mechanism, law, control);
             return;
@@ -407,8 +410,8 @@ impl Island {
         self.impulses_by(ImpactLaw::Sequential, delassus, free, gap, rebounds, h, r, law, control)
     }
 
-    /// Whether contacts that are open at the beginning of the step, and have the impulses `r`, close at different times. One
-    /// that no body approaches closes after another has been struck.
+    /// Whether contacts that are open at the beginning of the step, and have the impulses `r`, close at different times, at more
+    /// than the speed that a step makes. One that no body approaches closes after another has been struck.
     fn strikes_in_turn(&self, r: &[Vector3<f64>]) -> bool {
         let is_struck =
             |contact: &Contact, r: &Vector3<f64>| !contact.is_torque() && r.x > 0.0 && contact.gap > contact.no_gap;
@@ -423,7 +426,7 @@ impl Island {
             };
             // Gaps that differ by less than their tolerance close at once.
             let apart = (time - other).abs() * approach.max(speed);
-            if apart > contact.no_gap || apart.is_nan() {
+            if (apart > contact.no_gap || apart.is_nan()) && approach.max(speed) > self.kick {
                 return true;
             }
         }
