@@ -3,7 +3,7 @@
 //!
 //! For a method of first order the difference of the two runs is the error of the first, on the average: an impact happens at
 //! any point of its step, and where both runs move it to the same time, they do not differ. So an impact also counts by
-//! what it is off: by how much earlier than the gap closes a step makes it, or a whole step. Impacts add up like independent
+//! what a step misplaces it, beside the time at which the gap closes. Impacts add up like independent
 //! errors; what they have in common, the runs show.
 //!
 //! What is asked for is compared, be it a state, another output, a definition, an integral, a monitor or what a sweep
@@ -183,9 +183,8 @@ impl Quantity {
             Kind::Continuous => ("change", "by up to"),
             _ => ("value", "in the mean over time by"),
         };
-        let impacts = format!(
-            "and impacts, each made early within its step, move {name} by {by_impacts:.1e} of its largest {of}"
-        );
+        let impacts =
+            format!("and impacts, each misplaced within its step, move {name} by {by_impacts:.1e} of its largest {of}");
         // Where both runs have the same steps they do not differ, whatever their error.
         let apart = relative(self.distance / over) / (1.0 - repeated);
         let apart = if self.measure == Measure::Crossings { self.late } else { apart };

@@ -495,10 +495,9 @@ impl TimeStepped for RigidBodyRun<'_> {
             return false;
         }
         let (h, mut by) = (self.t - self.before, self.kinks());
-        let early = self.simulation.early(h);
-        for ((place, turn), early) in by.iter_mut().zip(early) {
-            *place *= early / h;
-            *turn *= early / h;
+        for ((place, turn), misplaced) in by.iter_mut().zip(self.simulation.misplaced(h)) {
+            *place *= misplaced / h;
+            *turn *= misplaced / h;
         }
         self.simulation.confine(h, &mut by);
         self.displace(&by, out);

@@ -53,23 +53,26 @@ impl MoreauStepping<'_> {
         self.held = held;
     }
 
-    /// For each moving body, the time by which the last step of length `h` makes the impacts on its island early: it makes them at
-    /// its beginning, and they happen when the gaps are closed. Where a step is made in parts, or at its end, they may be off by
-    /// the whole step.
-    pub fn early(&self, h: f64) -> Vec<f64> {
-        let mut early = vec![h; self.moving.len()];
+    /// For each moving body, the time by which the last step of length `h` misplaces the impacts on its island, which happen when
+    /// gaps are closed: it makes them at its beginning, or at its end where the island is implicit. Where a step is made in
+    /// parts, they may be off by the whole step.
+    pub fn misplaced(&self, h: f64) -> Vec<f64> {
+        let mut misplaced = vec![h; self.moving.len()];
         if self.report.parts > 1 {
-            return early;
+            return misplaced;
         }
-        for island in self.tasks[..self.islands.len()].iter().filter(|island| !island.is_implicit()) {
+        for island in &self.tasks[..self.islands.len()] {
             let is_struck =
                 |contact: &&Contact| !contact.is_torque() && contact.impulse.x > 0.0 && contact.gap > contact.no_gap;
-            // A gap that nothing closes yet is closed by what happens in the step.
-            let until = |contact: &Contact| (contact.gap / (-contact.before.x).max(0.0)).min(h);
-            let longest = island.contacts.iter().filter(is_struck).map(until).fold(0.0, f64::max);
-            island.bodies.iter().for_each(|&body| early[body as usize] = longest);
+            let by = |contact: &Contact| {
+                // A gap that nothing closes yet is closed by what happens in the step.
+                let until = (contact.gap / (-contact.before.x).max(0.0)).min(h);
+                if island.is_implicit() { h - until } else { until }
+            };
+            let longest = island.contacts.iter().filter(is_struck).map(by).fold(0.0, f64::max);
+            island.bodies.iter().for_each(|&body| misplaced[body as usize] = longest);
         }
-        early
+        misplaced
     }
 
     /// Takes from displacements of the moving bodies in the last step of length `h`, of their centres and about them, what the
