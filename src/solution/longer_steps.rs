@@ -3,14 +3,13 @@
 //!
 //! For a method of first order the difference of the two runs is the error of the first, on the average: an impact happens at
 //! any point of its step, and where both runs move it to the same time, they do not differ. So an impact also counts by
-//! what a step misplaces it, beside the time at which the gap closes. Impacts add up like independent
-//! errors; what they have in common, the runs show.
+//! what a step misplaces it, beside the time at which the gap closes. Impacts add up like independent errors; what they have
+//! in common, the runs show.
 //!
 //! What is asked for is compared, be it a state, another output, a definition, an integral, a monitor or what a sweep
-//! collects. What is continuous in time is compared at every common time, relative to its largest change over the
-//! run, or to its largest value if that is smaller: where it is zero may be a convention. Velocities, energies and forces jump,
-//! at times that differ from run to run by up to a step, and are compared in the mean over time, relative to their largest
-//! values. What never changes by more than what the forces of a single step would make of it is relative to that, since no step
+//! collects. What is continuous in time is compared at every common time, relative to its largest change over the run, or to its
+//! largest value if that is smaller: where it is zero may be a convention. Velocities, energies and forces jump, at times that
+//! differ from run to run by up to a step, and are compared in the mean over time, relative to their largest values. What never changes by more than what the forces of a single step would make of it is relative to that, since no step
 //! resolves less.
 
 use super::given_steps::{GIVEN_STEPS, is_worse};
