@@ -102,6 +102,9 @@ pub struct VelocityStep<'p> {
     pub(super) atol: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
+    /// Whether impacts of one step that do not happen at once follow the sequential law, for comparison with a run in which
+    /// they happen at once.
+    pub is_beside: bool,
     pub(super) f: Vec<f64>,
     /// The velocity change by forces in the last step, as a norm in the metric of `M`.
     pub(super) kick: f64,
@@ -137,6 +140,7 @@ impl<'p> VelocityStep<'p> {
             atol: Vec::new(),
             law: Law::new(tolerance),
             impact_law,
+            is_beside: false,
             f: vec![0.0; n],
             kick: 0.0,
             kicks: vec![0.0; n],
@@ -348,10 +352,11 @@ impl<'p> VelocityStep<'p> {
         let start = std::mem::replace(&mut self.contacted, Contacted::none(m)).r;
         let free = v.to_vec();
         let mut near: Vec<usize> = Vec::new();
+        let (mut impact_law, mut is_again) = (self.impact_law, false);
         loop {
             let closes = |&k: &usize| !near.contains(&k) && self.closes(k, v, h, forces);
             let joined: Vec<usize> = (0..m).filter(closes).collect();
-            if joined.is_empty() {
+            if joined.is_empty() && !std::mem::take(&mut is_again) {
                 break;
             }
             near.extend(joined);
@@ -371,7 +376,7 @@ impl<'p> VelocityStep<'p> {
             let restitution: Vec<f64> = scene.restitution.iter().map(|e| elastic * e).collect();
             let mut struck = vec![Vector3::zeros(); near.len()];
             self.strikes.clear();
-            if self.impact_law == ImpactLaw::Sequential && rebounds {
+            if impact_law == ImpactLaw::Sequential && rebounds {
                 let strikes = sequential(&scene.contacts(&without, &before, &gap, &restitution, h));
                 strikes.iter().for_each(|&(i, strike)| struck[i] += strike);
                 self.strikes.extend(strikes.into_iter().map(|(i, strike)| (near[i], strike)));
@@ -417,8 +422,36 @@ impl<'p> VelocityStep<'p> {
             if report.restitution == 1.0 && r.iter().zip(&restitution).all(is_elastic) {
                 self.contacted.beyond_restitution = self.contacted.impacts;
             }
+            let is_at_once = impact_law == ImpactLaw::Simultaneous;
+            if self.is_beside && is_at_once && rebounds && self.strikes_in_turn(&near, &r, &before) {
+                is_again = true;
+                impact_law = ImpactLaw::Sequential;
+            }
         }
         Ok(())
+    }
+
+    /// Whether contacts that are open at the beginning of the step, and have the impulses `r`, close at different times, with
+    /// the velocities `before` the step. One that nothing approaches closes after another has been struck.
+    fn strikes_in_turn(&self, near: &[usize], r: &[Vector3<f64>], before: &[Vector3<f64>]) -> bool {
+        let mut first: Option<(f64, f64)> = None;
+        for ((&k, _), before) in near.iter().zip(r).zip(before).filter(|((_, r), _)| r.x > 0.0) {
+            let row = self.structure.joints + k;
+            let (gap, approach) = (self.constraints.values[row], (-before.x).max(0.0));
+            if gap <= self.closed(row) {
+                continue;
+            }
+            let time = gap / approach;
+            let Some((other, speed)) = first else {
+                first = Some((time, approach));
+                continue;
+            };
+            let apart = (time - other).abs() * approach.max(speed);
+            if apart > self.closed(row) || apart.is_nan() {
+                return true;
+            }
+        }
+        false
     }
 
     /// Whether contact `k` closes at end velocities `v`.
