@@ -414,8 +414,9 @@ impl Island {
     /// times, at more than the speed that a step makes. One that no body approaches closes after another has been struck. What
     /// gravity closes within the step was closed before it.
     fn strikes_in_turn(&self, h: f64, r: &[Vector3<f64>]) -> bool {
-        let is_struck =
-            |contact: &Contact, r: &Vector3<f64>| !contact.is_torque() && r.x > 0.0 && contact.gap > contact.no_gap;
+        let is_struck = |contact: &Contact, r: &Vector3<f64>| {
+            !contact.is_torque() && r.x > 0.0 && contact.gap > contact.no_gap.max(h * self.kick)
+        };
         let struck = self.contacts.iter().zip(r).filter(|(contact, r)| is_struck(contact, r));
         let mut first: Option<(f64, f64)> = None;
         for (contact, _) in struck {
