@@ -2,6 +2,7 @@
 
 use crate::driver::Page;
 use crate::server::Server;
+use serde_json::json;
 use std::fs;
 use std::path::PathBuf;
 
@@ -74,8 +75,12 @@ fn a_job_that_runs_shows_how_far_it_is_and_can_be_cancelled() {
     page.tab_to("#cancel");
     page.press("Enter", false);
     page.wait("document.getElementById('outcome').dataset.status === 'dismissed'");
-    let asked = "performance.getEntriesByType('resource').filter((entry) => /\\/jobs\\/[^/]*(\\/events)?$/.test(entry.name)).length";
-    assert_eq!(page.value(asked), 1, "it is told how the job goes, without asking again");
+    // Small pictures of examples leave jobs of their own behind, which are forgotten.
+    let asked = "(() => {
+        const jobs = performance.getEntriesByType('resource').map((entry) => /\\/jobs\\/([^/]*)(\\/events)?$/.exec(entry.name)?.[1]).filter(Boolean);
+        return [jobs.length > 0, new Set(jobs).size === jobs.length];
+    })()";
+    assert_eq!(page.value(asked), json!([true, true]), "it is told how the job goes, without asking again");
     assert!(page.text("#message").contains("cancelled"), "{}", page.text("#message"));
     assert_eq!(page.value("document.getElementById('solve').disabled"), false);
     assert_eq!(page.complaints(), Vec::<String>::new());

@@ -44,7 +44,7 @@ export function standalone({ title, text, t, canvas, draw, background, figure, v
     for (const link of copy.querySelectorAll("a")) link.remove();
     return copy;
   };
-  file.head.append(element("meta", { name: "viewport", content: "width=device-width" }), element("style", {}, STYLE));
+  file.head.append(element("meta", { name: "viewport", content: "width=device-width" }));
   file.head.prepend(element("meta", { charset: "utf-8" }));
   const player = [];
   if (canvas) {
@@ -66,5 +66,7 @@ export function standalone({ title, text, t, canvas, draw, background, figure, v
   }
   file.body.prepend(element("h1", {}, title), unlinked(verdict));
   file.body.append(figure, unlinked(claims), element("h2", {}, "Specification"), element("pre", {}, text), ...player);
-  return new Blob([`<!doctype html>\n${file.documentElement.outerHTML}`], { type: "text/html" });
+  // A style within the document would be refused here, where the page allows those of its own files alone.
+  const styled = file.documentElement.outerHTML.replace("</head>", () => `<style>${STYLE}</style></head>`);
+  return new Blob([`<!doctype html>\n${styled}`], { type: "text/html" });
 }
