@@ -349,12 +349,11 @@ impl TimeStepped for TimeSteppingRun<'_> {
 
     fn strike(&mut self, out: &mut [f64]) -> bool {
         let TimeStepping { state, last, step, .. } = &self.stepper;
-        let h = state.t - last.t;
         // What contacts carry throughout the step is no larger than the forces, and is not displaced in time.
         let displaced: Vec<f64> = (0..state.q.len())
             .map(|k| {
                 let (change, kick) = (state.v[k] - last.v[k] - step.kicks[k], step.kicks[k].abs());
-                h * (change.abs() - kick).max(0.0).copysign(change)
+                step.early * (change.abs() - kick).max(0.0).copysign(change)
             })
             .collect();
         if displaced.iter().all(|by| *by == 0.0) {
