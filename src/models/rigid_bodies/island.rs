@@ -404,19 +404,17 @@ impl Island {
         }
         let solved =
             self.impulses_by(self.impact_law, delassus, free.clone(), gap, rebounds, h, r.clone(), law, control);
-        if !self.strikes_in_turn(h, &solved) {
+        if !self.strikes_in_turn(&solved) {
             return solved;
         }
         self.impulses_by(ImpactLaw::Sequential, delassus, free, gap, rebounds, h, r, law, control)
     }
 
-    /// Whether contacts that are open at the beginning of the step of length `h`, and have the impulses `r`, close at different
-    /// times, at more than the speed that a step makes. One that no body approaches closes after another has been struck. What
-    /// gravity closes within the step was closed before it.
-    fn strikes_in_turn(&self, h: f64, r: &[Vector3<f64>]) -> bool {
-        let is_struck = |contact: &Contact, r: &Vector3<f64>| {
-            !contact.is_torque() && r.x > 0.0 && contact.gap > contact.no_gap.max(h * self.kick)
-        };
+    /// Whether contacts that are open at the beginning of the step, and have the impulses `r`, close at different times, at more
+    /// than the speed that a step makes. One that no body approaches closes after another has been struck.
+    fn strikes_in_turn(&self, r: &[Vector3<f64>]) -> bool {
+        let is_struck =
+            |contact: &Contact, r: &Vector3<f64>| !contact.is_torque() && r.x > 0.0 && contact.gap > contact.no_gap;
         let struck = self.contacts.iter().zip(r).filter(|(contact, r)| is_struck(contact, r));
         let mut first: Option<(f64, f64)> = None;
         for (contact, _) in struck {
