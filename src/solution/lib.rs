@@ -3,7 +3,6 @@
 mod audit;
 mod branch;
 pub mod columnar;
-mod compared_columns;
 mod contact;
 mod convolution;
 mod dense;
@@ -15,7 +14,6 @@ mod fit;
 mod given_steps;
 mod global_error;
 mod integrate;
-mod longer_run;
 mod longer_steps;
 mod mechanical_checks;
 mod multipliers;
@@ -38,7 +36,6 @@ mod summary;
 mod table;
 mod trajectory;
 mod uniqueness;
-mod unseen_data;
 mod verdict;
 mod version;
 

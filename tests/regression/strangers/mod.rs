@@ -27,10 +27,7 @@ const KNOWN: Known =
 const SILENT: Known = &[];
 
 /// Right answers that the verdict does not trust.
-const DOUBTED: Known = &[
-    // Its energies are right; the places of its light links are not known to two digits, and with half the step they differ by more.
-    ("chain20_ball_joints_explodes", "doubted"),
-];
+const DOUBTED: Known = &[];
 
 /// What came of a problem.
 struct Outcome {

@@ -2,7 +2,6 @@
 //! units.
 
 mod bodies;
-mod compared;
 mod given_steps;
 mod impacts;
 mod obstacle;
