@@ -215,6 +215,15 @@ impl Contact {
     }
 }
 
+/// Marks the torques of patches where their forces are marked.
+pub(super) fn mark_torques(contacts: &[Contact], marked: &mut [bool]) {
+    for k in 1..marked.len() {
+        if contacts[k].is_torque() {
+            marked[k] = marked[k - 1];
+        }
+    }
+}
+
 /// The contact frame, with normal and tangents as rows. The first tangent is the projection of the x axis onto the
 /// tangent plane (of the y axis if the normal is nearly the x axis), so that the frame varies smoothly while a body
 /// rotates and is aligned with the user's axes.

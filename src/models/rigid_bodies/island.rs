@@ -331,15 +331,6 @@ impl Island {
         }
     }
 
-    /// Marks the torques of patches where their forces are marked.
-    fn pair(&self, marked: &mut [bool]) {
-        for k in 1..marked.len() {
-            if self.contacts[k].is_torque() {
-                marked[k] = marked[k - 1];
-            }
-        }
-    }
-
     /// Sets the coefficients that vary to those of the end of the step, for contacts with the velocities `u`; returns false if
     /// one is negative or not finite.
     fn take_coefficients(&mut self, u: &[Vector3<f64>], h: f64, mu: &mut [f64]) -> bool {

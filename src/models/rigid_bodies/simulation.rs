@@ -300,21 +300,19 @@ impl<'a> MoreauStepping<'a> {
         let mut work = 0.0;
         report.closed = 0;
         for contact in self.contacts.iter().filter(|contact| contact.is_torque() || contact.impulse.x > 0.0) {
+            self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
+            report.done.drives -= contact.impulse.dot(&contact.surface);
             if contact.is_torque() {
-                self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
                 report.work[1] += contact.work.sum();
-                report.done.drives -= contact.impulse.dot(&contact.surface);
                 continue;
             }
             let is_stop = contact.is_stop();
-            self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
             contact.bodies.iter().flatten().for_each(|&body| self.pushed[body as usize] = true);
             report.closed += usize::from(!is_stop);
             report.normal_impulse += if is_stop { 0.0 } else { contact.impulse.x };
             report.work[0] += contact.work.x;
             report.work[1] += contact.work.y + contact.work.z;
             work += contact.work.x;
-            report.done.drives -= contact.impulse.dot(&contact.surface);
             is_elastic &= contact.law.restitution == 1.0;
         }
         if is_elastic {

@@ -134,24 +134,25 @@ impl Admm {
             return false;
         }
         std::mem::swap(&mut self.z, &mut self.previous);
-        for (k, r) in self.r.chunks_exact(3).enumerate() {
-            let relaxed = Vector3::from_column_slice(r) * RELAXATION + self.previous[k] * (1.0 - RELAXATION);
-            let target = relaxed + self.y[k];
+        let (r, previous) = (&self.r, &self.previous);
+        let relaxed =
+            |k: usize| Vector3::from_column_slice(&r[3 * k..3 * k + 3]) * RELAXATION + previous[k] * (1.0 - RELAXATION);
+        for k in 0..self.z.len() {
+            let mu = problem.mu()[k];
             match problem.role(k) {
-                Role::Point => self.z[k] = FrictionCone { mu: problem.mu()[k] }.project(target),
-                // The torque follows, and with it the projection of both.
-                Role::Force(_) => self.z[k] = target,
-                Role::Torque => {
-                    if let Role::Force(reach) = problem.role(k - 1) {
-                        let cone = PatchCone { mu: problem.mu()[k - 1], reach };
-                        let projected = cone.project([self.z[k - 1], target]);
-                        self.y[k - 1] = self.z[k - 1] - projected[0];
-                        (self.z[k - 1], self.z[k]) = (projected[0], projected[1]);
-                    }
+                Role::Point => {
+                    let relaxed = relaxed(k);
+                    self.z[k] = FrictionCone { mu }.project(relaxed + self.y[k]);
+                    self.y[k] += relaxed - self.z[k];
                 }
-            }
-            if !matches!(problem.role(k), Role::Force(_)) {
-                self.y[k] += relaxed - self.z[k];
+                Role::Force(reach) => {
+                    let relaxed = [relaxed(k), relaxed(k + 1)];
+                    let target = [relaxed[0] + self.y[k], relaxed[1] + self.y[k + 1]];
+                    [self.z[k], self.z[k + 1]] = PatchCone { mu, reach }.project(target);
+                    self.y[k] += relaxed[0] - self.z[k];
+                    self.y[k + 1] += relaxed[1] - self.z[k + 1];
+                }
+                Role::Torque => {}
             }
         }
         self.iterations += 1;

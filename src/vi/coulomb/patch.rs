@@ -208,6 +208,10 @@ pub(super) fn both(pair: &Pair) -> Vector6<f64> {
     Vector6::new(pair[0].x, pair[0].y, pair[0].z, pair[1].x, pair[1].y, pair[1].z)
 }
 
+pub(super) fn pair(v: &Vector6<f64>) -> Pair {
+    [Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5])]
+}
+
 pub(super) fn parts(v: &Pair) -> Parts {
     Parts::new(v[0].y, v[0].z, v[1].x, v[1].y, v[1].z)
 }
@@ -218,27 +222,11 @@ pub(super) fn joined(normal: f64, s: &Parts) -> Pair {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::{REACHES, Random};
     use super::*;
 
-    /// Patches of a radius of gyration, of next to none, and of lengths far apart.
-    const REACHES: [Reach; 8] = [
-        Reach { drill: 1.0, roll: 1.0 },
-        Reach { drill: 0.1, roll: 0.01 },
-        Reach { drill: 0.0, roll: 1e-3 },
-        Reach { drill: 0.1, roll: 0.0 },
-        Reach { drill: 1e-9, roll: 1e-12 },
-        Reach { drill: 1e3, roll: 1e-6 },
-        Reach { drill: 1e3, roll: 1e3 },
-        Reach { drill: 1e6, roll: 1e6 },
-    ];
-
-    fn numbers(seed: &mut u64) -> f64 {
-        *seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (*seed >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
-    }
-
-    fn pair(seed: &mut u64) -> Pair {
-        [0, 1].map(|_| Vector3::from_fn(|_, _| 4.0 * numbers(seed)))
+    fn any_pair(random: &mut Random) -> Pair {
+        [0, 1].map(|_| random.vector() * 2.0)
     }
 
     fn dot(a: &Pair, b: &Pair) -> f64 {
@@ -248,11 +236,11 @@ mod tests {
     /// Moreau's decomposition: the projection is orthogonal to the rest, which lies in the polar cone.
     #[test]
     fn projections_split_vectors_between_the_cone_and_its_polar() {
-        let mut seed = 7;
+        let mut random = Random(7);
         for (mu, reach) in [0.0, 0.1, 0.7, 3.0].into_iter().flat_map(|mu| REACHES.map(|reach| (mu, reach))) {
             let cone = PatchCone { mu, reach };
             for _ in 0..500 {
-                let v = pair(&mut seed);
+                let v = any_pair(&mut random);
                 let z = cone.project(v);
                 let rest = [v[0] - z[0], v[1] - z[1]];
                 // Distances along the torque weigh by its reach.
@@ -267,19 +255,18 @@ mod tests {
 
     #[test]
     fn the_derivative_of_the_projection_is_that_of_differences() {
-        let mut seed = 3;
+        let mut random = Random(3);
         for k in 0..600 {
             let reach = [(1.0, 1.0), (0.2, 0.05), (3.0, 0.0)][k % 3];
             let cone = PatchCone { mu: 0.6, reach: Reach { drill: reach.0, roll: reach.1 } };
-            let (mut r, u) = (pair(&mut seed), [Vector3::zeros(); 2]);
+            let (mut r, u) = (any_pair(&mut random), [Vector3::zeros(); 2]);
             r[0].x = r[0].x.abs() + 0.1;
             let (_, by_y) = cone.linearise(&r, &u);
-            let direction = both(&pair(&mut seed));
+            let direction = both(&any_pair(&mut random));
             let step = 1e-6;
             let at = |s: f64| {
                 let r = both(&r) + direction * s;
-                let r = [Vector3::new(r[0], r[1], r[2]), Vector3::new(r[3], r[4], r[5])];
-                both(&r) - both(&cone.value(&r, &u))
+                r - both(&cone.value(&pair(&r), &u))
             };
             let difference = (at(step) - at(-step)) / (2.0 * step);
             let error = (by_y * direction - difference).norm();

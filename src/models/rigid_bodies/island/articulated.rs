@@ -25,7 +25,7 @@ mod contacts;
 mod displacement;
 mod restoration;
 
-use super::super::contact::Contact;
+use super::super::contact::{Contact, mark_torques};
 use super::super::drive::DriveState;
 use super::super::linkage::Linked;
 use super::super::midpoint::{CONVERGED, Midpoint, apart, join, twist};
@@ -189,7 +189,7 @@ impl Island {
         }
         let mut closing: Vec<bool> =
             self.contacts.iter().map(|contact| carries(contact) || contact.stays_closed()).collect();
-        self.pair(&mut closing);
+        mark_torques(&self.contacts, &mut closing);
         Err(closing)
     }
 

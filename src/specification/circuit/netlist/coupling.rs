@@ -10,7 +10,8 @@ use super::tokens::Token;
 use super::{NetlistError, Rest, windings};
 use crate::circuit::components::{Component, Inductor, Transformer};
 use crate::expression::Expression;
-use std::collections::{BTreeMap, HashMap};
+use numerics::components as connected;
+use std::collections::HashMap;
 
 /// A line `K` of a netlist.
 pub(super) struct Coupling<'a> {
@@ -56,8 +57,6 @@ impl<'a> Coupling<'a> {
             return Ok(());
         };
         let (primary, secondary) = (primary.clone(), secondary.clone());
-        let number =
-            |expression: &Expression| if let Expression::Number(number) = expression { *number } else { f64::NAN };
         let [l1, l2] = [&primary, &secondary].map(|inductor| number(&inductor.henries));
         let [i1, i2] = [&primary, &secondary].map(|inductor| inductor.amperes.as_ref().map(number));
         let ratio = self.k * (l1 / l2).sqrt();
@@ -136,28 +135,21 @@ pub(super) fn couple(
 
 /// The couplings, those with a common inductor together, in the order of their first lines.
 fn groups<'c, 'a>(couplings: &'c [Coupling<'a>]) -> Vec<Vec<&'c Coupling<'a>>> {
-    // The first coupling of each group stands for it; a later one leads to an earlier one.
-    let mut earlier: Vec<usize> = (0..couplings.len()).collect();
-    let mut seen: HashMap<&str, usize> = HashMap::new();
+    let mut edges = vec![Vec::new(); couplings.len()];
+    let mut last: HashMap<&str, usize> = HashMap::new();
     for (k, coupling) in couplings.iter().enumerate() {
         for inductor in &coupling.inductors {
-            let other = *seen.entry(inductor.as_str()).or_insert(k);
-            let [one, two] = [k, other].map(|of| root(&mut earlier, of));
-            earlier[one.max(two)] = one.min(two);
+            if let Some(before) = last.insert(inductor, k) {
+                edges[before].push(k);
+                edges[k].push(before);
+            }
         }
     }
-    let mut groups: BTreeMap<usize, Vec<&Coupling<'_>>> = BTreeMap::new();
-    for (k, coupling) in couplings.iter().enumerate() {
-        groups.entry(root(&mut earlier, k)).or_default().push(coupling);
-    }
-    groups.into_values().collect()
+    // Edges in both directions, so that a component is all that hangs together.
+    connected(&edges).into_iter().map(|group| group.into_iter().map(|k| &couplings[k]).collect()).collect()
 }
 
-/// The coupling that stands for the group of another; the way there is halved for the next time.
-fn root(earlier: &mut [usize], mut k: usize) -> usize {
-    while earlier[k] != k {
-        earlier[k] = earlier[earlier[k]];
-        k = earlier[k];
-    }
-    k
+/// The number that an expression is; NaN if it is none.
+pub(super) fn number(expression: &Expression) -> f64 {
+    if let Expression::Number(number) = expression { *number } else { f64::NAN }
 }

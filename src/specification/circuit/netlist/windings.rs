@@ -11,10 +11,9 @@
 //! windings have their secondaries. A source of zero volts begins each winding: its current is that of the inductor of the netlist.
 
 use super::NetlistError;
-use super::coupling::Coupling;
+use super::coupling::{Coupling, number};
 use crate::circuit::MOST_COMPONENTS;
 use crate::circuit::components::{Component, Inductor, Transformer, VoltageSource};
-use crate::expression::Expression;
 use std::collections::HashMap;
 
 /// Replaces the inductors of a group of couplings.
@@ -123,10 +122,6 @@ pub(super) fn apply(
     *lines = kept;
     components.extend(made);
     Ok(())
-}
-
-fn number(expression: &Expression) -> f64 {
-    if let Expression::Number(number) = expression { *number } else { f64::NAN }
 }
 
 /// The symmetric matrix of the coupling coefficients.

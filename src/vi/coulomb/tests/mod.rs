@@ -6,14 +6,26 @@ mod local;
 mod parts;
 mod stacks;
 
-use super::{BlockMatrix, CoulombProblem};
+use super::{BlockMatrix, CoulombProblem, Reach};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
+/// Patches of a radius of gyration, of next to none, and of lengths far apart.
+pub(super) const REACHES: [Reach; 8] = [
+    Reach { drill: 1.0, roll: 1.0 },
+    Reach { drill: 0.1, roll: 0.01 },
+    Reach { drill: 0.0, roll: 1e-3 },
+    Reach { drill: 0.1, roll: 0.0 },
+    Reach { drill: 1e-9, roll: 1e-12 },
+    Reach { drill: 1e3, roll: 1e-6 },
+    Reach { drill: 1e3, roll: 1e3 },
+    Reach { drill: 1e6, roll: 1e6 },
+];
+
 /// Uniform numbers in `[-1, 1)` (`SplitMix64`).
-struct Random(u64);
+pub(super) struct Random(pub(super) u64);
 
 impl Random {
-    fn number(&mut self) -> f64 {
+    pub(super) fn number(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut x = self.0;
         x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -21,7 +33,7 @@ impl Random {
         ((x ^ (x >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
     }
 
-    fn vector(&mut self) -> Vector3<f64> {
+    pub(super) fn vector(&mut self) -> Vector3<f64> {
         Vector3::from_fn(|_, _| self.number())
     }
 

@@ -1,6 +1,6 @@
 //! Steps of an island with joints and closed contacts.
 
-use super::super::super::contact::Contact;
+use super::super::super::contact::{Contact, mark_torques};
 use super::super::super::linkage::Linked;
 use super::super::super::midpoint::{CONVERGED, apart};
 use super::super::{Island, Mechanism};
@@ -52,11 +52,7 @@ impl Island {
                     is_closed &= !*closes;
                 }
             }
-            for k in 1..all.len() {
-                if all[k].is_torque() {
-                    closing[k] = closing[k - 1];
-                }
-            }
+            mark_torques(&all, &mut closing);
             if is_closed {
                 break true;
             }
