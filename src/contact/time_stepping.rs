@@ -97,12 +97,20 @@ impl<'p> TimeStepping<'p> {
     /// # Errors
     /// See [`VelocityStep::advance`].
     pub fn advance(&mut self, control: &Control) -> Result<(), ContactError> {
-        self.last.clone_from(&self.state);
-        self.impulses_before.clone_from(&self.impulses);
-        self.energy_before = self.energy;
         // Count from the start, so that rounding does not accumulate.
         let next = self.start + (self.accepted + 1) as f64 * self.settings.step;
         let next = if next + 1e-6 * self.settings.step >= self.end { self.end } else { next };
+        self.advance_to(next, control)
+    }
+
+    /// Makes one step, up to the time `next`.
+    ///
+    /// # Errors
+    /// See [`VelocityStep::advance`].
+    pub fn advance_to(&mut self, next: f64, control: &Control) -> Result<(), ContactError> {
+        self.last.clone_from(&self.state);
+        self.impulses_before.clone_from(&self.impulses);
+        self.energy_before = self.energy;
         let h = next - self.state.t;
         let State { t, q, v } = &self.last;
         let before = self.step.problem.energies(*t, q, v);

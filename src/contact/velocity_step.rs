@@ -102,6 +102,12 @@ pub struct VelocityStep<'p> {
     pub(super) atol: Vec<f64>,
     law: Law,
     impact_law: ImpactLaw,
+    /// Whether impacts of one step that do not happen at once follow the sequential law, for comparison with a run in which
+    /// they happen at once.
+    pub is_beside: bool,
+    /// The time by which the last step makes its impacts early: it makes them at its beginning, and they happen when the gaps are
+    /// closed.
+    pub early: f64,
     pub(super) f: Vec<f64>,
     /// The velocity change by forces in the last step, as a norm in the metric of `M`.
     pub(super) kick: f64,
@@ -137,6 +143,8 @@ impl<'p> VelocityStep<'p> {
             atol: Vec::new(),
             law: Law::new(tolerance),
             impact_law,
+            is_beside: false,
+            early: 0.0,
             f: vec![0.0; n],
             kick: 0.0,
             kicks: vec![0.0; n],
@@ -346,12 +354,14 @@ impl<'p> VelocityStep<'p> {
         // Impacts have no duration to divide gaps by.
         let h = if forces == Forces::All { h } else { 1.0 };
         let start = std::mem::replace(&mut self.contacted, Contacted::none(m)).r;
+        self.early = 0.0;
         let free = v.to_vec();
         let mut near: Vec<usize> = Vec::new();
+        let (mut impact_law, mut is_again) = (self.impact_law, false);
         loop {
             let closes = |&k: &usize| !near.contains(&k) && self.closes(k, v, h, forces);
             let joined: Vec<usize> = (0..m).filter(closes).collect();
-            if joined.is_empty() {
+            if joined.is_empty() && !std::mem::take(&mut is_again) {
                 break;
             }
             near.extend(joined);
@@ -371,7 +381,7 @@ impl<'p> VelocityStep<'p> {
             let restitution: Vec<f64> = scene.restitution.iter().map(|e| elastic * e).collect();
             let mut struck = vec![Vector3::zeros(); near.len()];
             self.strikes.clear();
-            if self.impact_law == ImpactLaw::Sequential && rebounds {
+            if impact_law == ImpactLaw::Sequential && rebounds {
                 let strikes = sequential(&scene.contacts(&without, &before, &gap, &restitution, h));
                 strikes.iter().for_each(|&(i, strike)| struck[i] += strike);
                 self.strikes.extend(strikes.into_iter().map(|(i, strike)| (near[i], strike)));
@@ -417,8 +427,40 @@ impl<'p> VelocityStep<'p> {
             if report.restitution == 1.0 && r.iter().zip(&restitution).all(is_elastic) {
                 self.contacted.beyond_restitution = self.contacted.impacts;
             }
+            self.early = self.closings(&near, &r, &before).map(|(time, ..)| time.min(h)).fold(0.0, f64::max);
+            let is_at_once = impact_law == ImpactLaw::Simultaneous;
+            if self.is_beside && is_at_once && rebounds && self.strikes_in_turn(&near, &r, &before) {
+                is_again = true;
+                impact_law = ImpactLaw::Sequential;
+            }
         }
         Ok(())
+    }
+
+    /// Of contacts that are open at the beginning of the step, and have the impulses `r`: the times at which they close, with the
+    /// velocities `before` the step, the speeds of approach, and the gaps below which they are closed. One that nothing approaches
+    /// closes after another has been struck.
+    fn closings(
+        &self,
+        near: &[usize],
+        r: &[Vector3<f64>],
+        before: &[Vector3<f64>],
+    ) -> impl Iterator<Item = (f64, f64, f64)> {
+        near.iter().zip(r).zip(before).filter(|((_, r), _)| r.x > 0.0).filter_map(|((&k, _), before)| {
+            let row = self.structure.joints + k;
+            let (gap, approach, closed) = (self.constraints.values[row], (-before.x).max(0.0), self.closed(row));
+            (gap > closed).then(|| (gap / approach, approach, closed))
+        })
+    }
+
+    /// Whether contacts close at different times within the step.
+    fn strikes_in_turn(&self, near: &[usize], r: &[Vector3<f64>], before: &[Vector3<f64>]) -> bool {
+        let mut closings = self.closings(near, r, before);
+        let Some((first, speed, _)) = closings.next() else { return false };
+        closings.any(|(time, approach, closed)| {
+            let apart = (time - first).abs() * approach.max(speed);
+            apart > closed || apart.is_nan()
+        })
     }
 
     /// Whether contact `k` closes at end velocities `v`.

@@ -1,12 +1,14 @@
 //! Integration of a mechanical system: contacts, energies and failures by name.
 
 use super::given_steps::{GIVEN_STEPS, GivenSteps};
-use super::longer_steps::{Comparison, Kind};
+use super::longer_run::{LongerRun, TimeStepped};
+use super::longer_steps::{KNOWN_ENERGY, Kind};
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
 use super::run::{Ended, Plan, Run, Stepper, run_to_end};
 use super::sensitivities::{self, FollowedMotion};
+use super::unseen_data::{InTime, UnseenData};
 use super::{
-    CheckCode, Checks, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
+    CheckCode, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
 };
 use analysis::Analysis;
 use contact::energy::Energy;
@@ -16,7 +18,7 @@ use contact::{
     TimeStepping, VelocityStep,
 };
 use models::{ENERGIES, MechanicalModel};
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, Vector3};
 use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
 
@@ -60,11 +62,17 @@ pub(super) fn integrate_contact_once(
     let ContactPlan { settings, located: Some(radau) } = contact else {
         let mut same = model.problem();
         return run_to_end(plan, control, diagnostics, || {
-            let longer = Settings { step: 2.0 * contact.settings.step, ..contact.settings };
-            let longer = TimeStepping::new(&mut *same, longer, state.clone(), plan.end);
-            let longer = LongerSteps::new(longer, plan, &state, contact.settings.default_step);
+            let mut longer = TimeStepping::new(&mut *same, contact.settings, state.clone(), plan.end);
+            longer.step.is_beside = true;
+            let longer = TimeSteppingRun {
+                stepper: longer,
+                longer: None,
+                outputs: Outputs::new(model, control, plan),
+                unseen: UnseenForces::default(),
+            };
+            let longer = LongerRun::new(longer, plan, contact.settings.default_step);
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
-            Ok(TimeSteppingRun { stepper, longer, outputs })
+            Ok(TimeSteppingRun { stepper, longer: Some(Box::new(longer)), outputs, unseen: UnseenForces::default() })
         });
     };
     let mut run = Run::new(plan, control, diagnostics);
@@ -248,69 +256,167 @@ impl<'p> Outputs<'p> {
     }
 }
 
-/// A run with steps twice as long, beside time stepping.
-struct LongerSteps<'p> {
-    stepper: TimeStepping<'p>,
-    /// The coordinates, then the velocities.
-    comparison: Comparison,
-}
-
-impl<'p> LongerSteps<'p> {
-    fn new(stepper: TimeStepping<'p>, plan: &Plan, State { q, v, .. }: &State, is_default: bool) -> Self {
-        let kinds = q.iter().map(|_| Kind::Position).chain(v.iter().map(|_| Kind::Velocity));
-        let named = plan.names.iter().zip(kinds).enumerate();
-        let quantities = named.map(|(k, (name, kind))| (format!("`{name}`"), kind, k..k + 1));
-        let mut comparison = Comparison::new(quantities, plan, is_default);
-        q.iter().chain(v).enumerate().for_each(|(k, value)| comparison.meet(k, value.abs()));
-        Self { stepper, comparison }
-    }
-
-    /// Judges the comparison. Coordinates are measured in one unit where a gap is a difference of them.
-    fn judge(&mut self, run: &TimeStepping<'_>, checks: &mut Checks) {
-        let n = run.state.q.len();
-        let groups = run.step.alike();
-        let of_v: Vec<Vec<usize>> = groups.iter().map(|group| group.iter().map(|k| n + k).collect()).collect();
-        self.comparison.share_units(&[groups, of_v].concat());
-        self.comparison.judge(GIVEN_STEPS, checks);
-    }
-
-    /// Compares the end of the last step of a run with this one.
-    fn follow(&mut self, run: &TimeStepping<'_>, control: &Control) {
-        let State { t, q, v } = &run.state;
-        let (n, h) = (q.len(), t - run.last.t);
-        for k in 0..n {
-            let kick = run.step.kicks[k].abs();
-            self.comparison.meet(k, q[k].abs().max(h * kick));
-            self.comparison.meet(n + k, v[k].abs().max(kick));
-            self.comparison.strike(k, v[k] - run.last.v[k] - run.step.kicks[k], kick, h);
-        }
-        while self.comparison.goes_on() && self.stepper.state.t < *t && !self.stepper.is_done() {
-            if let Err(error) = self.stepper.advance(control) {
-                self.comparison.fail(error.to_string());
-            }
-        }
-        if !self.comparison.goes_on() {
-            return;
-        }
-        let TimeStepping { state, last, .. } = &self.stepper;
-        let length = state.t - last.t;
-        let part = (t - last.t) / length;
-        for (k, (q, (from, to))) in q.iter().zip(last.q.iter().zip(&state.q)).enumerate() {
-            self.comparison.differ(k, (q - (from + part * (to - from))).abs(), length);
-        }
-        // The scheme has velocities at the ends of its steps only.
-        if state.t == *t {
-            self.comparison.pass(length);
-            (0..n).for_each(|k| self.comparison.differ(n + k, (v[k] - state.v[k]).abs(), length));
-        }
-    }
-}
-
 /// Time stepping with named outputs.
 struct TimeSteppingRun<'p> {
     stepper: TimeStepping<'p>,
-    longer: LongerSteps<'p>,
+    longer: Option<Box<LongerRun<Self>>>,
     outputs: Outputs<'p>,
+    unseen: UnseenForces,
+}
+
+/// What forces that depend on time do between the beginnings of steps.
+#[derive(Default)]
+struct UnseenForces {
+    data: UnseenData,
+    /// For each coordinate what they displace it and its velocity by, and bounds on the error of that.
+    displaced: Vec<[f64; 2]>,
+    unknown: Vec<[f64; 2]>,
+}
+
+/// The forces at one state, as functions of time.
+struct ForcesInTime<'s> {
+    problem: &'s mut dyn Mechanical,
+    state: &'s State,
+    ranges: Vec<Interval>,
+}
+
+impl InTime for ForcesInTime<'_> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        self.problem.forces(t, &self.state.q, &self.state.v, out);
+    }
+
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        self.problem.enclose_in_time(t, &self.state.q, &self.state.v, &mut self.ranges);
+        let forces = out.len();
+        out.copy_from_slice(&self.ranges[..forces]);
+    }
+}
+
+impl TimeSteppingRun<'_> {
+    /// Writes all outputs where the coordinates are displaced by `by` from those of the end of the last step.
+    fn write_displaced(&mut self, by: impl Fn(usize) -> f64, out: &mut [f64]) {
+        let TimeStepping { state, impulses, energy, .. } = &self.stepper;
+        let n = state.q.len();
+        for i in 0..n {
+            (out[i], out[n + i]) = (state.q[i] + by(i), state.v[i]);
+        }
+        self.outputs.write(state.t, impulses, energy, out);
+    }
+}
+
+impl TimeStepped for TimeSteppingRun<'_> {
+    fn begin(&self) -> f64 {
+        self.stepper.last.t
+    }
+
+    fn step_to(&mut self, end: f64) -> Result<(), Failure> {
+        let made = self.stepper.advance_to(end, self.outputs.control);
+        self.outputs.reach(&self.stepper.state);
+        made.map_err(|error| self.outputs.failure(error, self.stepper.state.t))
+    }
+
+    fn kinds(&self) -> Vec<Kind> {
+        use Kind::{Continuous, Jumping};
+        let structure = self.outputs.model.structure();
+        let n = structure.coordinates;
+        let mut kinds = vec![Continuous; n];
+        kinds.resize(2 * n, Jumping);
+        for contact in &structure.contacts {
+            kinds.push(Continuous);
+            kinds.resize(kinds.len() + 1 + contact.slips, Jumping);
+        }
+        // Kinetic and potential energy, work of forces and of drives, friction, impacts.
+        kinds.extend([Jumping, Continuous, Continuous, Jumping, Jumping, Jumping]);
+        kinds
+    }
+
+    fn resolve(&mut self, out: &mut [f64]) {
+        let h = self.stepper.state.t - self.stepper.last.t;
+        let kicks = self.stepper.step.kicks.clone();
+        let mut at = vec![0.0; out.len()];
+        self.write_displaced(|_| 0.0, &mut at);
+        self.write_displaced(|i| h * kicks[i], out);
+        out.iter_mut().zip(&at).for_each(|(out, at)| *out = (*out - at).abs());
+        let n = kicks.len();
+        out[n..2 * n].iter_mut().zip(&kicks).for_each(|(out, kick)| *out = kick.abs());
+        // What forces do to a body at rest in a step: its energy, and their impulse.
+        let State { t, q, .. } = &self.stepper.state;
+        let energy = 2.0 * self.outputs.problem.energies(*t, q, &kicks).kinetic;
+        let first = out.len() - ENERGIES.len();
+        let known = KNOWN_ENERGY * self.stepper.energy.size();
+        out[first..].iter_mut().for_each(|out| *out = out.max(energy).max(known));
+    }
+
+    fn strike(&mut self, out: &mut [f64]) -> bool {
+        let TimeStepping { state, last, step, .. } = &self.stepper;
+        // What contacts carry throughout the step is no larger than the forces, and is not displaced in time.
+        let displaced: Vec<f64> = (0..state.q.len())
+            .map(|k| {
+                let (change, kick) = (state.v[k] - last.v[k] - step.kicks[k], step.kicks[k].abs());
+                step.early * (change.abs() - kick).max(0.0).copysign(change)
+            })
+            .collect();
+        if displaced.iter().all(|by| *by == 0.0) {
+            return false;
+        }
+        let mut at = vec![0.0; out.len()];
+        self.write_displaced(|_| 0.0, &mut at);
+        self.write_displaced(|i| displaced[i], out);
+        out.iter_mut().zip(&at).for_each(|(out, at)| *out -= at);
+        true
+    }
+
+    fn miss(&mut self, out: &mut [f64]) -> bool {
+        let structure = self.outputs.model.structure();
+        let TimeStepping { state, last, .. } = &self.stepper;
+        let (n, rows, h) = (structure.coordinates, structure.rows(), state.t - last.t);
+        if !structure.depends_on_time {
+            return false;
+        }
+        let UnseenForces { data, displaced, unknown } = &mut self.unseen;
+        displaced.resize(n, [0.0; 2]);
+        unknown.resize(n, [0.0; 2]);
+        let problem = &mut *self.outputs.problem;
+        let mut in_time = ForcesInTime { problem, state: last, ranges: vec![Interval::LINE; n + 2 * rows] };
+        let (mut missed, mut left) = (vec![0.0; n], vec![0.0; n]);
+        if data.integrate(n, [last.t, state.t], &mut in_time) {
+            // Steps take the forces at their beginnings, for velocities that are those of the middle: the rule of trapezoids.
+            let [mut used, mut at_end] = [vec![0.0; n], vec![0.0; n]];
+            in_time.at(last.t, &mut used);
+            in_time.at(state.t, &mut at_end);
+            used.iter_mut().zip(at_end).for_each(|(used, at_end)| *used = 0.5 * (*used + at_end));
+            let mut mass = DMatrix::zeros(n, n);
+            self.outputs.problem.mass(last.t, &last.q, &mut mass);
+            let Some(mass) = mass.cholesky().map(|mass| mass.inverse()) else { return false };
+            for (j, [sum, unknown]) in data.integrals.iter().enumerate() {
+                let impulse = sum - h * used[j];
+                for i in 0..n {
+                    missed[i] += mass[(i, j)] * impulse;
+                    left[i] += (mass[(i, j)] * unknown).abs();
+                }
+            }
+        }
+        for i in 0..n {
+            for (sums, change) in [(&mut displaced[i], missed[i]), (&mut unknown[i], left[i])] {
+                sums[0] += h * (sums[1] + 0.5 * change);
+                sums[1] += change;
+            }
+        }
+        let at = |k: usize, i: usize| displaced[i][k].abs() + unknown[i][k];
+        let by: [Vec<f64>; 2] = [0, 1].map(|k| (0..n).map(|i| at(k, i)).collect());
+        let mut now = vec![0.0; out.len()];
+        self.write_displaced(|_| 0.0, &mut now);
+        self.write_displaced(|i| by[0][i], out);
+        out.iter_mut().zip(&now).for_each(|(out, now)| *out -= now);
+        out[n..2 * n].copy_from_slice(&by[1]);
+        true
+    }
+
+    fn events(&self) -> Vec<Event> {
+        let mut events = Vec::new();
+        self.outputs.events(0.0, &mut self.stepper.new_events.clone(), &mut events);
+        events
+    }
 }
 
 impl Stepper for TimeSteppingRun<'_> {
@@ -334,7 +440,10 @@ impl Stepper for TimeSteppingRun<'_> {
         let made = self.stepper.advance(self.outputs.control);
         self.outputs.reach(&self.stepper.state);
         made.map_err(|error| self.outputs.failure(error, self.stepper.state.t))?;
-        self.longer.follow(&self.stepper, self.outputs.control);
+        if let Some(mut longer) = self.longer.take() {
+            longer.follow(self);
+            self.longer = Some(longer);
+        }
         Ok(())
     }
 
@@ -363,8 +472,16 @@ impl Stepper for TimeSteppingRun<'_> {
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         let steps = Steps { accepted: self.stepper.accepted, ..Steps::default() };
         tell(&self.stepper.step, self.outputs.model, (0.0, steps), diagnostics);
+        if let Some(mut longer) = self.longer.take() {
+            longer.finish(self);
+            // Coordinates are measured in one unit where a gap is a difference of them.
+            let n = self.stepper.state.q.len();
+            let groups = self.stepper.step.alike();
+            let of_v: Vec<Vec<usize>> = groups.iter().map(|group| group.iter().map(|k| n + k).collect()).collect();
+            longer.comparison.share_units(&[groups, of_v].concat());
+            longer.judge(GIVEN_STEPS, &mut diagnostics.checks);
+        }
         let checks = &mut diagnostics.checks;
-        self.longer.judge(&self.stepper, checks);
         check_energy(&self.stepper.energy, Accuracy::Fixed, checks);
         check_violations(&self.stepper.violations, &self.outputs.model.contacts, Accuracy::Fixed, checks);
     }

@@ -3,6 +3,7 @@
 mod audit;
 mod branch;
 pub mod columnar;
+mod compared_columns;
 mod contact;
 mod convolution;
 mod dense;
@@ -14,6 +15,7 @@ mod fit;
 mod given_steps;
 mod global_error;
 mod integrate;
+mod longer_run;
 mod longer_steps;
 mod mechanical_checks;
 mod multipliers;
@@ -36,6 +38,7 @@ mod summary;
 mod table;
 mod trajectory;
 mod uniqueness;
+mod unseen_data;
 mod verdict;
 mod version;
 

@@ -20,6 +20,8 @@ pub struct Observables {
     pub integrals: usize,
     /// For each definition, the number of outputs of the problem up to the last one that it depends on.
     pub reach: Vec<usize>,
+    /// For each definition, integrand and monitor, the outputs of the problem that it depends on.
+    pub inputs: Vec<Vec<usize>>,
     /// The monitors.
     pub monitors: Vec<Monitored>,
     /// Definitions, integrands and monitors compiled as functions of `t` and all outputs of the problem.

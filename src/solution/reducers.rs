@@ -18,6 +18,8 @@ pub struct Reducers {
     pub names: Vec<String>,
     /// The reductions, one per column.
     pub reductions: Vec<Reduction>,
+    /// For each expression, the outputs of the problem that it depends on.
+    pub inputs: Vec<Vec<usize>>,
     /// The expressions compiled as functions of `t` and all outputs of the problem.
     pub program: Tape,
 }
@@ -113,7 +115,7 @@ impl Reduction {
 }
 
 impl Selected {
-    fn takes(&self, event: &Event) -> bool {
+    pub(super) fn takes(&self, event: &Event) -> bool {
         event.kind == self.kind && self.of.as_ref().is_none_or(|of| *of == event.of)
     }
 }

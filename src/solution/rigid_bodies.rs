@@ -1,19 +1,29 @@
 //! Integration of rigid bodies by time stepping, with outputs by name.
 
-use super::longer_steps::{Comparison, Kind, MOST_COMPARED, not_compared};
+use super::longer_run::{LongerRun, TimeStepped};
+use super::longer_steps::{KNOWN_ENERGY, Kind, MOST_COMPARED, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::run::{Plan, Stepper, run};
+use super::unseen_data::{InTime, UnseenData};
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use analysis::Analysis;
 use contact::Settings;
 use contact::energy::Energy;
 use contact::law::worse_of;
-use models::rigid_bodies::{Body, Law, MoreauStepping, Motion, MultibodySystem, StepFailure, between};
-use problem::Control;
+use expression::{IntervalWorkspace, Tape};
+use models::rigid_bodies::{
+    Action, Body, Law, MoreauStepping, Motion, MultibodySystem, OF_BODY, OF_SCENE, OUTPUTS, StepFailure, between, state,
+};
+use nalgebra::{Quaternion, Vector3};
+use numerics::Interval;
+use problem::{Control, EventKind};
 
 /// Largest permitted error of a body's motion, relative to its largest value: two digits. Bodies in space are stepped at
 /// first order, so that each further digit costs ten times as many steps, and there is no method to fall back on.
 const TWO_DIGITS: f64 = 1e-2;
+
+/// Rounding of the positions and velocities of a body, relative to its distance from the origin and its speed.
+const ROUNDING_OF_BODIES: f64 = 1e-12;
 
 /// Steps the bodies through the plan.
 pub fn step_rigid_bodies(
@@ -76,6 +86,8 @@ struct RigidBodyRun<'a> {
     forces: [Vec<f64>; 2],
     coordinates: Vec<bool>,
     energy: Energy,
+    /// The balance at the beginning of the last step.
+    energy_before: Energy,
     work: ViCounts,
     /// Number of steps in which a restitution was reduced.
     limited: u64,
@@ -86,112 +98,101 @@ struct RigidBodyRun<'a> {
     /// Number of events so far.
     events: usize,
     checks: Checks,
-    longer: Option<LongerSteps<'a>>,
+    longer: Option<Box<LongerRun<Self>>>,
+    /// What forces that depend on time do between the midpoints of steps.
+    unseen: Vec<UnseenAction>,
+    /// Joint outputs at the end of the step before the last one.
+    forces_before: Vec<f64>,
 }
 
-/// A run with steps twice as long.
-struct LongerSteps<'a> {
-    simulation: MoreauStepping<'a>,
-    /// The number of its steps, the time that it has reached, and the length of its last step.
-    steps: u64,
-    t: f64,
-    last: f64,
-    /// For each moving body its position, orientation, velocity and angular velocity; then the energies.
-    comparison: Comparison,
+/// A force on a body, as a function of time at one state of the bodies.
+struct UnseenAction {
+    program: Tape,
+    boxes: IntervalWorkspace,
+    data: UnseenData,
+    /// The moving body that it acts on, by its index.
+    own: usize,
+    /// The states of its bodies.
+    inputs: Vec<f64>,
+    out: Vec<f64>,
+    ranges: Vec<Interval>,
+    /// By what the body is displaced in space and in its velocity, and turned; and bounds on the error of that.
+    displaced: [[Vector3<f64>; 2]; 2],
+    unknown: [[f64; 2]; 2],
 }
 
-impl<'a> LongerSteps<'a> {
-    fn new(scene: &MultibodySystem, plan: &Plan, simulation: MoreauStepping<'a>, is_default: bool) -> Self {
-        let moving = scene.bodies.iter().filter(|body| !body.fixed);
-        let quantities = moving.enumerate().flat_map(|(i, body)| {
-            let (name, first) = (&body.name, 13 * i);
-            [
-                (format!("the position of `{name}`"), Kind::Position, first..first + 3),
-                (format!("the orientation of `{name}`"), Kind::Position, first + 3..first + 7),
-                (format!("the velocity of `{name}`"), Kind::Velocity, first + 7..first + 10),
-                (format!("the angular velocity of `{name}`"), Kind::Velocity, first + 10..first + 13),
-            ]
-        });
-        let energies = ["kinetic_energy", "potential_energy"].map(|energy| {
-            let field = plan.names.iter().position(|name| name == energy).unwrap_or(plan.names.len());
-            (format!("`{energy}`"), Kind::Energy, field..field + 1)
-        });
-        let comparison = Comparison::new(quantities.chain(energies), plan, is_default);
-        Self { simulation, steps: 0, t: plan.start, last: 0.0, comparison }
+/// The functions of time of an action.
+struct ActionInTime<'s> {
+    program: &'s mut Tape,
+    boxes: &'s mut IntervalWorkspace,
+    inputs: &'s [f64],
+    out: &'s mut [f64],
+    ranges: &'s mut [Interval],
+}
+
+impl InTime for ActionInTime<'_> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        self.program.evaluate(t, self.inputs, self.out);
+        out.copy_from_slice(&self.out[..out.len()]);
     }
 
-    /// Compares the end of the last step of a run, of length `length`, with this one.
-    fn follow(&mut self, (starts, run): (&[Motion], &MoreauStepping<'_>), t: f64, length: f64, course: &Course<'_>) {
-        let Course { scene, plan, h, energy, control } = course;
-        let gravity = scene.gravity.norm();
-        let kick = length * gravity;
-        // Where the potential is zero is a convention; energies are no smaller than positions and velocities make them.
-        let exchanged = energy.kinetic_at_end.max((energy.potential_at_end - energy.potential_at_start).abs());
-        let mut least = [0.0, 0.0];
-        let reaches = scene.bodies.iter().filter(|body| !body.fixed).map(|body| body.collider.reach());
-        for (i, ((motion, before), reach)) in run.ends.iter().zip(starts).zip(reaches).enumerate() {
-            self.comparison.meet(4 * i, motion.pose.translation.vector.norm().max(reach));
-            // Quaternions are of length one, and differ by half the angle.
-            self.comparison.meet(4 * i + 1, 1.0);
-            self.comparison.meet(4 * i + 2, motion.velocity.norm().max(kick));
-            self.comparison.meet(4 * i + 3, motion.omega.norm().max(kick / reach));
-            least[0] += 0.5 * motion.mass * kick * kick;
-            least[1] += motion.mass * gravity * reach;
-            if run.pushed[i] {
-                let change = motion.velocity - before.velocity - length * scene.gravity;
-                self.comparison.strike(4 * i, change.norm(), kick, length);
-                self.comparison.strike(
-                    4 * i + 1,
-                    0.5 * (motion.omega - before.omega).norm(),
-                    0.5 * kick / reach,
-                    length,
-                );
-            }
-        }
-        let first = 4 * run.ends.len();
-        least.into_iter().enumerate().for_each(|(k, least)| self.comparison.meet(first + k, exchanged.max(least)));
-        while self.comparison.goes_on() && self.t < t {
-            let next = end_of_step(plan, *h, 2 * (self.steps + 1));
-            let step = next - self.t;
-            if let Err(cause) = self.simulation.step(self.t, step, control) {
-                self.comparison.fail(failure(&cause, scene, plan, next, &[]).message);
-                return;
-            }
-            (self.steps, self.t, self.last) = (self.steps + 1, next, step);
-        }
-        if self.t == t && self.comparison.goes_on() {
-            self.compare(run, energy);
-        }
-    }
-
-    fn compare(&mut self, run: &MoreauStepping<'_>, energy: &Energy) {
-        self.comparison.pass(self.last);
-        for (i, (a, b)) in run.ends.iter().zip(&self.simulation.ends).enumerate() {
-            let distances = [
-                (a.pose.translation.vector - b.pose.translation.vector).norm(),
-                0.5 * a.pose.rotation.angle_to(&b.pose.rotation),
-                (a.velocity - b.velocity).norm(),
-                (a.omega - b.omega).norm(),
-            ];
-            for (k, distance) in distances.into_iter().enumerate() {
-                self.comparison.differ(4 * i + k, distance, self.last);
-            }
-        }
-        let first = 4 * run.ends.len();
-        let of_run = [energy.kinetic_at_end, energy.potential_at_end];
-        for (k, (a, b)) in of_run.into_iter().zip(self.simulation.energies()).enumerate() {
-            self.comparison.differ(first + k, (a - b).abs(), self.last);
-        }
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        let inputs: Vec<Interval> = self.inputs.iter().map(|value| Interval::point(*value)).collect();
+        self.program.enclose(t, &inputs, self.boxes, self.ranges);
+        out.copy_from_slice(&self.ranges[..out.len()]);
     }
 }
 
-/// What a run and its comparison share.
-struct Course<'a> {
-    scene: &'a MultibodySystem,
-    plan: &'a Plan,
-    h: f64,
-    energy: &'a Energy,
-    control: &'a Control,
+impl UnseenAction {
+    /// The actions on moving bodies.
+    fn all(scene: &MultibodySystem) -> Vec<Self> {
+        let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
+        let new = |action: &Action| {
+            let own = moving.binary_search(&action.bodies.first()?.0).ok()?;
+            let at = |(body, centre): &(usize, Vector3<f64>)| {
+                let body = &scene.bodies[*body];
+                state(centre, &body.pose, &body.velocity, &body.omega)
+            };
+            Some(Self {
+                program: action.program.clone(),
+                boxes: IntervalWorkspace::new(&action.program),
+                data: UnseenData::default(),
+                own,
+                inputs: action.bodies.iter().flat_map(at).collect(),
+                out: vec![0.0; OUTPUTS],
+                ranges: vec![Interval::LINE; OUTPUTS],
+                displaced: [[Vector3::zeros(); 2]; 2],
+                unknown: [[0.0; 2]; 2],
+            })
+        };
+        scene.actions.iter().filter_map(new).collect()
+    }
+
+    /// Adds a step in which the body has the given motion at its end.
+    fn step(&mut self, [from, to]: [f64; 2], motion: &Motion, (is_local, at): (bool, &Vector3<f64>)) {
+        let h = to - from;
+        let Self { program, boxes, data, inputs, out, ranges, displaced, unknown, .. } = self;
+        let mut in_time = ActionInTime { program, boxes, inputs, out, ranges };
+        let (mut missed, mut left) = ([Vector3::zeros(); 2], [0.0; 2]);
+        if data.integrate(6, [from, to], &mut in_time) {
+            // A step takes the forces at its midpoint.
+            let mut used = [0.0; 6];
+            in_time.at(from + 0.5 * h, &mut used);
+            let part = |k: usize| Vector3::from_fn(|i, _| data.integrals[3 * k + i][0] - h * used[3 * k + i]);
+            let bound = |k: usize| (0..3).map(|i| data.integrals[3 * k + i][1]).sum::<f64>();
+            let turn = |of: Vector3<f64>| if is_local { motion.pose.rotation * of } else { of };
+            let (force, arm) = (turn(part(0)), motion.pose.rotation * at);
+            missed = [force / motion.mass, motion.mobility * (turn(part(1)) + arm.cross(&force))];
+            left = [bound(0) / motion.mass, motion.mobility.norm() * (bound(1) + arm.norm() * bound(0))];
+        }
+        for k in 0..2 {
+            let change = displaced[k][1] + missed[k] * 0.5;
+            displaced[k][0] += change * h;
+            displaced[k][1] += missed[k];
+            unknown[k][0] += h * (unknown[k][1] + 0.5 * left[k]);
+            unknown[k][1] += left[k];
+        }
+    }
 }
 
 /// The time after a number of steps of size `h`, without a last step that would be zero up to rounding.
@@ -223,11 +224,25 @@ impl<'a> RigidBodyRun<'a> {
             Ok(simulation)
         };
         let simulation = begin()?;
-        let longer = if simulation.ends.len() <= MOST_COMPARED {
-            Some(LongerSteps::new(scene, plan, begin()?, settings.default_step))
-        } else {
-            None
-        };
+        let is_compared = simulation.ends.len() <= MOST_COMPARED;
+        let mut course = Self::of(scene, plan, settings, control, simulation);
+        if is_compared {
+            let longer = Self::of(scene, plan, settings, control, begin()?);
+            course.simulation.record_parts();
+            course.unseen = UnseenAction::all(scene);
+            course.longer = Some(Box::new(LongerRun::new(longer, plan, settings.default_step)));
+        }
+        Ok(course)
+    }
+
+    /// A run from a prepared simulation on, which is not compared.
+    fn of(
+        scene: &'a MultibodySystem,
+        plan: &'a Plan,
+        settings: &Settings,
+        control: &'a Control,
+        simulation: MoreauStepping<'a>,
+    ) -> Self {
         let coordinates = simulation.coordinates();
         let mut course = Self {
             scene,
@@ -244,28 +259,33 @@ impl<'a> RigidBodyRun<'a> {
             forces: Default::default(),
             coordinates,
             energy: Energy::default(),
+            energy_before: Energy::default(),
             work: ViCounts::default(),
             limited: 0,
             halved: 0,
             newton: 0,
             events: 0,
             checks: Checks::default(),
-            longer,
+            longer: None,
+            forces_before: Vec::new(),
+            unseen: Vec::new(),
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
         course.energy = Energy::new(kinetic, potential);
+        course.energy_before = course.energy;
         // Energy scale for bodies at rest: their weights times their sizes.
         let weight = |body: &Body| body.mass * scene.gravity.norm() * body.collider.reach();
         course.energy.meet(scene.bodies.iter().filter(|body| !body.fixed).map(weight).sum());
         course.write_states(plan.start);
-        Ok(course)
+        course
     }
 
     /// Adds the last step to the energy balance and the counters.
     fn book(&mut self) {
         let report = &self.simulation.report;
         let [kinetic, potential] = self.simulation.energies();
+        self.energy_before = self.energy;
         let before = self.energy.kinetic_at_end.max(report.kinetic);
         self.energy.dissipate(-report.work[1], -report.work[0], before);
         self.energy.lost_beyond_restitution -= report.elastic_work;
@@ -332,6 +352,58 @@ impl<'a> RigidBodyRun<'a> {
         }
     }
 
+    /// An event of the last step, with names.
+    fn event(&self, (kind, pair): &(EventKind, [usize; 2])) -> Event {
+        let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
+        // A stop between a body and the world.
+        let of = if pair[0] == pair[1] { first.clone() } else { format!("{first} and {second}") };
+        Event { t: self.t, kind: *kind, of }
+    }
+
+    /// For each moving body, the change of its velocities by impacts in the last step, times the step.
+    fn kinks(&self) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let (h, gravity) = (self.t - self.before, self.scene.gravity);
+        let fall = h * gravity.norm();
+        // What contacts carry throughout a step is no larger than the forces, and is not displaced in time.
+        let beyond = |change: Vector3<f64>, least: f64| {
+            change.map(|change| h * (change.abs() - least).max(0.0).copysign(change))
+        };
+        let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
+        let motions = self.starts.iter().zip(&self.simulation.ends).zip(&self.simulation.pushed);
+        let kink = |(body, ((before, after), pushed)): (&Body, ((&Motion, &Motion), &bool))| {
+            if !pushed {
+                return Default::default();
+            }
+            let by = beyond(after.velocity - before.velocity - h * gravity, fall);
+            (by, beyond(after.omega - before.omega, fall / body.collider.reach()))
+        };
+        moving.zip(motions).map(kink).collect()
+    }
+
+    /// Writes what displacements of bodies, of their centres and about them, make of the outputs.
+    fn displace(&self, by: &[(Vector3<f64>, Vector3<f64>)], out: &mut [f64]) {
+        let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
+        let (of_bodies, others) = out.split_at_mut(self.states.len());
+        let motions = self.simulation.ends.iter().zip(by);
+        for ((body, (motion, (by, turn))), out) in moving.zip(motions).zip(of_bodies.chunks_exact_mut(13)) {
+            let rotation = motion.pose.rotation;
+            let turned = Quaternion::from_parts(0.0, 0.5 * turn) * rotation.into_inner();
+            let place = by - turn.cross(&(rotation * body.centre));
+            let turned = [turned.w, turned.i, turned.j, turned.k];
+            out[..7].iter_mut().zip(place.iter().chain(&turned)).for_each(|(out, by)| *out = *by);
+            others[1] -= motion.mass * self.scene.gravity.dot(by);
+        }
+        if by.iter().all(|(place, turn)| *place == Vector3::zeros() && *turn == Vector3::zeros()) {
+            return;
+        }
+        let [before, now] = &self.forces;
+        let joints = others.iter_mut().skip(OF_SCENE.len()).zip(&self.coordinates);
+        for (k, (out, _)) in joints.enumerate().filter(|(_, (_, is_coordinate))| **is_coordinate) {
+            // The change of the change in a step.
+            *out = now[k] - 2.0 * before[k] + self.forces_before.get(k).copied().unwrap_or(before[k]);
+        }
+    }
+
     /// Writes the states at a time within the last step.
     fn write_states(&mut self, t: f64) {
         let h = self.t - self.before;
@@ -341,6 +413,143 @@ impl<'a> RigidBodyRun<'a> {
         for ((body, ((from, to), pushed)), out) in moving.zip(motions).zip(self.states.chunks_exact_mut(13)) {
             out.copy_from_slice(&between(body, [from, to], *pushed, h, fraction));
         }
+    }
+}
+
+impl TimeStepped for RigidBodyRun<'_> {
+    fn begin(&self) -> f64 {
+        self.before
+    }
+
+    fn step_to(&mut self, next: f64) -> Result<(), Failure> {
+        self.starts.clone_from(&self.simulation.ends);
+        self.pushed.clone_from(&self.simulation.pushed);
+        let stepped = self.simulation.step(self.t, next - self.t, self.control);
+        if let Err(cause @ (StepFailure::TooMuchMemory { .. } | StepFailure::Interrupted)) = &stepped {
+            // The step was not made: the previous one remains valid.
+            return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
+        }
+        (self.before, self.t) = (self.t, next);
+        self.forces_before.clone_from(&self.forces[0]);
+        self.forces.swap(0, 1);
+        self.simulation.forces(&mut self.forces[1]);
+        self.steps += 1;
+        self.write_states(next);
+        self.book();
+        self.explain();
+        self.judge();
+        stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
+    }
+
+    fn kinds(&self) -> Vec<Kind> {
+        use Kind::{Continuous, Jumping, OfStep, Residual};
+        let of_body = |_| [[Continuous; 7].as_slice(), &[Jumping; 6]].concat();
+        let mut kinds: Vec<Kind> = self.starts.iter().flat_map(of_body).collect();
+        // Kinetic and potential energy, friction, impacts, the number of contacts, penetration, impulses.
+        kinds.extend([Jumping, Continuous, Jumping, Jumping, Jumping, Residual, OfStep]);
+        kinds.extend(self.coordinates.iter().map(|is_coordinate| if *is_coordinate { Continuous } else { Jumping }));
+        kinds
+    }
+
+    fn vectors(&self) -> Vec<Vec<usize>> {
+        let bodies = (0..self.starts.len()).map(|body| OF_BODY.len() * body);
+        let of_body =
+            |first: usize| [(0, 3), (3, 7), (7, 10), (10, 13)].map(|(from, to)| (first + from..first + to).collect());
+        bodies.flat_map(of_body).collect()
+    }
+
+    fn resolve(&mut self, out: &mut [f64]) {
+        let h = self.t - self.before;
+        let kick = h * self.scene.gravity;
+        let fall = kick.norm();
+        let (of_bodies, others) = out.split_at_mut(self.states.len());
+        let (mut energy, mut weight) = (0.0, 0.0);
+        let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
+        let motions = self.simulation.ends.iter().zip(&self.simulation.pushed);
+        for ((body, (motion, pushed)), out) in moving.zip(motions).zip(of_bodies.chunks_exact_mut(13)) {
+            let reach = body.collider.reach();
+            // A body without contacts has no motion but that of the forces on it.
+            let fall = if *pushed { fall } else { 0.0 };
+            let spin = motion.omega.norm() * reach;
+            let rounding = ROUNDING_OF_BODIES * (motion.pose.translation.vector.norm() + reach);
+            // Which point of the body is its origin is a convention: one that rests while the body turns is measured by it.
+            let turned = reach * body.pose.rotation.angle_to(&motion.pose.rotation);
+            out[..3].fill((h * fall).max(rounding).max(turned));
+            out[3..7].fill((0.5 * h * fall / reach).max(ROUNDING_OF_BODIES));
+            out[7..10].fill(fall.max(ROUNDING_OF_BODIES * (motion.velocity.norm() + spin)));
+            out[10..13].fill(fall.max(ROUNDING_OF_BODIES * (motion.velocity.norm() + spin)) / reach);
+            energy += 0.5 * motion.mass * fall * fall;
+            weight += motion.mass * self.scene.gravity.norm();
+        }
+        // Kinetic and potential energy, friction, impacts, contacts, penetration, impulses.
+        let known = KNOWN_ENERGY * self.energy.size();
+        let [lost, weighed] = [energy.max(known), (weight * h * fall).max(known)];
+        let of_scene = [lost, weighed, lost, lost, 1.0, 0.0, weight];
+        let (scene, joints) = others.split_at_mut(of_scene.len());
+        scene.copy_from_slice(&of_scene);
+        joints.fill(0.0);
+    }
+
+    fn strike(&mut self, out: &mut [f64]) -> bool {
+        if !self.simulation.pushed.contains(&true) {
+            return false;
+        }
+        let (h, mut by) = (self.t - self.before, self.kinks());
+        for ((place, turn), misplaced) in by.iter_mut().zip(self.simulation.misplaced(h)) {
+            *place *= misplaced / h;
+            *turn *= misplaced / h;
+        }
+        self.simulation.confine(h, &mut by);
+        self.displace(&by, out);
+        true
+    }
+
+    fn bend(&mut self, out: &mut [f64]) -> bool {
+        let by = self.kinks();
+        self.displace(&by, out);
+        by.iter().any(|by| *by != Default::default())
+    }
+
+    fn miss(&mut self, out: &mut [f64]) -> bool {
+        let mut unseen = std::mem::take(&mut self.unseen);
+        let moves = |action: &&Action| action.bodies.first().is_some_and(|(body, _)| !self.scene.bodies[*body].fixed);
+        for (unseen, action) in unseen.iter_mut().zip(self.scene.actions.iter().filter(moves)) {
+            for ((body, _), inputs) in action.bodies.iter().zip(unseen.inputs.chunks_exact_mut(OF_BODY.len())) {
+                let place = self.scene.bodies[..*body].iter().filter(|body| !body.fixed).count();
+                if !self.scene.bodies[*body].fixed {
+                    inputs.copy_from_slice(&self.states[OF_BODY.len() * place..][..OF_BODY.len()]);
+                }
+            }
+            let motion = &self.simulation.ends[unseen.own];
+            unseen.step([self.before, self.t], motion, (action.is_local, &action.at));
+            let out = &mut out[OF_BODY.len() * unseen.own..][..OF_BODY.len()];
+            let rotation = motion.pose.rotation.into_inner();
+            for i in 0..3 {
+                out[i] += unseen.displaced[0][0][i] + unseen.unknown[0][0];
+                out[7 + i] += unseen.displaced[0][1][i] + unseen.unknown[0][1];
+                out[10 + i] += unseen.displaced[1][1][i] + unseen.unknown[1][1];
+            }
+            let turned = Quaternion::from_parts(0.0, 0.5 * unseen.displaced[1][0]) * rotation;
+            for (out, turned) in out[3..7].iter_mut().zip([turned.w, turned.i, turned.j, turned.k]) {
+                *out += turned + 0.5 * unseen.unknown[1][0];
+            }
+        }
+        self.unseen = unseen;
+        !self.unseen.is_empty()
+    }
+
+    fn events(&self) -> Vec<Event> {
+        self.simulation.new_events.iter().map(|event| self.event(event)).collect()
+    }
+
+    fn exceed(&mut self, run: &mut Self, end: f64) {
+        if let Some(made) = &mut run.simulation.made {
+            made.hand_over(end, self.simulation.exceeded());
+        }
+    }
+
+    fn repeated(&self) -> f64 {
+        self.simulation.report.repeated
     }
 }
 
@@ -363,26 +572,10 @@ impl Stepper for RigidBodyRun<'_> {
 
     fn step(&mut self) -> Result<(), Failure> {
         let next = end_of_step(self.plan, self.h, self.steps + 1);
-        self.starts.clone_from(&self.simulation.ends);
-        self.pushed.clone_from(&self.simulation.pushed);
-        let stepped = self.simulation.step(self.t, next - self.t, self.control);
-        if let Err(cause @ (StepFailure::TooMuchMemory { .. } | StepFailure::Interrupted)) = &stepped {
-            // The step was not made: the previous one remains valid.
-            return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
-        }
-        (self.before, self.t) = (self.t, next);
-        self.forces.swap(0, 1);
-        self.simulation.forces(&mut self.forces[1]);
-        self.steps += 1;
-        self.write_states(next);
-        self.book();
-        self.explain();
-        self.judge();
-        stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))?;
-        if let Some(longer) = &mut self.longer {
-            let Self { scene, plan, h, energy, control, .. } = self;
-            let course = Course { scene, plan, h: *h, energy, control };
-            longer.follow((&self.starts, &self.simulation), self.t, self.t - self.before, &course);
+        self.step_to(next)?;
+        if let Some(mut longer) = self.longer.take() {
+            longer.follow(self);
+            self.longer = Some(longer);
         }
         Ok(())
     }
@@ -397,22 +590,24 @@ impl Stepper for RigidBodyRun<'_> {
         if t < end {
             self.write_states(end);
         }
-        let [kinetic, potential] = self.simulation.energies();
         let report = &self.simulation.report;
-        let Energy { dissipated_by_friction, lost_in_impacts, .. } = self.energy;
+        let h = self.t - self.before;
+        let fraction = if h > 0.0 { ((t - self.before) / h).clamp(0.0, 1.0) } else { 1.0 };
+        let within = |of: fn(&Energy) -> f64| {
+            let [from, to] = [of(&self.energy_before), of(&self.energy)];
+            if fraction == 1.0 { to } else { from + fraction * (to - from) }
+        };
         let values = [
-            kinetic,
-            potential,
-            dissipated_by_friction,
-            lost_in_impacts,
+            within(|energy| energy.kinetic_at_end),
+            within(|energy| energy.potential_at_end),
+            within(|energy| energy.dissipated_by_friction),
+            within(|energy| energy.lost_in_impacts),
             report.closed as f64,
             report.penetration,
             report.normal_impulse,
         ];
         let (of_scene, forces) = of_scene.split_at_mut(values.len());
         of_scene.copy_from_slice(&values);
-        let h = self.t - self.before;
-        let fraction = if h > 0.0 { ((t - self.before) / h).clamp(0.0, 1.0) } else { 1.0 };
         let [before, after] = &self.forces;
         for (k, force) in forces.iter_mut().enumerate() {
             *force = if self.coordinates[k] { before[k] + fraction * (after[k] - before[k]) } else { after[k] };
@@ -423,12 +618,7 @@ impl Stepper for RigidBodyRun<'_> {
         let new_events = &self.simulation.new_events;
         let room = MOST_EVENTS - self.events.min(MOST_EVENTS);
         self.events += new_events.len();
-        events.extend(new_events.iter().take(room).map(|(kind, pair)| {
-            let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
-            // A stop between a body and the world.
-            let of = if pair[0] == pair[1] { first.clone() } else { format!("{first} and {second}") };
-            Event { t: self.t, kind: *kind, of }
-        }));
+        events.extend(new_events.iter().take(room).map(|event| self.event(event)));
     }
 
     fn observe(&mut self, _switched: bool, diagnostics: &mut Diagnostics) {
@@ -465,8 +655,11 @@ impl Stepper for RigidBodyRun<'_> {
         }
         diagnostics.vi = Some(self.work.clone());
         diagnostics.checks = self.checks.clone();
-        match &self.longer {
-            Some(longer) => longer.comparison.judge(TWO_DIGITS, &mut diagnostics.checks),
+        match self.longer.take() {
+            Some(mut longer) => {
+                longer.finish(self);
+                longer.judge(TWO_DIGITS, &mut diagnostics.checks);
+            }
             None => not_compared(
                 &mut diagnostics.checks,
                 &format!(

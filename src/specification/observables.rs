@@ -102,8 +102,9 @@ impl Request<'_> {
         });
         let slopes = slopes.unwrap_or_default();
         let program = Tape::compile(&lowering.graph, &nodes);
+        let inputs = nodes.iter().map(|&node| outputs_in(&lowering, node)).collect();
         errors.append(lowering.errors);
-        Observables { names, integrals: integrals.len(), reach, monitors, program, slopes }
+        Observables { names, integrals: integrals.len(), reach, inputs, monitors, program, slopes }
     }
 
     /// Refuses events that end the run where all of it is needed.
@@ -118,6 +119,11 @@ impl Request<'_> {
         let error = SpecificationError::new(Pointer::Root.key("stop").index(i).to_string(), "conflict", why);
         errors.push(error.expected("`\"record\": true`, which only records the event, or no `stop`"));
     }
+}
+
+/// The outputs of the problem that a node depends on. Input 0 is the time.
+pub(super) fn outputs_in(lowering: &Lowering<'_>, node: Node) -> Vec<usize> {
+    lowering.graph.inputs(node).into_iter().filter_map(|input| input.checked_sub(1)).collect()
 }
 
 /// The derivatives of definitions and integrands by `states` states and by parameters, where they have any.

@@ -18,6 +18,7 @@ use super::drive::DriveState;
 use super::friction::Coefficient;
 use super::joint::{Joint, Reaction};
 use super::linkage::Linkage;
+use super::made_parts::MadeParts;
 use super::motion::Motion;
 use super::prescribed::{Ground, Grounding};
 use super::scene::MultibodySystem;
@@ -46,6 +47,8 @@ pub struct Mechanism<'a> {
     pub signals: &'a Signals,
     /// The bodies with prescribed motion, from the beginning of the step on.
     pub grounds: Vec<Ground>,
+    /// The parts of another run, if those of this one are to be at least twice as long.
+    pub exceeded: Option<MadeParts>,
 }
 
 impl<'a> Mechanism<'a> {
@@ -65,6 +68,7 @@ impl<'a> Mechanism<'a> {
             gravity: scene.gravity,
             signals: &scene.signals,
             grounds: Vec::new(),
+            exceeded: None,
         }
     }
 
@@ -205,6 +209,11 @@ pub struct Island {
     pub largest_energy: f64,
     /// The longest steps to try.
     pub parts: Parts,
+    /// Whether impacts of one step that do not happen at once follow the sequential law, for comparison with a run in which
+    /// they happen at once.
+    pub is_beside: bool,
+    /// The change of velocity by gravity in the step: what approaches more slowly is no impact, but a contact that goes on.
+    kick: f64,
     /// Whether the step cannot be shortened: it is tried however long it is.
     pub is_shortest: bool,
     /// The accelerations of its bodies in the last step, where they are known.
@@ -213,6 +222,10 @@ pub struct Island {
     guess: Option<Guess>,
     /// The number of steps.
     pub steps: u64,
+    /// The parts in which it made its step, if the step is implicit.
+    pub made: Vec<[f64; 2]>,
+    /// The time in which they are not at least twice as long as those of the run that they should exceed.
+    pub repeated: f64,
     /// The number of Newton iterations, in accepted and rejected steps.
     pub newton: u64,
     /// The friction cone or its approximation.
@@ -243,10 +256,14 @@ impl Island {
             done: Work::default(),
             largest_energy: 0.0,
             parts: Parts::default(),
+            is_beside: false,
+            kick: 0.0,
             is_shortest: false,
             accelerations: Vec::new(),
             guess: None,
             steps: 0,
+            made: Vec::new(),
+            repeated: 0.0,
             newton: 0,
             cone,
             impact_law,
@@ -268,6 +285,8 @@ impl Island {
         self.actions.clear();
         self.done = Work::default();
         (self.largest_energy, self.steps, self.newton) = (0.0, 0, 0);
+        self.made.clear();
+        self.repeated = 0.0;
         (self.parts, self.guess) = (Parts::default(), None);
         self.accelerations.clear();
         (self.report, self.unsolved) = (None, None);
@@ -280,6 +299,7 @@ impl Island {
 
     /// Solves for the impulses and applies them to the velocities; an implicit island also moves its bodies.
     pub fn solve(&mut self, h: f64, mechanism: &Mechanism<'_>, law: &mut Law, control: &Control) {
+        (self.is_beside, self.kick) = (mechanism.exceeded.is_some(), h * mechanism.gravity.norm());
         if self.is_implicit() {
             self.solve_joined(h, mechanism, law, control);
             return;
@@ -354,11 +374,61 @@ impl Island {
         true
     }
 
-    /// Solves the contact law for the free velocities `free`, from the initial guess `r`; adds the impulses of the
-    /// sequential impact law if it is selected.
+    /// Solves the contact law for the free velocities `free`, from the initial guess `r`, by the selected law of impacts. In a
+    /// run for comparison, impacts that one step makes at once although they happen one after the other follow the
+    /// sequential law, so that the runs differ by what the order of the
+    /// impacts is worth.
     #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
     fn impulses(
         &mut self,
+        delassus: Delassus<'_>,
+        free: Vec<Vector3<f64>>,
+        gap: &[f64],
+        rebounds: bool,
+        h: f64,
+        r: Vec<Vector3<f64>>,
+        law: &mut Law,
+        control: &Control,
+    ) -> Vec<Vector3<f64>> {
+        if !(self.is_beside && rebounds && self.impact_law == ImpactLaw::Simultaneous) {
+            return self.impulses_by(self.impact_law, delassus, free, gap, rebounds, h, r, law, control);
+        }
+        let solved =
+            self.impulses_by(self.impact_law, delassus, free.clone(), gap, rebounds, h, r.clone(), law, control);
+        if !self.strikes_in_turn(&solved) {
+            return solved;
+        }
+        self.impulses_by(ImpactLaw::Sequential, delassus, free, gap, rebounds, h, r, law, control)
+    }
+
+    /// Whether contacts that are open at the beginning of the step, and have the impulses `r`, close at different times, at more
+    /// than the speed that a step makes. One that no body approaches closes after another has been struck.
+    fn strikes_in_turn(&self, r: &[Vector3<f64>]) -> bool {
+        let is_struck =
+            |contact: &Contact, r: &Vector3<f64>| !contact.is_torque() && r.x > 0.0 && contact.gap > contact.no_gap;
+        let struck = self.contacts.iter().zip(r).filter(|(contact, r)| is_struck(contact, r));
+        let mut first: Option<(f64, f64)> = None;
+        for (contact, _) in struck {
+            let approach = (-contact.before.x).max(0.0);
+            let time = contact.gap / approach;
+            let Some((other, speed)) = first else {
+                first = Some((time, approach));
+                continue;
+            };
+            // Gaps that differ by less than their tolerance close at once.
+            let apart = (time - other).abs() * approach.max(speed);
+            if (apart > contact.no_gap || apart.is_nan()) && approach.max(speed) > self.kick {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Solves the contact law by one of the laws of impacts.
+    #[expect(clippy::too_many_arguments, reason = "the terms of the law")]
+    fn impulses_by(
+        &mut self,
+        impact_law: ImpactLaw,
         delassus: Delassus<'_>,
         mut free: Vec<Vector3<f64>>,
         gap: &[f64],
@@ -384,7 +454,7 @@ impl Island {
         let roles = &roles[..];
         let mut struck = vec![Vector3::zeros(); gap.len()];
         let (restitution, cone) = (&restitution[..], &cone[..]);
-        if rebounds && self.impact_law == ImpactLaw::Sequential {
+        if rebounds && impact_law == ImpactLaw::Sequential {
             let contacts =
                 Contacts { delassus, free: &free, before: &before, gap, mu: &mu, restitution, cone, roles, h };
             sequential(&contacts).into_iter().for_each(|(k, strike)| struck[k] += strike);

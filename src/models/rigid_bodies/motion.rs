@@ -30,7 +30,9 @@ pub struct Motion {
 impl Motion {
     /// The initial state of a body; `None` if its inertia is singular.
     pub fn new(body: &Body) -> Option<Self> {
-        let inertia_inverse = body.inertia.try_inverse()?;
+        // The determinant of a small inertia would be zero.
+        let unit = body.inertia.amax();
+        let inertia_inverse = (body.inertia / unit).try_inverse()? / unit;
         let round = body.inertia - Matrix3::from_diagonal_element(body.inertia[(0, 0)]);
         let mut motion = Self {
             pose: body.pose,

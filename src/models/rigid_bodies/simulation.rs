@@ -33,6 +33,7 @@ use super::drive::{Drive, DriveState};
 use super::island::{Carried, Island, Mechanism, Unsolved};
 use super::joint::joined;
 use super::load::Load;
+use super::made_parts::{MadeParts, is_twice, may_try};
 use super::motion::Motion;
 use super::prescribed::{Ground, Prescribed};
 use super::scene::MultibodySystem;
@@ -106,6 +107,8 @@ pub struct MoreauStepping<'a> {
     load: Load,
     /// The memory limit for contacts, in bytes.
     pub most_memory: usize,
+    /// The parts in which steps were made, if another run is to make longer ones.
+    pub made: Option<MadeParts>,
 }
 
 impl<'a> MoreauStepping<'a> {
@@ -166,6 +169,7 @@ impl<'a> MoreauStepping<'a> {
             laws: (0..threads()).map(|_| Law::new(settings.tolerance)).collect(),
             load: Load::of(scene),
             most_memory: usize::MAX,
+            made: None,
         }
     }
 
@@ -198,8 +202,26 @@ impl<'a> MoreauStepping<'a> {
         self.check()
     }
 
+    /// Records the parts of steps from now on.
+    pub fn record_parts(&mut self) {
+        self.made = Some(MadeParts::new(self.moving.len()));
+    }
+
+    /// The parts of another run: steps are made in parts at least twice as long, whatever their error, if they can be
+    /// solved. They are those up to the end of the next step.
+    pub fn exceeded(&mut self) -> &mut MadeParts {
+        let moving = self.moving.len();
+        self.mechanism.exceeded.get_or_insert_with(|| MadeParts::new(moving))
+    }
+
     /// Makes a step of length `h`, in halves if it is too long.
     fn advance(&mut self, h: f64, halvings: u32, control: &Control) -> Result<(), StepFailure> {
+        let part = [self.t, self.t + h];
+        let longest = self.mechanism.exceeded.as_ref().map(|parts| parts.longest(part));
+        if longest.is_some_and(|longest| !may_try(h, longest)) && halvings > 0 {
+            self.advance(0.5 * h, halvings - 1, control)?;
+            return self.advance(0.5 * h, halvings - 1, control);
+        }
         for prescribed in &mut self.prescribed {
             if let Some(by) = &self.scene.bodies[prescribed.body].motion {
                 prescribed.begin(by, &self.scene.signals, self.t, h);
@@ -230,7 +252,8 @@ impl<'a> MoreauStepping<'a> {
         control.go_on()?;
         let poses: Vec<_> = self.prescribed.iter().map(|prescribed| prescribed.pose).collect();
         self.prescribed.iter_mut().for_each(|prescribed| prescribed.pose = prescribed.end);
-        let is_too_long = solved == Err(Unsolved::TooLong) || self.meets_unseen(&start, h, control)?;
+        let is_too_long =
+            solved == Err(Unsolved::TooLong) || longest.is_none() && self.meets_unseen(&start, h, control)?;
         if is_too_long && halvings > 0 {
             (self.moving, self.carried, self.report) = (start, carried, report);
             self.prescribed.iter_mut().zip(poses).for_each(|(prescribed, pose)| prescribed.pose = pose);
@@ -244,6 +267,7 @@ impl<'a> MoreauStepping<'a> {
         solved?;
         let parts = self.tasks[..self.islands.len()].iter().map(|island| island.steps).max();
         self.report.parts += parts.unwrap_or(1).max(1);
+        self.note_parts(part, longest);
         if self.report.residual > UNSOLVED {
             return Err(StepFailure::Unsolved { residual: self.report.residual });
         }
@@ -260,6 +284,21 @@ impl<'a> MoreauStepping<'a> {
         self.end_velocities();
         self.t += h;
         Ok(())
+    }
+
+    /// Records the parts of a step, and the time in which they are not as long as they should be beside those of another
+    /// run, of which `longest` is the longest.
+    fn note_parts(&mut self, part: [f64; 2], longest: Option<f64>) {
+        let tasks = &self.tasks[..self.islands.len()];
+        if let Some(made) = &mut self.made {
+            made.add_whole(part);
+            tasks.iter().for_each(|island| made.add(&island.bodies, &island.made));
+        }
+        if let Some(longest) = longest {
+            let h = part[1] - part[0];
+            let of_islands = tasks.iter().map(|island| island.repeated).fold(0.0, f64::max);
+            self.report.repeated += if is_twice(h, longest) { of_islands } else { h };
+        }
     }
 
     /// Lets joints hold on to the bodies with prescribed motion.

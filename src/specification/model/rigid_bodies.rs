@@ -19,6 +19,8 @@ const FAR_BEYOND: usize = 1000;
 const ENOUGH: usize = 1 << 47;
 /// Numbers in the state of a body: position, quaternion, velocity, angular velocity.
 const NUMBERS_A_BODY: usize = 13;
+/// Numbers of an output that is compared with a run with longer steps: its sums, and its values in the steps that are compared.
+const NUMBERS_COMPARED: usize = 50;
 
 impl Model for MultibodySystem {
     fn state_names(&self) -> Vec<String> {
@@ -90,9 +92,11 @@ impl Model for MultibodySystem {
         if self.bodies.iter().filter(|body| !body.fixed).count() <= solution::MOST_COMPARED { 2 } else { 1 }
     }
 
-    fn numbers(&self, _specification: &Specification) -> usize {
-        // Two states, and their changes.
-        4 * NUMBERS_A_BODY * self.bodies.len()
+    fn numbers(&self, specification: &Specification) -> usize {
+        // Two states, and their changes; and of each output what is compared with longer steps.
+        let outputs = if self.runs(specification) > 1 { self.output_names().len() } else { 0 };
+        let compared = NUMBERS_COMPARED * outputs;
+        4 * NUMBERS_A_BODY * self.bodies.len() + compared
     }
 
     fn describe(&self, specification: &Specification) -> Diagnostics {

@@ -4,6 +4,7 @@
 use crate::error::{Errors, SpecificationError};
 use crate::expression::Expression;
 use crate::lowering::{Lowering, Named, Start};
+use crate::observables::outputs_in;
 use crate::ordered::Ordered;
 use crate::pointer::Pointer;
 use crate::wording::{abridged, listed};
@@ -186,6 +187,7 @@ pub fn lower(
     }
     let Lowered { lowering, nodes, .. } = lowered;
     reducers.program = Tape::compile(&lowering.graph, &nodes);
+    reducers.inputs = nodes.iter().map(|&node| outputs_in(&lowering, node)).collect();
     let mut found = lowering.errors;
     // Errors in parameters and definitions are reported where the problem is lowered.
     found.retain(|pointer| pointer.starts_with("/sweep"));

@@ -60,6 +60,8 @@ pub struct Conditions {
 /// The numbers of comparison times on steps of the first run, and at random times.
 const ON_STEPS: usize = 10;
 const ANYWHERE: usize = 14;
+/// The number of random times for steps over impacts, whose errors may last for a small part of a run.
+const ANYWHERE_OF_STEPS: usize = 200;
 /// The absolute tolerance of a field, relative to `rtol` and the scale of the problem.
 const FLOOR: f64 = 1e-3;
 /// The ratio of the tolerances of the first and of the tight run.
@@ -166,7 +168,8 @@ pub fn experiment(problem: &dyn Problem, conditions: &Conditions) -> Experiment 
     let any = |random: &mut Random| random.choose(&stages).clone();
     let plain = Variant { label: "steps", accuracy, stages: any(&mut random), view: View::default(), end, times: &[] };
     let first = maker.run(&plain);
-    let mut times: Vec<f64> = (0..ANYWHERE).map(|_| end * random.uniform(0.0, 1.0)).collect();
+    let anywhere = if matches!(way, Way::Step(_)) { ANYWHERE_OF_STEPS } else { ANYWHERE };
+    let mut times: Vec<f64> = (0..anywhere).map(|_| end * random.uniform(0.0, 1.0)).collect();
     let mut rates = vec![0.0_f64; fields.len()];
     if let Some(Answer { t, columns, .. }) = first.answer() {
         times.extend((0..ON_STEPS).map(|_| *random.choose(t)));

@@ -245,12 +245,21 @@ fn error_of_first_order(experiment: &Experiment, run: &Sample<'_>, best: &Sample
     longer.map(|other| of(other) * step / (other.run.accuracy - step)).fold(0.0, f64::max)
 }
 
-/// The largest error of fields without jumps, relative to the size of each.
+/// The largest error of fields without jumps. A verdict on steps is relative to the largest change of a field, or its largest
+/// value if that is smaller, and to the largest of the places of a body, which are asked for together.
 fn relative_error(experiment: &Experiment, sample: &Sample<'_>, truth: &[Vec<f64>]) -> f64 {
-    let fields = experiment.fields.iter().zip(&experiment.sizes).enumerate().filter(|(_, (field, _))| !field.jumps);
-    let errors = fields.flat_map(|(k, (_, size))| {
+    let fields = &experiment.fields;
+    let start = |k: usize| sample.answer.columns[k].first().copied().unwrap_or(0.0);
+    let span = |k: usize| {
+        let of = |from: f64| sample.answer.columns[k].iter().fold(0.0_f64, |span, x| span.max((x - from).abs()));
+        of(0.0).min(of(start(k)))
+    };
+    let of_body = |k: usize| fields[k].name.split_once('.').map(|(body, _)| body);
+    let together = |k: usize, other: usize| k == other || of_body(k).is_some() && of_body(k) == of_body(other);
+    let errors = (0..fields.len()).filter(|&k| !fields[k].jumps).flat_map(|k| {
+        let size = (0..fields.len()).filter(|&other| together(k, other)).map(span).fold(0.0, f64::max);
         let apart = sample.columns[k].iter().zip(&truth[k]).map(|(a, b)| (a - b).abs());
-        apart.filter(|apart| !apart.is_nan()).map(move |apart| apart / size)
+        apart.filter(|apart| !apart.is_nan()).map(move |apart| if size > 0.0 { apart / size } else { 0.0 })
     });
     errors.fold(0.0, f64::max)
 }

@@ -27,7 +27,10 @@ const KNOWN: Known =
 const SILENT: Known = &[];
 
 /// Right answers that the verdict does not trust.
-const DOUBTED: Known = &[];
+const DOUBTED: Known = &[
+    // Its energies are right; the places of its light links are not known to two digits, and with half the step they differ by more.
+    ("chain20_ball_joints_explodes", "doubted"),
+];
 
 /// What came of a problem.
 struct Outcome {

@@ -2,6 +2,7 @@
 //! units.
 
 mod bodies;
+mod compared;
 mod given_steps;
 mod impacts;
 mod obstacle;

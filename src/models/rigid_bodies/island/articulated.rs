@@ -28,6 +28,7 @@ mod restoration;
 use super::super::contact::{Contact, mark_torques};
 use super::super::drive::DriveState;
 use super::super::linkage::Linked;
+use super::super::made_parts::{is_twice, may_try};
 use super::super::midpoint::{CONVERGED, Midpoint, apart, join, twist};
 use super::super::motion::Motion;
 use super::{Carried, Guess, Island, Mechanism, Unsolved, Work};
@@ -85,19 +86,23 @@ struct Kept {
     t: f64,
     done: Work,
     steps: u64,
+    parts: usize,
+    repeated: f64,
 }
 
 impl Kept {
     fn of(island: &Island, linked: &[Linked<'_>]) -> Self {
         let joints = linked.iter().map(|linked| (linked.forces.clone(), linked.states.clone())).collect();
         let (moving, accelerations) = (island.moving.clone(), island.accelerations.clone());
-        Self { moving, joints, accelerations, t: island.t, done: island.done, steps: island.steps }
+        let Island { t, done, steps, repeated, .. } = *island;
+        Self { moving, joints, accelerations, t, done, steps, parts: island.made.len(), repeated }
     }
 
     fn restore(&self, island: &mut Island, linked: &mut [Linked<'_>]) {
         island.moving.clone_from(&self.moving);
         island.accelerations.clone_from(&self.accelerations);
-        (island.t, island.done, island.steps) = (self.t, self.done, self.steps);
+        (island.t, island.done, island.steps, island.repeated) = (self.t, self.done, self.steps, self.repeated);
+        island.made.truncate(self.parts);
         for (linked, (forces, states)) in linked.iter_mut().zip(&self.joints) {
             linked.forces.clone_from(forces);
             linked.states.clone_from(states);
@@ -142,7 +147,7 @@ impl Island {
         }
         let is_solved = self.step_without_contacts(&mut linked, h, mechanism, control).unwrap_or_else(|closing| {
             // A step that the last ones show to be too long is not tried.
-            (h <= self.parts.pushed * WITHIN || self.is_shortest)
+            (h <= self.parts.pushed * WITHIN || self.is_shortest || mechanism.exceeded.is_some())
                 && self.step_with_contacts(closing, &mut linked, &homes, h, mechanism, law, control)
         });
         if !is_solved && self.unsolved.is_none() {
@@ -205,7 +210,9 @@ impl Island {
         if control.go_on().is_err() {
             return true;
         }
-        if h <= self.parts.free * WITHIN || halvings == HALVINGS {
+        let longest = self.longest_exceeded(h, mechanism);
+        let is_tried = longest.map_or(h <= self.parts.free * WITHIN, |longest| may_try(h, longest));
+        if is_tried || halvings == HALVINGS {
             if let Some(room) = self.advance_freely(linked, h, mechanism) {
                 self.parts.free = if room > ROOM { 2.0 * h } else { h };
                 return true;
@@ -215,6 +222,11 @@ impl Island {
         halvings < HALVINGS
             && self.advance_in_parts(linked, 0.5 * h, mechanism, halvings + 1, control)
             && self.advance_in_parts(linked, 0.5 * h, mechanism, halvings + 1, control)
+    }
+
+    /// The longest part of the run that this one is to exceed, if there is one, within a part of length `h`.
+    fn longest_exceeded(&self, h: f64, mechanism: &Mechanism<'_>) -> Option<f64> {
+        mechanism.exceeded.as_ref().map(|parts| parts.longest_of(&self.bodies, [self.t, self.t + h]))
     }
 
     /// Predicts the gaps at the end of the step.
@@ -255,17 +267,29 @@ impl Island {
         let energy = 0.5 * midpoint.weigh(&midpoint.end_velocities());
         let largest = self.largest_energy.max(energy).max(0.5 * midpoint.size());
         let most = LOSS * largest;
-        if lost > most || stiffness(&midpoint, linked, &velocities) > STIFF * largest {
+        let is_judged = mechanism.exceeded.is_none();
+        if is_judged && (lost > most || stiffness(&midpoint, linked, &velocities) > STIFF * largest) {
             return None;
         }
-        self.arrive(&midpoint, linked, &velocities, energy);
+        self.arrive(&midpoint, linked, &velocities, energy, mechanism);
         self.done.drives += driven;
         self.guess = Some(Guess::of(midpoint, linked));
         Some(if lost > 0.0 { most / lost } else { f64::INFINITY })
     }
 
     /// Accepts the step: sets the bodies to the end of the step and updates work, time and statistics.
-    fn arrive(&mut self, midpoint: &Midpoint, linked: &mut [Linked<'_>], velocities: &[Vector6<f64>], energy: f64) {
+    fn arrive(
+        &mut self,
+        midpoint: &Midpoint,
+        linked: &mut [Linked<'_>],
+        velocities: &[Vector6<f64>],
+        energy: f64,
+        mechanism: &Mechanism<'_>,
+    ) {
+        let is_repeated =
+            self.longest_exceeded(midpoint.h, mechanism).is_some_and(|longest| !is_twice(midpoint.h, longest));
+        self.repeated += if is_repeated { midpoint.h } else { 0.0 };
+        self.made.push([self.t, self.t + midpoint.h]);
         for ((motion, moved), velocities) in self.moving.iter_mut().zip(&midpoint.moved).zip(velocities) {
             let (velocity, omega) = apart(velocities);
             motion.arrive(&moved.pose, &velocity, &omega);

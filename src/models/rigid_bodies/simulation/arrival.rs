@@ -7,6 +7,12 @@ use super::super::touches::Touched;
 use super::MoreauStepping;
 use nalgebra::Vector3;
 
+/// The part of displacements along normals at which they count as taken away, a tenth of what an estimate of an error is worth.
+const CONFINED: f64 = 1e-2;
+
+/// Most sweeps over the contacts; what is left then is not taken away.
+const MOST_SWEEPS: usize = 50;
+
 impl MoreauStepping<'_> {
     /// Detects events of contacts; must be called before the impulses of the previous step are replaced.
     pub(super) fn follow(&mut self, h: f64) {
@@ -45,6 +51,66 @@ impl MoreauStepping<'_> {
             held[body as usize] = true;
         }
         self.held = held;
+    }
+
+    /// For each moving body, the time by which the last step of length `h` misplaces the impacts on its island, which happen when
+    /// gaps are closed: it makes them at its beginning, or at its end where the island is implicit. Where a step is made in
+    /// parts, they may be off by the whole step.
+    pub fn misplaced(&self, h: f64) -> Vec<f64> {
+        let mut misplaced = vec![h; self.moving.len()];
+        if self.report.parts > 1 {
+            return misplaced;
+        }
+        for island in &self.tasks[..self.islands.len()] {
+            let is_struck =
+                |contact: &&Contact| !contact.is_torque() && contact.impulse.x > 0.0 && contact.gap > contact.no_gap;
+            let by = |contact: &Contact| {
+                // A gap that nothing closes yet is closed by what happens in the step.
+                let until = (contact.gap / (-contact.before.x).max(0.0)).min(h);
+                if island.is_implicit() { h - until } else { until }
+            };
+            let longest = island.contacts.iter().filter(is_struck).map(by).fold(0.0, f64::max);
+            island.bodies.iter().for_each(|&body| misplaced[body as usize] = longest);
+        }
+        misplaced
+    }
+
+    /// Takes from displacements of the moving bodies in the last step of length `h`, of their centres and about them, what the
+    /// contacts that it has closed do not allow: bodies are where their surfaces meet at its end, whenever they met, but for the
+    /// way that they part again. By impulses along the normals, one after the other.
+    pub fn confine(&self, h: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
+        let closed = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
+        let along = |contact: &Contact, by: &[(Vector3<f64>, Vector3<f64>)]| contact.change(|body| by[body as usize]).x;
+        let push = |contact: &Contact, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]| {
+            for side in [0, 1] {
+                let Some(body) = contact.bodies[side] else { continue };
+                let (impulse, angular) = contact.wrench(side, &(Vector3::x() * amount));
+                let motion = &self.moving[body as usize];
+                let (place, turn) = &mut by[body as usize];
+                *place += impulse / motion.mass;
+                *turn += motion.mobility * angular;
+            }
+        };
+        let mut unit = vec![(Vector3::zeros(), Vector3::zeros()); by.len()];
+        let mut contacts = Vec::new();
+        for contact in self.contacts.iter().filter(closed) {
+            push(contact, 1.0, &mut unit);
+            let apart = contact.velocity(|body| (self.ends[body as usize].velocity, self.ends[body as usize].omega)).x;
+            contacts.push((contact, along(contact, &unit), h * apart.max(0.0)));
+            contact.bodies.iter().flatten().for_each(|&body| unit[body as usize] = Default::default());
+        }
+        let first = contacts.iter().map(|(contact, _, way)| (along(contact, by) - way).abs()).fold(0.0, f64::max);
+        for _ in 0..MOST_SWEEPS {
+            let mut left = 0.0_f64;
+            for &(contact, mobility, way) in contacts.iter().filter(|(_, mobility, _)| *mobility > 0.0) {
+                let beyond = along(contact, by) - way;
+                left = left.max(beyond.abs());
+                push(contact, -beyond / mobility, by);
+            }
+            if left <= CONFINED * first {
+                break;
+            }
+        }
     }
 
     /// Computes the velocities at the end of the step, and extends `pushed` to all bodies of an implicit island.

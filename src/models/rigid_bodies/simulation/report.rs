@@ -82,6 +82,8 @@ pub struct ContactReport {
     pub islands: usize,
     /// The number of parts of the step; more than one if the step was too long for joints.
     pub parts: u64,
+    /// The time in which parts are not at least twice as long as those of the run that they should exceed.
+    pub repeated: f64,
     /// The number of Newton iterations of implicit islands in solved steps.
     pub newton: u64,
     /// The work of drives and forces.

@@ -125,7 +125,8 @@ impl Island {
         let is_pushed = p.iter().zip(&self.contacts).any(|(p, contact)| !contact.is_torque() && p.x > 0.0);
         let most = if is_pushed { LOSS_IN_IMPACTS } else { LOSS };
         let largest = self.largest_energy.max(energy).max(0.5 * midpoint.size());
-        if lost > most * largest || stiffness(&midpoint, linked, &velocities) > STIFF * largest {
+        let is_judged = mechanism.exceeded.is_none();
+        if is_judged && (lost > most * largest || stiffness(&midpoint, linked, &velocities) > STIFF * largest) {
             return false;
         }
         self.parts.pushed = if lost * ROOM <= most * largest { 2.0 * h } else { h };
@@ -141,7 +142,7 @@ impl Island {
         self.report = self.report.zip(positions).map(|(velocities, positions)| velocities.beside(&positions));
         if are_replaced {
             self.done.drives += driven + linked.iter_mut().map(Linked::correct).sum::<f64>();
-            self.arrive(&midpoint, linked, &velocities, energy);
+            self.arrive(&midpoint, linked, &velocities, energy, mechanism);
             if is_pushed {
                 // The velocities have jumped.
                 self.accelerations.fill(None);

@@ -1,0 +1,89 @@
+//! The parts in which a run makes its steps. Joints, springs and forces that depend on motion divide a step as their
+//! own error demands, so that a second run with steps twice as long would make the same parts, and the same errors. It
+//! makes parts that are at least twice as long as those of the first run instead.
+
+/// Parts that agree up to this fraction are as long: their ends are sums of binary fractions of a step.
+const WITHIN: f64 = 1e-6;
+
+/// The parts of the steps of a run, each with its begin and its end, in the order of time.
+#[derive(Clone, Debug, Default)]
+pub struct MadeParts {
+    /// The parts in which all bodies move together.
+    whole: Vec<[f64; 2]>,
+    /// For each moving body, those of an island with joints or motion-dependent forces.
+    of_bodies: Vec<Vec<[f64; 2]>>,
+}
+
+impl MadeParts {
+    /// No parts of `moving` bodies.
+    pub fn new(moving: usize) -> Self {
+        Self { whole: Vec::new(), of_bodies: vec![Vec::new(); moving] }
+    }
+
+    /// Adds a part in which all bodies move together.
+    pub(super) fn add_whole(&mut self, part: [f64; 2]) {
+        self.whole.push(part);
+    }
+
+    /// Adds the parts of an island.
+    pub(super) fn add(&mut self, bodies: &[u32], parts: &[[f64; 2]]) {
+        bodies.iter().for_each(|&body| self.of_bodies[body as usize].extend_from_slice(parts));
+    }
+
+    /// Moves the parts up to a time to `others`, in place of what it had.
+    pub fn hand_over(&mut self, until: f64, others: &mut Self) {
+        let move_parts = |from: &mut Vec<[f64; 2]>, to: &mut Vec<[f64; 2]>| {
+            let over = from.partition_point(|[begin, _]| *begin < until);
+            to.clear();
+            to.extend(from.drain(..over));
+        };
+        move_parts(&mut self.whole, &mut others.whole);
+        self.of_bodies.iter_mut().zip(&mut others.of_bodies).for_each(|(from, to)| move_parts(from, to));
+    }
+
+    /// The longest part of all bodies within a part.
+    pub(super) fn longest(&self, part: [f64; 2]) -> f64 {
+        longest(&self.whole, part).unwrap_or(0.0)
+    }
+
+    /// The longest part of some bodies within a part.
+    pub(super) fn longest_of(&self, bodies: &[u32], part: [f64; 2]) -> f64 {
+        let of_bodies = bodies.iter().filter_map(|&body| longest(&self.of_bodies[body as usize], part));
+        of_bodies.reduce(f64::max).unwrap_or_else(|| self.longest(part))
+    }
+}
+
+/// The longest of some parts within a part, if one of them is.
+fn longest(parts: &[[f64; 2]], [from, to]: [f64; 2]) -> Option<f64> {
+    let overlaps = |&&[begin, end]: &&[f64; 2]| end.min(to) - begin.max(from) > WITHIN * (to - from);
+    parts.iter().filter(overlaps).map(|[begin, end]| end - begin).reduce(f64::max)
+}
+
+/// Whether a part of length `h` is at least twice as long as others of which `longest` is the longest.
+pub(super) fn is_twice(h: f64, longest: f64) -> bool {
+    2.0 * longest <= h * (1.0 + WITHIN)
+}
+
+/// Whether a part of length `h` may be tried beside others of which `longest` is the longest: a shorter one would be at least
+/// twice as long as well.
+pub(super) fn may_try(h: f64, longest: f64) -> bool {
+    4.0 * longest > h * (1.0 + WITHIN)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_are_twice_as_long_as_the_longest_within_them() {
+        let mut made = MadeParts::new(2);
+        [[0.0, 1.0], [1.0, 2.0]].into_iter().for_each(|part| made.add_whole(part));
+        made.add(&[1], &[[0.0, 0.5], [0.5, 1.0], [1.0, 2.0]]);
+        let mut others = MadeParts::new(2);
+        made.hand_over(2.0, &mut others);
+        assert_eq!([others.longest_of(&[0], [0.0, 1.0]), others.longest_of(&[1], [0.0, 1.0])], [1.0, 0.5]);
+        assert_eq!([others.longest_of(&[0, 1], [0.0, 2.0]), made.longest([0.0, 2.0])], [1.0, 0.0]);
+        let halves = others.longest_of(&[1], [0.0, 1.0]);
+        assert!(is_twice(1.0, halves) && may_try(1.0, halves) && !is_twice(0.5, halves) && !may_try(2.0, halves));
+    }
+}

@@ -1,0 +1,147 @@
+//! What of a run is asked for, as columns that can be evaluated along any run: the outputs of the problem, the user's
+//! definitions, integrands and monitors, and the expressions that are collected.
+
+use super::longer_steps::{Kind, Measure, Quantity};
+use super::reducers::{Over, Reduction};
+use super::run::Plan;
+use expression::Tape;
+
+/// The columns, and the programs of those that are no outputs of the problem.
+pub(super) struct Columns {
+    outputs: usize,
+    programs: [Tape; 2],
+    /// For each column of the programs, the outputs that it depends on.
+    inputs: Vec<Vec<usize>>,
+    counts: [usize; 2],
+    changed: Vec<f64>,
+}
+
+impl Columns {
+    /// The columns of a plan.
+    pub fn new(plan: &Plan) -> Self {
+        let of = &plan.observables;
+        let mut inputs = of.inputs.clone();
+        let mut programs = [of.program.clone(), Tape::default()];
+        let mut counts = [inputs.len(), 0];
+        if let Some(reducers) = &plan.reducers {
+            inputs.extend(reducers.inputs.iter().cloned());
+            counts[1] = reducers.inputs.len();
+            programs[1] = reducers.program.clone();
+        }
+        Self { outputs: plan.names.len(), programs, inputs, counts, changed: Vec::new() }
+    }
+
+    /// The number of outputs of the problem, which are the first columns.
+    pub fn outputs(&self) -> usize {
+        self.outputs
+    }
+
+    /// The number of columns.
+    pub fn count(&self) -> usize {
+        self.outputs + self.inputs.len()
+    }
+
+    /// Evaluates the columns that are no outputs of the problem, which precede them in `y`.
+    pub fn evaluate(&mut self, t: f64, y: &mut [f64]) {
+        let (outputs, mut rest) = y.split_at_mut(self.outputs);
+        for (program, count) in self.programs.iter_mut().zip(self.counts) {
+            let (own, others) = rest.split_at_mut(count);
+            if count > 0 {
+                program.evaluate(t, outputs, own);
+            }
+            rest = others;
+        }
+    }
+
+    /// Completes the changes of outputs in `by` by those that they make of the other columns, where `y` are all.
+    pub fn displace(&mut self, t: f64, y: &[f64], by: &mut [f64]) {
+        if self.inputs.is_empty() {
+            return;
+        }
+        let mut changed = std::mem::take(&mut self.changed);
+        changed.clear();
+        changed.extend(y.iter().zip(&*by).map(|(y, by)| y + by));
+        self.evaluate(t, &mut changed);
+        for k in self.outputs..y.len() {
+            by[k] = changed[k] - y[k];
+        }
+        self.changed = changed;
+    }
+
+    /// Completes bounds on small changes of outputs in `by` by bounds on those of the other columns, where `y` are all: the sum
+    /// of what each of the outputs makes.
+    pub fn spread(&mut self, t: f64, y: &[f64], by: &mut [f64]) {
+        if self.inputs.is_empty() {
+            return;
+        }
+        let mut used: Vec<usize> = self.inputs.iter().flatten().copied().collect();
+        used.sort_unstable();
+        used.dedup();
+        by[self.outputs..].fill(0.0);
+        let mut changed = y.to_vec();
+        for k in used {
+            changed[k] = y[k] + by[k];
+            self.evaluate(t, &mut changed);
+            changed[k] = y[k];
+            for (place, column) in (self.outputs..y.len()).enumerate() {
+                let change = (changed[column] - y[column]).abs();
+                if self.inputs[place].contains(&k) && change.is_finite() {
+                    by[column] += change;
+                }
+            }
+        }
+    }
+
+    /// Whether a plan makes no choice of the outputs of the problem, but has them all.
+    fn has_all(&self, plan: &Plan) -> bool {
+        (0..self.outputs).all(|output| plan.fields.contains(&output))
+    }
+
+    /// What a plan asks for, where the outputs have the given kinds; all states if it is nothing. Of outputs that nobody chose
+    /// the states are compared, of which all others are made.
+    pub fn asked(&self, plan: &Plan, kinds: &[Kind]) -> Vec<Quantity> {
+        let of = &plan.observables;
+        let is_passed_over = |field: usize| {
+            self.outputs > plan.initial.len()
+                && (plan.initial.len()..self.outputs).contains(&field)
+                && self.has_all(plan)
+        };
+        let kind = |column: usize| match column.checked_sub(self.outputs) {
+            None => kinds[column],
+            Some(place) if self.inputs[place].iter().all(|&k| kinds[k] == Kind::Continuous) => Kind::Continuous,
+            Some(_) => Kind::Jumping,
+        };
+        let new = |name: &str, column: usize, measure: Measure| {
+            Quantity::new(format!("`{name}`"), column, kind(column), measure)
+        };
+        let mut asked = Vec::new();
+        for &field in plan.fields.iter().filter(|field| !is_passed_over(**field)) {
+            let Some(own) = field.checked_sub(self.outputs) else {
+                asked.push(new(&plan.names[field], field, Measure::Values));
+                continue;
+            };
+            let Some(name) = of.names.get(own) else { continue };
+            let is_integral = own >= of.definitions();
+            let measure = if is_integral { Measure::Integral { is_squared: false } } else { Measure::Values };
+            asked.push(new(name, field, measure));
+        }
+        for (k, monitor) in of.monitors.iter().enumerate() {
+            let name = format!("the time at which {}", monitor.label);
+            asked.push(new(&name, self.outputs + of.names.len() + k, Measure::Crossings));
+        }
+        for (name, reduction) in plan.reducers.iter().flat_map(|of| of.names.iter().zip(&of.reductions)) {
+            if let Reduction::Value { at, over } = reduction {
+                let measure = match over {
+                    Over::Mean | Over::Integral => Measure::Integral { is_squared: false },
+                    Over::Rms => Measure::Integral { is_squared: true },
+                    Over::Final | Over::Initial | Over::Min | Over::Max | Over::Ripple | Over::At(_) => Measure::Values,
+                };
+                asked.push(new(name, self.outputs + self.counts[0] + at, measure));
+            }
+        }
+        if asked.is_empty() && plan.reducers.is_none() {
+            asked.extend((0..plan.initial.len()).map(|k| new(&plan.names[k], k, Measure::Values)));
+        }
+        asked
+    }
+}

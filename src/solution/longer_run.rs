@@ -1,0 +1,303 @@
+//! A run with steps twice as long, made beside time stepping for comparison with it. It follows the run by a few steps, so that
+//! it knows in which parts the run made its own. The last step of an odd number is joined with the two before it.
+//! A single step is compared with two steps of half its length.
+
+use super::compared_columns::Columns;
+use super::longer_steps::{Comparison, Kind};
+use super::reducers::{Reduction, Selected};
+use super::run::{Plan, Stepper};
+use super::{Checks, Event, Failure};
+
+/// Output times this close to the end of a step, as a part of it, are at the end.
+const WITHIN: f64 = 1e-6;
+
+/// Time stepping that can be compared with longer steps.
+pub(super) trait TimeStepped: Stepper + Sized {
+    /// The time at which the last step began.
+    fn begin(&self) -> f64;
+
+    /// Makes one step, up to the time `end`.
+    ///
+    /// # Errors
+    /// The reason why the step failed, for the user.
+    fn step_to(&mut self, end: f64) -> Result<(), Failure>;
+
+    /// The kinds of all outputs.
+    fn kinds(&self) -> Vec<Kind>;
+
+    /// Groups of outputs that are components of one vector, and are measured by the largest of them where all are asked for.
+    fn vectors(&self) -> Vec<Vec<usize>> {
+        Vec::new()
+    }
+
+    /// Writes for each output what the forces of the last step make of it.
+    fn resolve(&mut self, out: &mut [f64]);
+
+    /// Writes for each output by what it is displaced if the impacts in the last step are off by the step; returns false if
+    /// there are none.
+    fn strike(&mut self, out: &mut [f64]) -> bool;
+
+    /// Writes for each output the change of its rate by impacts in the last step, times the step: at a time within the step, it
+    /// may be off the line between the ends of the step by as much as this times both parts of the step. Returns false if
+    /// there are no impacts, or outputs within steps know of them.
+    fn bend(&mut self, _out: &mut [f64]) -> bool {
+        false
+    }
+
+    /// Writes for each output by what it is displaced at the end of the last step by data that vary within steps, beyond
+    /// what the steps see of them; returns false if there are none.
+    fn miss(&mut self, _out: &mut [f64]) -> bool {
+        false
+    }
+
+    /// The events of the last step.
+    fn events(&self) -> Vec<Event>;
+
+    /// Lets the next step, up to the time `end`, be made in longer parts than those of another run.
+    fn exceed(&mut self, _run: &mut Self, _end: f64) {}
+
+    /// The time of the last step in which the parts were not longer.
+    fn repeated(&self) -> f64 {
+        0.0
+    }
+}
+
+/// The columns at the end of a step.
+struct Row {
+    t: f64,
+    /// The length of the step.
+    h: f64,
+    y: Vec<f64>,
+}
+
+/// The run with longer steps.
+pub(super) struct LongerRun<S> {
+    stepper: S,
+    columns: Columns,
+    /// The comparison so far.
+    pub comparison: Comparison,
+    /// The steps of the run that this one has not made yet, and room for others.
+    open: Vec<Row>,
+    free: Vec<Row>,
+    y: Vec<f64>,
+    changes: Vec<f64>,
+    /// The columns at the end of the last step of the run.
+    last: Vec<f64>,
+    /// The output times, and the index of the next one.
+    times: Vec<f64>,
+    next: usize,
+    start: f64,
+    end: f64,
+    events: Vec<SelectedEvents>,
+}
+
+/// The events of a selection that is collected, of both runs.
+struct SelectedEvents {
+    name: String,
+    /// Whether their number is collected, else the time of the first or the last.
+    is_count: bool,
+    of: Selected,
+    counts: [u32; 2],
+    /// The times of the first and the last.
+    times: [Option<[f64; 2]>; 2],
+    /// The length of the steps of the last of them.
+    h: f64,
+}
+
+impl SelectedEvents {
+    fn of(plan: &Plan) -> Vec<Self> {
+        let reductions = plan.reducers.iter().flat_map(|of| of.names.iter().zip(&of.reductions));
+        let selected = reductions.filter_map(|(name, reduction)| match reduction {
+            Reduction::Count(of) => Some((name, true, of)),
+            Reduction::First(of) | Reduction::Last(of) => Some((name, false, of)),
+            _ => None,
+        });
+        let new = |(name, is_count, of): (&String, bool, &Selected)| Self {
+            name: name.clone(),
+            is_count,
+            of: of.clone(),
+            counts: [0; 2],
+            times: [None; 2],
+            h: 0.0,
+        };
+        selected.map(new).collect()
+    }
+
+    fn take(&mut self, events: &[Event], run: usize, h: f64) {
+        for event in events.iter().filter(|event| self.of.takes(event)) {
+            self.counts[run] += 1;
+            let [first, _] = self.times[run].unwrap_or([event.t; 2]);
+            self.times[run] = Some([first, event.t]);
+            self.h = self.h.max(h);
+        }
+    }
+
+    /// The relative error of what is collected, and how it is told; an event is off by a step wherever both runs have it.
+    fn error(&self, start: f64) -> (f64, String) {
+        let [own, other] = self.counts.map(f64::from);
+        let name = &self.name;
+        let error = match (self.is_count, self.times) {
+            (true, _) => (own - other).abs() / own.max(other).max(1.0),
+            (false, [Some(a), Some(b)]) => {
+                let late = |k: usize| (a[k] - b[k]).abs().max(self.h) / (a[k] - start);
+                late(0).max(late(1))
+            }
+            (false, [None, None]) => 0.0,
+            (false, _) => 1.0,
+        };
+        (error, format!("and `{name}` is estimated to be off by {error:.1e} of its value, beside steps twice as long"))
+    }
+}
+
+impl<S: TimeStepped> LongerRun<S> {
+    /// Prepares a comparison with `stepper`, which has not made a step.
+    pub fn new(mut stepper: S, plan: &Plan, is_default: bool) -> Self {
+        let mut columns = Columns::new(plan);
+        let quantities = columns.asked(plan, &stepper.kinds());
+        let mut comparison = Comparison::new(quantities, plan.start, is_default);
+        let mut y = vec![0.0; columns.count()];
+        stepper.values(plan.start, &mut y[..plan.names.len()]);
+        columns.evaluate(plan.start, &mut y);
+        comparison.meet(&y, 0.0);
+        let (open, free) = (Vec::new(), Vec::new());
+        let changes = vec![0.0; y.len()];
+        let times = plan.times.clone().unwrap_or_default();
+        let (start, end, last) = (plan.start, plan.end, y.clone());
+        let events = SelectedEvents::of(plan);
+        Self { stepper, columns, comparison, open, free, y, changes, last, times, next: 0, start, end, events }
+    }
+
+    /// Follows the last step of a run.
+    pub fn follow(&mut self, run: &mut S) {
+        let (t, h) = (run.t(), run.t() - run.begin());
+        if h <= 0.0 || !self.comparison.goes_on() {
+            return;
+        }
+        let mut row = self.free.pop().unwrap_or_else(|| Row { t, h, y: vec![0.0; self.y.len()] });
+        (row.t, row.h) = (t, h);
+        self.read(run, t, &mut row.y);
+        self.comparison.meet(&row.y, h);
+        let outputs = self.columns.outputs();
+        self.changes.fill(0.0);
+        run.resolve(&mut self.changes[..outputs]);
+        self.comparison.resolve(&self.changes);
+        if self.open.is_empty() {
+            self.columns.spread(t, &row.y, &mut self.changes);
+            self.comparison.resolve(&self.changes);
+        }
+        self.changes.fill(0.0);
+        if run.strike(&mut self.changes[..outputs]) {
+            self.columns.displace(t, &row.y, &mut self.changes);
+            self.comparison.strike(&self.changes, self.end - t);
+        }
+        self.changes.fill(0.0);
+        if run.miss(&mut self.changes[..outputs]) {
+            self.columns.displace(t, &row.y, &mut self.changes);
+            self.comparison.miss(&self.changes);
+        }
+        while let Some(&at) = self.times.get(self.next)
+            && at <= t
+        {
+            self.next += 1;
+            let part = (at - run.begin()) / h;
+            if part > WITHIN && part < 1.0 - WITHIN {
+                let mut y = std::mem::take(&mut self.y);
+                self.read(run, at, &mut y);
+                let line = self.last.iter().zip(&row.y).map(|(from, to)| from + part * (to - from));
+                self.changes.iter_mut().zip(line).for_each(|(out, line)| *out = line);
+                self.comparison.look_within(&y, &self.changes);
+                self.changes.fill(0.0);
+                if run.bend(&mut self.changes[..outputs]) {
+                    self.columns.displace(at, &y, &mut self.changes);
+                    self.comparison.bend(&self.changes, part * (1.0 - part));
+                }
+                self.y = y;
+            }
+        }
+        self.last.copy_from_slice(&row.y);
+        if !self.events.is_empty() {
+            let events = run.events();
+            self.events.iter_mut().for_each(|of| of.take(&events, 0, h));
+        }
+        self.open.push(row);
+        if self.open.len() > 3 {
+            self.join(run, 2);
+        }
+    }
+
+    /// Writes the columns of a run at a time within its last step.
+    fn read(&mut self, run: &mut S, t: f64, y: &mut [f64]) {
+        run.values(t, &mut y[..self.columns.outputs()]);
+        self.columns.evaluate(t, y);
+    }
+
+    /// Makes one step over the first steps of the run, `count` of those that are open.
+    fn join(&mut self, run: &mut S, count: usize) {
+        let Some(end) = self.open.get(count.wrapping_sub(1)).map(|row| row.t) else { return };
+        self.stepper.exceed(run, end);
+        if self.advance(end) {
+            self.compare(count);
+        }
+    }
+
+    /// Makes a step up to `end`; returns false if it fails.
+    fn advance(&mut self, end: f64) -> bool {
+        if let Err(failure) = self.stepper.step_to(end) {
+            self.comparison.fail(failure.message);
+            return false;
+        }
+        self.comparison.repeat(self.stepper.repeated());
+        if !self.events.is_empty() {
+            let events = self.stepper.events();
+            self.events.iter_mut().for_each(|of| of.take(&events, 1, 0.0));
+        }
+        true
+    }
+
+    /// Compares the first `count` steps that are open, all of which the last step spans.
+    fn compare(&mut self, count: usize) {
+        let length = self.stepper.t() - self.stepper.begin();
+        self.changes.fill(0.0);
+        let is_bent = self.stepper.bend(&mut self.changes[..self.columns.outputs()]);
+        let mut y = std::mem::take(&mut self.y);
+        let rows: Vec<Row> = self.open.drain(..count).collect();
+        for (k, row) in rows.iter().enumerate() {
+            let values = &mut y[..self.columns.outputs()];
+            self.stepper.values(row.t, values);
+            self.columns.evaluate(row.t, &mut y);
+            self.comparison.differ([&row.y, &y], [row.t, row.h], (length, k + 1 == count), is_bent);
+        }
+        self.y = y;
+        self.free.extend(rows);
+    }
+
+    /// Completes the comparison at the end of the run.
+    pub fn finish(&mut self, run: &mut S) {
+        if self.comparison.goes_on() && self.open.len() == 1 {
+            // The error of two steps of half the length is half of that of the one step, at first order.
+            self.comparison.share(2.0);
+            let Some((t, h)) = self.open.first().map(|row| (row.t, row.h)) else { return };
+            if self.advance(t - 0.5 * h) && self.advance(t) {
+                self.compare(1);
+            }
+        }
+        while self.comparison.goes_on() && !self.open.is_empty() {
+            let count = if self.open.len() > 3 { 2 } else { self.open.len() };
+            self.join(run, count);
+        }
+        self.comparison.settle();
+        // The error of a whole vector, relative to it, is the same in any frame.
+        let mut vectors = self.stepper.vectors();
+        vectors.retain(|vector| vector.iter().all(|&column| self.comparison.compares(column)));
+        self.comparison.share_units(&vectors);
+        for of in &self.events {
+            let (error, what) = of.error(self.start);
+            self.comparison.note(error, what);
+        }
+    }
+
+    /// Judges the comparison; see [`Comparison::judge`].
+    pub fn judge(&self, allowed: f64, checks: &mut Checks) {
+        self.comparison.judge(allowed, checks);
+    }
+}

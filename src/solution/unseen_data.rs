@@ -1,0 +1,115 @@
+//! What functions of time do between the times at which a step looks at them: pulses that are shorter than a step, a period
+//! that is that of the steps, poles. Their integrals over a step are found by bisection, with enclosures that prove that
+//! nothing hides between samples, and compared with what the step makes of the functions.
+
+use numerics::Interval;
+
+/// Most parts of a step. A jump is then placed to a sixty-fourth of a step; what is left counts as unknown.
+const MOST_PARTS: usize = 64;
+
+/// The difference of two quadrature rules at which they agree, relative to the largest value of a function so far: a tenth of
+/// the error that the verdict permits at best.
+const AGREE: f64 = 1e-4;
+
+/// Functions of time alone, with all else as at one end of a step.
+pub(super) trait InTime {
+    /// Writes the values at a time.
+    fn at(&mut self, t: f64, out: &mut [f64]);
+
+    /// Encloses the values over an interval of time.
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]);
+}
+
+/// The integrals of functions over steps.
+#[derive(Clone, Debug, Default)]
+pub(super) struct UnseenData {
+    /// The largest absolute values so far.
+    largest: Vec<f64>,
+    /// The integrals over the last step, and bounds on their errors.
+    pub integrals: Vec<[f64; 2]>,
+    left: Vec<[f64; 2]>,
+    ranges: Vec<Interval>,
+    samples: [Vec<f64>; 3],
+}
+
+impl UnseenData {
+    /// Integrates `count` functions over a step; returns false if none varies in it.
+    pub fn integrate(&mut self, count: usize, step: [f64; 2], of: &mut impl InTime) -> bool {
+        let Self { largest, integrals, left, ranges, samples } = self;
+        largest.resize(count, 0.0);
+        ranges.resize(count, Interval::LINE);
+        samples.iter_mut().for_each(|sample| sample.resize(count, 0.0));
+        integrals.clear();
+        integrals.resize(count, [0.0; 2]);
+        of.enclose(Interval::new(step[0], step[1]), ranges);
+        if ranges.iter().all(|range| range.width() == 0.0) {
+            return false;
+        }
+        left.clear();
+        left.push(step);
+        let mut parts = 1;
+        while let Some([from, to]) = left.pop() {
+            let (h, middle) = (to - from, 0.5 * (from + to));
+            for (sample, t) in samples.iter_mut().zip([from, middle, to]) {
+                of.at(t, sample);
+            }
+            of.enclose(Interval::new(from, to), ranges);
+            let mut is_known = true;
+            let mut part = |k: usize| {
+                let [a, b, c] = [0, 1, 2].map(|place: usize| samples[place][k]);
+                largest[k] = largest[k].max(a.abs()).max(b.abs()).max(c.abs());
+                // Simpson's rule and the trapezoidal rule, and what the samples do not show of the range.
+                let (sum, other) = ((a + 4.0 * b + c) / 6.0, 0.25 * (a + 2.0 * b + c));
+                let shown = a.max(b).max(c) - a.min(b).min(c);
+                let hidden = (ranges[k].width() - 2.0 * shown).max(0.0);
+                let error = (sum - other).abs() + hidden;
+                is_known &= error <= AGREE * largest[k];
+                [sum * h, error * h]
+            };
+            let found: Vec<[f64; 2]> = (0..count).map(&mut part).collect();
+            if is_known || parts >= MOST_PARTS || !(from < middle && middle < to) {
+                for (sums, [sum, error]) in integrals.iter_mut().zip(found) {
+                    sums[0] += sum;
+                    sums[1] += if is_known { 0.0 } else { error };
+                }
+            } else {
+                parts += 1;
+                left.extend([[middle, to], [from, middle]]);
+            }
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A triangle of height one about a centre, of a width.
+    struct Tent(f64, f64);
+
+    impl InTime for Tent {
+        fn at(&mut self, t: f64, out: &mut [f64]) {
+            out[0] = (1.0 - (t - self.0).abs() / self.1).max(0.0);
+        }
+
+        fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+            let ends = [t.lo, t.hi].map(|t| (1.0 - (t - self.0).abs() / self.1).max(0.0));
+            let top = if t.contains(self.0) { 1.0 } else { ends[0].max(ends[1]) };
+            out[0] = Interval::new(ends[0].min(ends[1]), top);
+        }
+    }
+
+    #[test]
+    fn a_pulse_between_samples_is_seen() {
+        for (centre, width) in [(0.3, 0.01), (0.77, 0.002), (0.123, 0.3)] {
+            let mut data = UnseenData::default();
+            assert!(data.integrate(1, [0.0, 1.0], &mut Tent(centre, width)));
+            let [sum, unknown] = data.integrals[0];
+            let before = centre.min(width);
+            let exact = 0.5 * width + before - 0.5 * before * before / width;
+            assert!((sum - exact).abs() <= unknown + 1e-3, "{sum}, {unknown}");
+        }
+        assert!(!UnseenData::default().integrate(1, [0.5, 0.6], &mut Tent(0.3, 0.1)));
+    }
+}
