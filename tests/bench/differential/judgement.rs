@@ -28,6 +28,9 @@ pub enum Finding {
     Right,
     /// Correct and not trusted.
     FalseAlarm,
+    /// Correct as far as it is compared, and not trusted for what happens behind: over the compared times alone, the same run is
+    /// trusted.
+    Behind,
     /// Wrong and trusted.
     Silent,
     /// Wrong and not trusted.
@@ -41,9 +44,10 @@ pub enum Finding {
 }
 
 impl Finding {
-    pub const ALL: [(Self, &'static str); 10] = [
+    pub const ALL: [(Self, &'static str); 11] = [
         (Self::Right, "right"),
         (Self::FalseAlarm, "alarm"),
+        (Self::Behind, "behind"),
         (Self::Silent, "SILENT"),
         (Self::Caught, "caught"),
         (Self::Failed, "failed"),
@@ -150,6 +154,7 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
                 let finding = match (answer.is_finite, far <= 1.0, answer.trusted) {
                     (false, _, _) => Finding::NotFinite,
                     (_, true, true) => Finding::Right,
+                    (_, true, false) if is_doubted_behind(experiment, run) => Finding::Behind,
                     (_, true, false) => Finding::FalseAlarm,
                     (_, false, true) => Finding::Silent,
                     (_, false, false) => Finding::Caught,
@@ -171,6 +176,15 @@ pub fn judge(experiment: &Experiment, is_unique: bool) -> Judgement {
         (None, None) => Vec::new(),
     };
     Judgement { apart, findings, by_reference, reference_alone, truth }
+}
+
+/// Whether a run goes on behind the compared times, and the runs that end there and have the same method are trusted: its doubts
+/// are then about what is not compared.
+fn is_doubted_behind(experiment: &Experiment, run: &Run) -> bool {
+    let ends_with = |other: &Run| other.specification["time"]["end"].as_f64() == Some(experiment.end);
+    let same = |other: &&Run| ends_with(other) && other.specification["method"] == run.specification["method"];
+    let mut same = experiment.runs.iter().filter(same).filter_map(Run::answer).peekable();
+    !ends_with(run) && same.peek().is_some() && same.all(|answer| answer.trusted)
 }
 
 /// The values of a run at the comparison times; NaN at times without output.

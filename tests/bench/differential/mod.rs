@@ -3,7 +3,8 @@
 //! Random problems of every kind are solved at two tolerances, with every number of stages, with output at the steps
 //! and between them, in other units, and to a later end; every tenth problem also by an independent method. A run that
 //! disagrees by more than a hundred tolerances, times the measured growth of small perturbations, is wrong: silently if
-//! its verdict trusts it, caught otherwise. A correct run that is not trusted is a false alarm.
+//! its verdict trusts it, caught otherwise. A correct run that is not trusted is a false alarm; one to a later end is compared up
+//! to the end of the others only, so that its doubts count where those with the same method have them too.
 
 mod experiment;
 mod failures;

@@ -36,7 +36,7 @@ impl Tally {
                 continue;
             }
             *self.runs.entry((kind, *finding)).or_default() += 1;
-            if matches!(finding, Finding::Right | Finding::Skipped) {
+            if matches!(finding, Finding::Right | Finding::Behind | Finding::Skipped) {
                 continue;
             }
             self.seeds.entry((kind, *finding)).or_default().insert(seed);
