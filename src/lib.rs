@@ -4,11 +4,32 @@
 //! x' = f(t,x) + B(t,x) z,    z in K,    <G(t,x,z), z~ - z> >= 0  for all z~ in K
 //! ```
 //!
-//! A [`Specification`](specification::Specification) is read from JSON and checked as a whole; [`solve`] gives a
-//! [`Solution`](solution::Solution): the trajectory in columns, and the evidence that it is right.
+//! A [`Problem`] is given in text, in the notation of all interfaces, or as functions of Rust; [`Settings`] have defaults; the
+//! [`Solution`] is the trajectory in columns, and the evidence that it is right.
 //!
 //! ```
-//! use dvi::{problem::Control, specification::Specification};
+//! use dvi::{Problem, Set, Settings};
+//!
+//! // A mass on a spring, on a belt that moves at 0.5: dry friction of at most 1.
+//! let belt = Problem::new()
+//!     .state("x", 4.0)
+//!     .state("v", 0.0)
+//!     .variables(&["F"], Set::Box { lower: -1.0, upper: 1.0 })
+//!     .equations(|_t, x, z, rates, inequality| {
+//!         rates[0] = x[1];
+//!         rates[1] = -x[0] - z[0];
+//!         inequality[0] = 0.5 - x[1];
+//!     });
+//! let solution = belt.solve(20.0, &Settings { rtol: 1e-8, ..Settings::default() })?;
+//! assert!(solution.verdict.trusted);
+//! # Ok::<(), dvi::Refused>(())
+//! ```
+//!
+//! A whole [`Specification`], with definitions, sweeps, orbits, fits and slopes, is read from JSON and checked as a whole; [`solve`]
+//! gives its solution:
+//!
+//! ```
+//! use dvi::{Control, Specification};
 //!
 //! let text = br#"{"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}, "time": {"end": 1}}"#;
 //! let specification = Specification::from_json(text).expect("a valid specification");
@@ -16,9 +37,46 @@
 //! let x = solution.trajectory.field("x").expect("a state named x");
 //! assert!((x.last().expect("a value at the end") - (-1.0_f64).exp()).abs() < 1e-6);
 //! ```
+//!
+//! # The numerics, from the ground up
+//!
+//! Each floor is a crate that knows only those below it, and is a module here.
+//!
+//! | floor | what it holds |
+//! |---|---|
+//! | [`numerics`] | intervals, norms, roots of polynomials, what all others compute with |
+//! | [`expression`] | expressions as a graph: programs for values, exact derivatives, enclosures, kinks |
+//! | [`factorisation`] | linear systems, dense and sparse, whose symbolic analysis is kept |
+//! | [`problem`] | the trait of a differential variational inequality, convex sets and their faces |
+//! | [`vi`] | solvers of one variational inequality, each with a certificate: Lemke, semismooth Newton, active sets, cones, Coulomb friction |
+//! | [`analysis`] | index, existence, uniqueness |
+//! | [`hybrid`] | the one loop of a step: propose, solve on the present mode, screen, locate, judge, accept with the transition |
+//! | [`radau`] | Radau IIA with a variational inequality at every stage, adaptive in step and order |
+//! | [`contact`] | mechanical systems with impacts and friction: located, or in steps over them |
+//! | [`convolution`] | memory, by convolution quadrature |
+//! | [`models`] | circuits, Filippov systems, obstacles, elastic and rigid bodies as equations |
+//! | [`solution`] | runs and their evidence, slopes, orbits, fits, branches, encodings |
+//! | [`specification`] | the language, its checks and its errors |
+//! | [`study`] | error against run time, sweeps, the report |
+//! | [`service`] | the solves over HTTP |
+//!
+//! # Features of the build
+//!
+//! `otlp` (off): spans of requests and jobs go to a collector.
 
+mod library;
+
+pub use ::problem::Control;
+pub use ::solution::Solution;
+pub use ::specification::Specification;
+pub use library::{AbsoluteTolerance, Problem, Refused, Set, Settings};
 pub use study::{solve, solve_on};
 pub use {
     analysis, contact, convolution, explanation, expression, factorisation, hybrid, models, numerics, problem, radau,
     service, solution, specification, study, vi,
 };
+
+/// The program that the guide shows.
+#[cfg(doctest)]
+#[doc = include_str!("../api/guide/recipes.md")]
+pub struct Recipes;

@@ -1,6 +1,6 @@
 //! A differential variational inequality with its names and initial values. A model can be solved any number of times.
 
-use super::{Linear, Outputs, Parameters, Symbolic};
+use super::{Closures, Linear, Outputs, Parameters, Symbolic};
 use analysis::{Analysis, analyse};
 use problem::Warning;
 use problem::{Dvi, Structure};
@@ -12,6 +12,8 @@ pub enum Equations {
     Symbolic(Box<Symbolic>),
     /// Constant matrices and a forcing that depends on time.
     Linear(Box<Linear>),
+    /// Functions of which only values are known.
+    Closures(Box<Closures>),
 }
 
 /// Advice for the user when steps chatter across a kink.
@@ -50,6 +52,7 @@ impl Equations {
         match self {
             Self::Symbolic(equations) => equations.structure(),
             Self::Linear(equations) => equations.structure(),
+            Self::Closures(equations) => equations.structure(),
         }
     }
 
@@ -57,6 +60,7 @@ impl Equations {
         match self {
             Self::Symbolic(equations) => equations.structure_mut(),
             Self::Linear(equations) => equations.structure_mut(),
+            Self::Closures(equations) => equations.structure_mut(),
         }
     }
 
@@ -64,6 +68,7 @@ impl Equations {
         match self {
             Self::Symbolic(equations) => equations.bind(parameters),
             Self::Linear(equations) => equations.bind(parameters),
+            Self::Closures(_) => {}
         }
     }
 }
@@ -74,7 +79,13 @@ impl DviModel {
         match &self.equations {
             Equations::Symbolic(equations) => equations.clone(),
             Equations::Linear(equations) => equations.clone(),
+            Equations::Closures(equations) => equations.clone(),
         }
+    }
+
+    /// Whether only values of the equations are known.
+    pub fn is_opaque(&self) -> bool {
+        matches!(self.equations, Equations::Closures(_))
     }
 
     /// Whether a rate has a kink in a state; `warnings` then contains `kink_in_rate`.

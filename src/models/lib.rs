@@ -6,6 +6,7 @@
 //! their parameters into constants.
 
 pub mod circuit;
+mod closures;
 mod convolution;
 mod dvi_model;
 pub mod elastic;
@@ -28,6 +29,7 @@ mod symbolic;
 mod tests;
 mod unbindable;
 
+pub use closures::{Closures, DerivativeFunction, RowFunction};
 pub use convolution::ConvolutionModel;
 pub use dvi_model::{DviModel, Equations, KinkAdvice};
 pub use linear::{Linear, LinearRows};

@@ -15,7 +15,7 @@ impl DviModel {
                 Some(equations.irregularities()).filter(|found| !found.is_empty()).cloned()
             }
             // The forcing depends on time alone.
-            Equations::Linear(_) => None,
+            Equations::Linear(_) | Equations::Closures(_) => None,
         }
     }
 
@@ -23,6 +23,13 @@ impl DviModel {
     pub(super) fn restricted(&self, analysis: Analysis, t: f64, x: &[f64]) -> Analysis {
         if !analysis.uniqueness.is_certified() {
             return analysis;
+        }
+        if self.is_opaque() {
+            let because = format!(
+                "{}; the equations are functions whose values alone are known: that they are Lipschitz is not proven",
+                analysis.because
+            );
+            return Analysis { uniqueness: Uniqueness::NotCertified, because, ..analysis };
         }
         let Some(mut irregularities) = self.irregularities() else { return self.lipschitz(analysis) };
         let set = &self.structure().set;

@@ -51,6 +51,11 @@ pub(super) fn integrate_once(
     if let Some(Warning { code, message }) = uniqueness_caveat(analysis) {
         diagnostics.checks.caveat(code, message);
     }
+    if model.is_opaque() {
+        let message = "the equations are functions whose values alone are known: what they do between the points examined, such as \
+                       a feature much narrower than a step, is not seen; a smaller `max_step` may help";
+        diagnostics.checks.caveat("rates_not_proven", message.to_owned());
+    }
     let mut problem = model.problem();
     run_to_end(plan, control, diagnostics, || {
         let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);

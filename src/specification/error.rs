@@ -24,7 +24,8 @@ pub struct SpecificationError {
 const INTERRUPTED: &str = "interrupted";
 
 impl SpecificationError {
-    pub(super) fn new(pointer: impl Into<String>, code: &'static str, detail: impl Into<String>) -> Self {
+    /// An error at a pointer, with a stable code and what is wrong.
+    pub fn new(pointer: impl Into<String>, code: &'static str, detail: impl Into<String>) -> Self {
         Self { pointer: pointer.into(), code, detail: detail.into(), expected: None, did_you_mean: None }
     }
 
@@ -38,7 +39,9 @@ impl SpecificationError {
         self.code == INTERRUPTED
     }
 
-    pub(super) fn expected(mut self, expected: impl Into<String>) -> Self {
+    /// With what to write instead.
+    #[must_use]
+    pub fn expected(mut self, expected: impl Into<String>) -> Self {
         self.expected = Some(expected.into());
         self
     }

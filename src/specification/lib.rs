@@ -12,6 +12,7 @@ mod catalogue;
 mod checked;
 mod choices;
 mod circuit;
+mod closures;
 mod continuation;
 mod convolution;
 mod deserializer;

@@ -25,6 +25,24 @@ async fn a_solve_within_the_wait_answers_with_the_result() {
 }
 
 #[tokio::test]
+async fn what_is_transient_leaves_no_job_behind_its_results() {
+    let site = Site::new(one_worker(), instant());
+    let reply = Call::solve(DECAY).header("prefer", "wait=20, transient").send(&site).await;
+    assert_eq!(reply.status, StatusCode::OK);
+    assert_eq!(reply.header("preference-applied"), "wait=20, transient");
+    assert_eq!(reply.json()["trajectory"]["fields"]["x"], serde_json::json!([1.0, 0.5]));
+    assert_eq!(reply.headers.get("link"), None);
+    // It is deleted as soon as it has been answered.
+    for _ in 0..1000 {
+        if site.get("/jobs").await.json()["jobs"] == serde_json::json!([]) {
+            return;
+        }
+        tokio::task::yield_now().await;
+    }
+    panic!("the job is still there");
+}
+
+#[tokio::test]
 async fn server_timing_tells_waiting_and_solving_apart() {
     let site = Site::new(one_worker(), instant());
     let reply = Call::solve(DECAY).send(&site).await;

@@ -15,6 +15,7 @@ mod friction;
 mod functions_of_time;
 mod global_error;
 pub mod harness;
+mod library;
 pub mod memory;
 mod memory_switches;
 mod netlists;

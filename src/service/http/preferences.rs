@@ -2,7 +2,7 @@
 //!
 //! `wait=N` means N seconds, at most 60. `respond-async` alone means no wait. With both, the client waits N seconds and
 //! then accepts a monitor instead of results (section 4.1), as every client here must. Without either, it waits 30
-//! seconds. An invalid preference is ignored (section 2).
+//! seconds. `transient` leaves no job behind an answer with results. An invalid preference is ignored (section 2).
 
 use axum::extract::FromRequestParts;
 use axum::http::request::Parts;
@@ -18,9 +18,15 @@ const MOST_SECONDS: u64 = 60;
 pub struct Preferences {
     wait: Option<u64>,
     respond_async: bool,
+    transient: bool,
 }
 
 impl Preferences {
+    /// Whether the job is to be deleted once its results have been given.
+    pub fn is_transient(self) -> bool {
+        self.transient
+    }
+
     /// The time to wait for the results.
     pub fn wait(self) -> Duration {
         Duration::from_secs(match self {
@@ -32,19 +38,21 @@ impl Preferences {
 
     /// The value of `Preference-Applied` for a response that is `asynchronous` or not.
     pub fn applied(self, asynchronous: bool) -> Option<HeaderValue> {
-        let text = match self {
-            Self { wait: Some(seconds), respond_async: true } if asynchronous => {
-                format!("respond-async, wait={seconds}")
-            }
-            Self { wait: Some(seconds), .. } => format!("wait={seconds}"),
-            Self { respond_async: true, .. } if asynchronous => "respond-async".to_owned(),
-            Self { .. } => return None,
-        };
+        let Self { wait, respond_async, transient } = self;
+        let applied = [
+            (respond_async && asynchronous).then(|| "respond-async".to_owned()),
+            wait.map(|seconds| format!("wait={seconds}")),
+            (transient && !asynchronous).then(|| "transient".to_owned()),
+        ];
+        let text = applied.into_iter().flatten().collect::<Vec<_>>().join(", ");
+        if text.is_empty() {
+            return None;
+        }
         HeaderValue::try_from(text).ok()
     }
 
     fn read(headers: &HeaderMap) -> Self {
-        let mut read = Self { wait: None, respond_async: false };
+        let mut read = Self { wait: None, respond_async: false, transient: false };
         for preference in
             headers.get_all("prefer").iter().filter_map(|line| line.to_str().ok()).flat_map(|line| line.split(','))
         {
@@ -56,6 +64,8 @@ impl Preferences {
                 read.wait = value.parse().ok().map(|seconds: u64| seconds.min(MOST_SECONDS));
             } else if name.eq_ignore_ascii_case("respond-async") {
                 read.respond_async = true;
+            } else if name.eq_ignore_ascii_case("transient") {
+                read.transient = true;
             }
         }
         read
@@ -108,6 +118,12 @@ mod tests {
         let both = Some("respond-async, wait=10");
         assert_read(&["respond-async, wait=10"], 10, Some("wait=10"), both);
         assert_read(&["wait=10, wait=20", "respond-async"], 10, Some("wait=10"), both);
+    }
+
+    #[test]
+    fn what_is_transient_says_so_with_its_results() {
+        assert_read(&["wait=3, transient"], 3, Some("wait=3, transient"), Some("wait=3"));
+        assert_read(&["Transient"], 30, Some("transient"), None);
     }
 
     #[test]

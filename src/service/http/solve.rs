@@ -28,7 +28,7 @@ use tokio::time::timeout;
 /// Solve a specification.
 ///
 /// A solve that ends within the time to wait (`Prefer: wait=SECONDS`, at most 60, 30 unless told) is answered with its results, in
-/// the form that `Accept` asks for; else, and with `Prefer: respond-async` at once, with 202 and the address of the job, which then outlives the
+/// the form that `Accept` asks for, and `transient` leaves no job behind; else, and with `Prefer: respond-async` at once, with 202 and the address of the job, which then outlives the
 /// service. `Accept: text/event-stream` streams progress, switches and the end. A client that goes away cancels what it waits for.
 #[utoipa::path(
     post,
@@ -36,7 +36,8 @@ use tokio::time::timeout;
     tag = "solve",
     request_body(content = specification::Document, content_type = "application/json"),
     params(
-        ("prefer" = Option<String>, Header, description = "`wait=N` seconds, at most 60, or `respond-async`"),
+        ("prefer" = Option<String>, Header, description = "`wait=N` seconds, at most 60, or `respond-async`; \
+                                                           `transient` leaves no job behind results"),
         ("idempotency-key" = Option<String>, Header, description = "The same key and body give the same job"),
         ("cache-control" = Option<String>, Header, description = "`no-cache` solves the specification again, even if a \
                                                                   stored result exists")
@@ -85,6 +86,9 @@ pub async fn solve(
         wait_for(&shared.jobs, &job, wait).await?
     };
     let asynchronous = ended.is_none();
+    // Where it is dropped, be it by a client that goes away, the job is deleted.
+    let passing = (preferences.is_transient() && !asynchronous)
+        .then(|| AbandonGuard::watch(Arc::clone(&shared.jobs), Arc::clone(&job)));
     let mut response = match ended {
         Some(ended) => represent(&shared, &job, &ended, representation, None).await?,
         None => accepted(&shared.jobs, &job),
@@ -95,7 +99,9 @@ pub async fn solve(
     if let Some(applied) = preferences.applied(asynchronous) {
         headers.insert("preference-applied", applied);
     }
-    if let Ok(link) = HeaderValue::try_from(format!("<{}>; rel=\"monitor\"", address(format_args!("/jobs/{}", job.id))))
+    if passing.is_none()
+        && let Ok(link) =
+            HeaderValue::try_from(format!("<{}>; rel=\"monitor\"", address(format_args!("/jobs/{}", job.id))))
     {
         headers.insert(header::LINK, link);
     }
@@ -168,8 +174,8 @@ pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
     response
 }
 
-/// A guard of the waiting request: if it is dropped because the client goes away, it deletes the job, whose id nobody
-/// knows. A job with an idempotency key goes on, since the client can come back, and another request may wait for the
+/// A guard of the waiting request: if it is dropped because the client goes away, or has results and asked that nothing
+/// stays, it deletes the job, whose id nobody knows. A job with an idempotency key goes on, since the client can come back, and another request may wait for the
 /// job.
 pub struct AbandonGuard {
     jobs: Arc<Jobs>,
@@ -191,7 +197,7 @@ impl AbandonGuard {
 impl Drop for AbandonGuard {
     fn drop(&mut self) {
         if let Some(job) = self.job.take() {
-            tracing::debug!(job.id = %job.id, "the client of job {} went away", job.id);
+            tracing::debug!(job.id = %job.id, "nobody knows job {} any more", job.id);
             let jobs = Arc::clone(&self.jobs);
             // Without a runtime, the process is about to end, and the job with it.
             if let Ok(runtime) = Handle::try_current() {

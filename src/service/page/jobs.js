@@ -48,7 +48,6 @@ export class Jobs {
   async #load(further = false) {
     clearTimeout(this.#timer);
     try {
-      const passing = service.passed();
       const { jobs, next } = await service.jobs(this.#filter, further ? this.#cursor : null);
       this.#cursor = next;
       this.#more.hidden = next === null;
@@ -57,9 +56,7 @@ export class Jobs {
       else this.#rows.replaceChildren(...rows);
       this.#told.textContent = this.#rows.children.length === 0 ? "No jobs." : "";
       const busy = jobs.some(({ status }) => status === "accepted" || status === "running");
-      const again = () => !further && this.#root.checkVisibility() && this.#load();
-      if (passing) passing.then(again);
-      else if (busy) this.#timer = setTimeout(again, AGAIN);
+      if (busy && !further && this.#root.checkVisibility()) this.#timer = setTimeout(() => this.#load(), AGAIN);
     } catch (refusal) {
       this.#told.textContent = "";
       this.#fail(refusal.message);

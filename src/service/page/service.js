@@ -56,34 +56,14 @@ export const check = (text, signal) => json("/check", { ...posted(text), signal 
 export const schema = () => json("/schema");
 export const version = () => json("/version");
 
-// Solves whose jobs are deleted once they are answered: until then they are in lists of jobs.
-const passing = new Set();
-
-// Ends when all jobs that now pass are deleted; null where there are none.
-export const passed = () => (passing.size === 0 ? null : Promise.allSettled(passing));
-
-function passes(promise) {
-  passing.add(promise);
-  const ends = () => passing.delete(promise);
-  promise.then(ends, ends);
-}
-
 // The answer to a specification that takes no longer than `seconds`, `null` if it does; it leaves no job behind. What `signal` ends
 // is cancelled at the service.
-export function solveNow(text, seconds, signal, options) {
-  const answer = answerNow(text, seconds, signal, options);
-  passes(answer);
-  return answer;
-}
-
-async function answerNow(text, seconds, signal, { quiet = false } = {}) {
+export async function solveNow(text, seconds, signal, { quiet = false } = {}) {
   const limit = AbortSignal.timeout(seconds * 1000);
   const either = AbortSignal.any([signal, limit]);
   try {
-    const response = await ask("/solve", { ...posted(text, { prefer: `wait=${Math.ceil(seconds) + 1}` }), signal: either, quiet });
-    const job = /\/jobs\/([^>/]+)>/.exec(response.headers.get("link") ?? "")?.[1];
+    const response = await ask("/solve", { ...posted(text, { prefer: `wait=${Math.ceil(seconds) + 1}, transient` }), signal: either, quiet });
     const answer = await response.json();
-    if (job) passes(forget(job).catch(() => {})); // it goes by itself when its time is over
     return response.status === 200 ? answer : null;
   } catch (error) {
     if (limit.aborted && !signal.aborted) return null;
