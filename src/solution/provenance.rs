@@ -1,6 +1,7 @@
 //! The provenance of an answer, by which it can be traced to its specification and program.
 
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// The specification and the program that an answer comes from.
@@ -25,4 +26,8 @@ pub struct Provenance {
     /// The fixed step, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<f64>,
+    /// The units of time, as `t`, and of fields by name, where the type of problem has SI units: circuits and bodies in space.
+    /// Elsewhere they are the user's.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub units: BTreeMap<String, String>,
 }

@@ -18,6 +18,7 @@ use super::search::{self, Search};
 use super::study::StudyPlan;
 use super::sweep::{Nameable, Prepared, SweepPlan};
 use super::times::Times;
+use super::units;
 use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
@@ -327,6 +328,12 @@ impl Specification {
     /// Provenance of an answer: the program, the problem, the tolerances and the digest of the specification.
     pub fn provenance(&self) -> Provenance {
         let atol = self.absolute_tolerances.first().copied();
+        let names = self.model.output_names();
+        let units = self.output_fields.iter().filter_map(|&field| {
+            let name = names.get(field)?;
+            Some((name.clone(), units::of_output(self.problem, name)?.to_owned()))
+        });
+        let units = units.chain(units::of_time(self.problem).map(|unit| ("t".to_owned(), unit.to_owned()))).collect();
         Provenance {
             program: concat!("dvi ", env!("CARGO_PKG_VERSION")).to_owned(),
             label: self.label.clone(),
@@ -335,6 +342,7 @@ impl Specification {
             rtol: self.method.rtol,
             atol: atol.filter(|atol| self.absolute_tolerances.iter().all(|other| other == atol)),
             step: self.method.step,
+            units,
         }
     }
 

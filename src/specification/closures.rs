@@ -89,7 +89,8 @@ fn check_affine(model: &DviModel, t: f64, errors: &mut Errors) {
             let (state, variable) = (&model.state_names[row], &model.variable_names[k]);
             let detail = format!("the rate of `{state}` is not affine in the variable `{variable}`");
             let error = SpecificationError::new(pointer(model, row), "rate_not_affine", detail);
-            errors.push(error.expected("a rate `f(t,x) + B(t,x) z`; what is nonlinear belongs into the inequality"));
+            errors
+                .push(error.expected("a rate `f(t,x) + B(t,x) z`; what is nonlinear in `z` stands in the inequality"));
         }
     }
 }

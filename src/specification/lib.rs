@@ -70,6 +70,7 @@ mod syntax;
 mod tables;
 mod times;
 mod tolerance;
+mod units;
 mod vectors;
 mod view;
 mod wording;

@@ -373,3 +373,28 @@ fn the_first_version_of_the_language_is_the_one_there_is() {
     assert_eq!(errors[0].expected.as_deref(), Some("1, or nothing"));
     assert!(Specification::from_json(versioned(json!("1")).to_string().as_bytes()).is_err());
 }
+
+/// What has SI units says so, field by field; elsewhere units are the user's.
+#[test]
+fn fields_have_units_where_the_problem_has() {
+    let units = |text: &str| Specification::from_json(text.as_bytes()).unwrap().provenance().units;
+    let circuit = r#"{"problem": {"circuit": {"components": [
+        {"voltage_source": {"name": "V1", "nodes": ["in", "0"], "volts": 5}},
+        {"resistor": {"name": "R1", "nodes": ["in", "out"], "ohms": 1}},
+        {"capacitor": {"name": "C1", "nodes": ["out", "0"], "farads": 1}}]}}, "time": {"end": 1}, "output": {"fields": ["v(out)", "i(R1)"]}}"#;
+    let told: Vec<(String, String)> = units(circuit).into_iter().collect();
+    let wanted = [("i(R1)", "A"), ("t", "s"), ("v(out)", "V")].map(|(name, unit)| (name.to_owned(), unit.to_owned()));
+    assert_eq!(told, wanted);
+    let scene = r#"{"problem": {"rigid_bodies": {"gravity": [0, 0, -9.81], "bodies": [
+        {"name": "ball", "shape": {"sphere": {"radius": 1}}, "mass": 1, "position": [0, 0, 5]}]}}, "time": {"end": 1}}"#;
+    let units_of_scene = units(scene);
+    for (name, unit) in
+        [("ball.z", "m"), ("ball.vz", "m/s"), ("ball.wz", "rad/s"), ("kinetic_energy", "J"), ("normal_impulse", "N s")]
+    {
+        assert_eq!(units_of_scene.get(name).map(String::as_str), Some(unit), "{name}");
+    }
+    assert!(
+        units(r#"{"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-x"}}}}, "time": {"end": 1}}"#)
+            .is_empty()
+    );
+}
