@@ -18,6 +18,7 @@ mod integrate;
 mod longer_run;
 mod longer_steps;
 mod mechanical_checks;
+mod misdirection;
 mod multipliers;
 mod observables;
 mod obstacle;

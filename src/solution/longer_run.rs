@@ -37,6 +37,12 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// there are none.
     fn strike(&mut self, out: &mut [f64]) -> bool;
 
+    /// Writes for each output by what it is displaced at the end of the last step by impacts so far whose directions are those
+    /// at the beginning of a step; returns false if there are none.
+    fn mislead(&mut self, _out: &mut [f64]) -> bool {
+        false
+    }
+
     /// Writes for each output the change of its rate by impacts in the last step, times the step: at a time within the step, it
     /// may be off the line between the ends of the step by as much as this times both parts of the step. Returns false if
     /// there are no impacts, or outputs within steps know of them.
@@ -189,6 +195,11 @@ impl<S: TimeStepped> LongerRun<S> {
         if run.strike(&mut self.changes[..outputs]) {
             self.columns.displace(t, &row.y, &mut self.changes);
             self.comparison.strike(&self.changes, self.end - t);
+        }
+        self.changes.fill(0.0);
+        if run.mislead(&mut self.changes[..outputs]) {
+            self.columns.displace(t, &row.y, &mut self.changes);
+            self.comparison.mislead(&self.changes, h);
         }
         self.changes.fill(0.0);
         if run.miss(&mut self.changes[..outputs]) {

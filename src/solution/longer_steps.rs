@@ -79,6 +79,8 @@ pub(super) struct Quantity {
     integrals: [f64; 2],
     /// The sum of the squares of what impacts, each off by a step, change of it.
     impacts: f64,
+    /// The largest displacement by impacts in a wrong direction; for what jumps, its integral over time.
+    misled: f64,
     /// The largest displacement by data that steps do not see.
     missed: f64,
     /// The sum of the distances of values within steps from the lines between the ends.
@@ -108,6 +110,7 @@ impl Quantity {
             distance: 0.0,
             integrals: [0.0; 2],
             impacts: 0.0,
+            misled: 0.0,
             missed: 0.0,
             held: 0.0,
             bent: 0.0,
@@ -176,7 +179,7 @@ impl Quantity {
         let over = if self.is_continuous() { 1.0 } else { compared };
         let size = self.size.max(self.least).max(ROUNDING * self.largest);
         let relative = |error: f64| if error == 0.0 { 0.0 } else { error / size };
-        let by_impacts = relative(self.impacts.sqrt());
+        let by_impacts = relative(self.impacts.sqrt().hypot(self.misled / over));
         let name = &self.name;
         let (of, when) = match self.kind {
             Kind::Continuous => ("change", "by up to"),
@@ -316,6 +319,18 @@ impl Comparison {
             let by = parts * bends[quantity.column].abs();
             if quantity.kind == Kind::Continuous && is_worse(by, quantity.bent) {
                 quantity.bent = by;
+            }
+        }
+    }
+
+    /// Notes by how much impacts in a wrong direction displace the columns, at the end of a step of length `h`.
+    pub fn mislead(&mut self, displaced: &[f64], h: f64) {
+        for quantity in self.quantities.iter_mut().filter(|of| of.measure == Measure::Values) {
+            let by = displaced[quantity.column].abs();
+            if quantity.kind != Kind::Continuous {
+                quantity.misled += h * by;
+            } else if is_worse(by, quantity.misled) {
+                quantity.misled = by;
             }
         }
     }

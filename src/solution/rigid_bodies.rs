@@ -3,6 +3,7 @@
 use super::longer_run::{LongerRun, TimeStepped};
 use super::longer_steps::{KNOWN_ENERGY, Kind, MOST_COMPARED, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
+use super::misdirection::Misdirection;
 use super::run::{Plan, Stepper, run};
 use super::unseen_data::{InTime, UnseenData};
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
@@ -101,6 +102,8 @@ struct RigidBodyRun<'a> {
     longer: Option<Box<LongerRun<Self>>>,
     /// What forces that depend on time do between the midpoints of steps.
     unseen: Vec<UnseenAction>,
+    /// For each moving body, the errors of the directions of its velocity and its angular velocity by impacts.
+    misdirections: Vec<[Misdirection; 2]>,
     /// Joint outputs at the end of the step before the last one.
     forces_before: Vec<f64>,
 }
@@ -230,6 +233,7 @@ impl<'a> RigidBodyRun<'a> {
             let longer = Self::of(scene, plan, settings, control, begin()?);
             course.simulation.record_parts();
             course.unseen = UnseenAction::all(scene);
+            course.misdirections = vec![Default::default(); course.starts.len()];
             course.longer = Some(Box::new(LongerRun::new(longer, plan, settings.default_step)));
         }
         Ok(course)
@@ -269,6 +273,7 @@ impl<'a> RigidBodyRun<'a> {
             longer: None,
             forces_before: Vec::new(),
             unseen: Vec::new(),
+            misdirections: Vec::new(),
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
@@ -502,6 +507,25 @@ impl TimeStepped for RigidBodyRun<'_> {
         self.simulation.confine(h, &mut by);
         self.displace(&by, out);
         true
+    }
+
+    fn mislead(&mut self, out: &mut [f64]) -> bool {
+        let h = self.t - self.before;
+        let errors = self.simulation.misdirected(&self.starts, h);
+        let bodies = self.misdirections.iter_mut().zip(&self.simulation.ends).zip(errors);
+        let mut is_any = false;
+        for (((of, motion), (velocity, omega)), out) in bodies.zip(out.chunks_exact_mut(OF_BODY.len())) {
+            of[0].step(h, &motion.velocity, &velocity);
+            of[1].step(h, &motion.omega, &omega);
+            let (place, turned) = (of[0].of_place(), 0.5 * of[1].of_place().norm());
+            let (velocity, omega) = (of[0].of_velocity(motion.velocity.norm()), of[1].of_velocity(motion.omega.norm()));
+            out[..3].copy_from_slice(place.as_slice());
+            out[3..7].fill(turned);
+            out[7..10].copy_from_slice(velocity.as_slice());
+            out[10..].copy_from_slice(omega.as_slice());
+            is_any |= out.iter().any(|by| *by != 0.0);
+        }
+        is_any
     }
 
     fn bend(&mut self, out: &mut [f64]) -> bool {

@@ -19,6 +19,7 @@
 mod arrival;
 mod detection;
 mod forces;
+mod misdirected;
 mod overlaps;
 mod partition;
 mod report;

@@ -1,0 +1,84 @@
+//! What it makes of impacts that a step takes surfaces as they are at its beginning, and not as they are where they meet:
+//! normals of curved surfaces turn in between, and so do the arms of bodies that rotate.
+
+use super::super::collision::contacts;
+use super::super::contact::{Contact, frame};
+use super::super::motion::Motion;
+use super::MoreauStepping;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+
+impl MoreauStepping<'_> {
+    /// For each moving body, by what its velocity and its angular velocity after the impacts of the last step, of length `h` from
+    /// `starts` on, would differ if each impact happened where the surfaces meet. Bodies of joints are left out, as are steps
+    /// that are made in parts.
+    pub fn misdirected(&self, starts: &[Motion], h: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
+        if self.report.parts > 1 {
+            return by;
+        }
+        let free = self.tasks[..self.islands.len()].iter().filter(|island| island.joints.is_empty());
+        let is_struck = |contact: &&Contact| {
+            !contact.turns && contact.impulse.x > 0.0 && contact.gap > contact.no_gap && contact.before.x < 0.0
+        };
+        for contact in free.flat_map(|island| island.contacts.iter().filter(is_struck)) {
+            let until = contact.gap / -contact.before.x;
+            if until >= h {
+                continue;
+            }
+            let Some(there) = self.met(contact, starts, until, h) else { continue };
+            // The impulse turns with the normal, and is as large as the approach there makes it.
+            let Some(turn) = UnitQuaternion::rotation_between(&normal(contact), &normal(&there)) else { continue };
+            let larger = (there.before.x / contact.before.x).max(0.0);
+            for (side, body) in contact.bodies.iter().enumerate() {
+                let Some(body) = *body else { continue };
+                let (impulse, angular) = contact.wrench(side, &contact.impulse);
+                let turned = turn * impulse * larger;
+                let motion = &starts[body as usize];
+                let (velocity, omega) = &mut by[body as usize];
+                *velocity += (turned - impulse) / motion.mass;
+                *omega += motion.mobility * (there.arms[side].cross(&turned) - angular);
+            }
+        }
+        by
+    }
+
+    /// A contact as it is after a time `until` of free motion; `None` if it is none then.
+    fn met(&self, contact: &Contact, starts: &[Motion], until: f64, h: f64) -> Option<Contact> {
+        let drifted = |body: u32| {
+            let mut motion = starts[body as usize];
+            motion.drift(until);
+            motion
+        };
+        let moved: Vec<Motion> = contact.bodies.iter().flatten().map(|&body| drifted(body)).collect();
+        let pair = [contact.key.0, contact.key.1];
+        let places = [contact.bodies[0].map(|_| 0), contact.bodies[1].map(|_| moved.len() as u32 - 1)];
+        let pose = |side: usize| {
+            let body = pair[side] as usize;
+            match (places[side], self.given[body].map(|place| &self.prescribed[place as usize])) {
+                (Some(place), _) => moved[place as usize].pose,
+                // Its pose is that of the end of the step.
+                (None, Some(given)) => {
+                    let back = until - h;
+                    let turned = UnitQuaternion::from_scaled_axis(given.omega * back) * given.pose.rotation;
+                    Isometry3::from_parts((given.pose.translation.vector + given.velocity * back).into(), turned)
+                }
+                (None, None) => self.scene.bodies[body].pose,
+            }
+        };
+        let poses = [pose(0), pose(1)];
+        let mut points = Vec::new();
+        let collider = |side: usize| &self.scene.bodies[pair[side] as usize].collider;
+        contacts((collider(0), &poses[0]), (collider(1), &poses[1]), contact.gap, &mut points);
+        let point = points.iter().find(|point| point.id == contact.key.2)?;
+        let there = Contact::new(point, frame(&point.normal), places, &moved, contact.law, (pair[0], pair[1]));
+        let given = |side: usize| {
+            self.given[pair[side] as usize]
+                .map_or_else(Vector3::zeros, |place| self.prescribed[place as usize].velocity_at(&point.position))
+        };
+        Some(there.carried([given(0), given(1)]))
+    }
+}
+
+fn normal(contact: &Contact) -> Vector3<f64> {
+    contact.frame.row(0).transpose()
+}
