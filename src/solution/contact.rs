@@ -4,6 +4,7 @@ use super::given_steps::{GIVEN_STEPS, GivenSteps};
 use super::longer_run::{LongerRun, TimeStepped};
 use super::longer_steps::{KNOWN_ENERGY, Kind};
 use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passed, check_screening, check_violations};
+use super::misdirection::Misdirection;
 use super::run::{Ended, Plan, Run, Stepper, run_to_end};
 use super::sensitivities::{self, FollowedMotion};
 use super::unseen_data::{InTime, UnseenData};
@@ -18,7 +19,7 @@ use contact::{
     TimeStepping, VelocityStep,
 };
 use models::{ENERGIES, MechanicalModel};
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
 
@@ -69,10 +70,17 @@ pub(super) fn integrate_contact_once(
                 longer: None,
                 outputs: Outputs::new(model, control, plan),
                 unseen: UnseenForces::default(),
+                misdirection: Misdirection::default(),
             };
             let longer = LongerRun::new(longer, plan, contact.settings.default_step);
             let stepper = TimeStepping::new(&mut *problem, contact.settings, state, plan.end);
-            Ok(TimeSteppingRun { stepper, longer: Some(Box::new(longer)), outputs, unseen: UnseenForces::default() })
+            Ok(TimeSteppingRun {
+                stepper,
+                longer: Some(Box::new(longer)),
+                outputs,
+                unseen: UnseenForces::default(),
+                misdirection: Misdirection::default(),
+            })
         });
     };
     let mut run = Run::new(plan, control, diagnostics);
@@ -262,6 +270,7 @@ struct TimeSteppingRun<'p> {
     longer: Option<Box<LongerRun<Self>>>,
     outputs: Outputs<'p>,
     unseen: UnseenForces,
+    misdirection: Misdirection,
 }
 
 /// What forces that depend on time do between the beginnings of steps.
@@ -293,6 +302,40 @@ impl InTime for ForcesInTime<'_> {
 }
 
 impl TimeSteppingRun<'_> {
+    /// The speed at the end of the last step, of length `h`, in the metric of the masses, and by what the velocities after its
+    /// impacts would differ if each impact happened where its gap closes, with the normal and the approach there.
+    fn misdirected(&mut self, h: f64) -> Option<(f64, Vec<f64>)> {
+        let TimeStepping { state, last, impulses, .. } = &self.stepper;
+        let structure = self.outputs.model.structure();
+        let n = structure.coordinates;
+        let problem = &mut *self.outputs.problem;
+        let mut at_start = Constraints::new(structure);
+        let mut there = Constraints::new(structure);
+        let mut impulse = DVector::zeros(n);
+        problem.constraints(last.t, &last.q, &mut at_start);
+        for (k, r) in impulses.iter().enumerate().filter(|(_, r)| r.x > 0.0) {
+            let normal = structure.normal(k);
+            let approach = -at_start.velocity(normal, &last.v);
+            let until = at_start.values[normal] / approach;
+            if !(approach > 0.0 && until > 0.0 && until < h) {
+                continue;
+            }
+            let q: Vec<f64> = last.q.iter().zip(&last.v).map(|(q, v)| q + until * v).collect();
+            problem.constraints(last.t + until, &q, &mut there);
+            let larger = (-there.velocity(normal, &last.v) / approach).max(0.0);
+            for (row, r) in std::iter::once(normal).chain(structure.tangents(k)).zip(r.iter()) {
+                for (impulse, (here, there)) in impulse.iter_mut().zip(at_start.row(row).iter().zip(there.row(row))) {
+                    *impulse += r * (larger * there - here);
+                }
+            }
+        }
+        let mut mass = DMatrix::zeros(n, n);
+        problem.mass(last.t, &last.q, &mut mass);
+        let v = DVector::from_column_slice(&state.v);
+        let speed = v.dot(&(&mass * &v)).max(0.0).sqrt();
+        Some((speed, mass.cholesky()?.solve(&impulse).as_slice().to_vec()))
+    }
+
     /// Writes all outputs where the coordinates are displaced by `by` from those of the end of the last step.
     fn write_displaced(&mut self, by: impl Fn(usize) -> f64, out: &mut [f64]) {
         let TimeStepping { state, impulses, energy, .. } = &self.stepper;
@@ -363,6 +406,23 @@ impl TimeStepped for TimeSteppingRun<'_> {
         self.write_displaced(|_| 0.0, &mut at);
         self.write_displaced(|i| displaced[i], out);
         out.iter_mut().zip(&at).for_each(|(out, at)| *out -= at);
+        true
+    }
+
+    fn mislead(&mut self, out: &mut [f64]) -> bool {
+        let structure = self.outputs.model.structure();
+        if structure.affine_constraints || structure.contacts.is_empty() {
+            return false;
+        }
+        let (n, h) = (structure.coordinates, self.stepper.state.t - self.stepper.last.t);
+        let Some((speed, error)) = self.misdirected(h) else { return false };
+        self.misdirection.step(h, speed, &error);
+        let by: Vec<f64> = self.misdirection.of_place().collect();
+        let mut now = vec![0.0; out.len()];
+        self.write_displaced(|_| 0.0, &mut now);
+        self.write_displaced(|i| by[i], out);
+        out.iter_mut().zip(&now).for_each(|(out, now)| *out -= now);
+        out[n..2 * n].iter_mut().zip(self.misdirection.of_velocity(speed)).for_each(|(out, by)| *out = by);
         true
     }
 

@@ -40,6 +40,7 @@ mod table;
 mod trajectory;
 mod uniqueness;
 mod unseen_data;
+mod unseen_motion;
 mod verdict;
 mod version;
 

@@ -1,42 +1,41 @@
-//! How far bodies get from their ways by impacts whose directions are off: by the angle that an impact gives to the velocity, times
-//! the way since. A body that comes to rest goes no further astray.
-
-use nalgebra::Vector3;
+//! How far a motion gets from its way by impacts whose directions are off: by the part of the velocity that an impact gives in
+//! error, times the way since. What comes to rest goes no further astray.
 
 /// Errors of the direction of a velocity, and what they make of the place. Errors of single impacts are independent: their squares
 /// are summed, component by component.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Misdirection {
-    /// The way of the body.
+    /// The way so far, in the norm of the speeds given.
     way: f64,
-    /// The sums of `e^2`, `e^2 s` and `e^2 s^2` over the impacts, with the relative errors `e` of the velocity and the ways `s` before
-    /// them.
-    sums: [Vector3<f64>; 3],
+    /// For each component the sums of `e^2`, `e^2 s` and `e^2 s^2` over the impacts, with the errors `e` of the velocity relative
+    /// to the speed and the ways `s` before them.
+    sums: Vec<[f64; 3]>,
 }
 
 impl Misdirection {
-    /// Adds a step of length `h`, at whose end the body has the velocity `velocity`, which impacts in the step have given an error.
-    pub fn step(&mut self, h: f64, velocity: &Vector3<f64>, error: &Vector3<f64>) {
-        let speed = velocity.norm();
+    /// Adds a step of length `h` with the speed `speed` at its end, and the error that impacts in the step gave each component of the
+    /// velocity.
+    pub fn step(&mut self, h: f64, speed: f64, error: &[f64]) {
+        self.sums.resize(error.len(), [0.0; 3]);
         self.way += h * speed;
-        if speed > 0.0 && *error != Vector3::zeros() {
-            let square = (error / speed).map(|relative| relative * relative);
-            for (sum, power) in self.sums.iter_mut().zip([1.0, self.way, self.way * self.way]) {
-                *sum += square * power;
-            }
+        if speed <= 0.0 {
+            return;
+        }
+        for (sums, error) in self.sums.iter_mut().zip(error) {
+            let square = (error / speed).powi(2);
+            sums.iter_mut().zip([1.0, self.way, self.way * self.way]).for_each(|(sum, power)| *sum += square * power);
         }
     }
 
-    /// The error of the place.
-    pub fn of_place(&self) -> Vector3<f64> {
-        let [one, first, second] = &self.sums;
-        let square = one * (self.way * self.way) - first * (2.0 * self.way) + second;
-        square.map(|square| square.max(0.0).sqrt())
+    /// The errors of the components of the place.
+    pub fn of_place(&self) -> impl Iterator<Item = f64> {
+        let way = self.way;
+        self.sums.iter().map(move |[one, first, second]| (one * way * way - 2.0 * first * way + second).max(0.0).sqrt())
     }
 
-    /// The error of a velocity of the given speed.
-    pub fn of_velocity(&self, speed: f64) -> Vector3<f64> {
-        self.sums[0].map(f64::sqrt) * speed
+    /// The errors of the components of a velocity of the given speed.
+    pub fn of_velocity(&self, speed: f64) -> impl Iterator<Item = f64> {
+        self.sums.iter().map(move |[one, ..]| one.sqrt() * speed)
     }
 }
 
@@ -44,19 +43,24 @@ impl Misdirection {
 mod tests {
     use super::*;
 
+    #[track_caller]
+    fn assert_near(found: impl Iterator<Item = f64>, wanted: [f64; 2]) {
+        let found: Vec<f64> = found.collect();
+        assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+    }
+
     #[test]
     fn an_error_of_direction_grows_with_the_way_and_stops_with_the_body() {
         let mut misdirection = Misdirection::default();
-        let velocity = Vector3::new(2.0, 0.0, 0.0);
-        misdirection.step(0.1, &velocity, &Vector3::zeros());
-        misdirection.step(0.1, &velocity, &Vector3::new(0.0, 0.2, 0.0));
+        misdirection.step(0.1, 2.0, &[0.0, 0.0]);
+        misdirection.step(0.1, 2.0, &[0.0, 0.2]);
         for _ in 0..10 {
-            misdirection.step(0.1, &velocity, &Vector3::zeros());
+            misdirection.step(0.1, 2.0, &[0.0, 0.0]);
         }
         // A second at 0.2 across.
-        assert!((misdirection.of_place() - Vector3::new(0.0, 0.2, 0.0)).norm() < 1e-12);
-        assert!((misdirection.of_velocity(1.0) - Vector3::new(0.0, 0.1, 0.0)).norm() < 1e-12);
-        misdirection.step(5.0, &Vector3::zeros(), &Vector3::zeros());
-        assert!((misdirection.of_place() - Vector3::new(0.0, 0.2, 0.0)).norm() < 1e-12);
+        assert_near(misdirection.of_place(), [0.0, 0.2]);
+        assert_near(misdirection.of_velocity(1.0), [0.0, 0.1]);
+        misdirection.step(5.0, 0.0, &[0.0, 0.0]);
+        assert_near(misdirection.of_place(), [0.0, 0.2]);
     }
 }

@@ -6,6 +6,7 @@ use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::misdirection::Misdirection;
 use super::run::{Plan, Stepper, run};
 use super::unseen_data::{InTime, UnseenData};
+use super::unseen_motion::UnseenMotion;
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use analysis::Analysis;
 use contact::Settings;
@@ -102,6 +103,8 @@ struct RigidBodyRun<'a> {
     longer: Option<Box<LongerRun<Self>>>,
     /// What forces that depend on time do between the midpoints of steps.
     unseen: Vec<UnseenAction>,
+    /// What bodies whose motion is given do between the ends of steps.
+    unseen_motion: Option<UnseenMotion>,
     /// For each moving body, the errors of the directions of its velocity and its angular velocity by impacts.
     misdirections: Vec<[Misdirection; 2]>,
     /// Joint outputs at the end of the step before the last one.
@@ -233,6 +236,7 @@ impl<'a> RigidBodyRun<'a> {
             let longer = Self::of(scene, plan, settings, control, begin()?);
             course.simulation.record_parts();
             course.unseen = UnseenAction::all(scene);
+            course.unseen_motion = UnseenMotion::of(scene);
             course.misdirections = vec![Default::default(); course.starts.len()];
             course.longer = Some(Box::new(LongerRun::new(longer, plan, settings.default_step)));
         }
@@ -273,6 +277,7 @@ impl<'a> RigidBodyRun<'a> {
             longer: None,
             forces_before: Vec::new(),
             unseen: Vec::new(),
+            unseen_motion: None,
             misdirections: Vec::new(),
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
@@ -515,14 +520,14 @@ impl TimeStepped for RigidBodyRun<'_> {
         let bodies = self.misdirections.iter_mut().zip(&self.simulation.ends).zip(errors);
         let mut is_any = false;
         for (((of, motion), (velocity, omega)), out) in bodies.zip(out.chunks_exact_mut(OF_BODY.len())) {
-            of[0].step(h, &motion.velocity, &velocity);
-            of[1].step(h, &motion.omega, &omega);
-            let (place, turned) = (of[0].of_place(), 0.5 * of[1].of_place().norm());
-            let (velocity, omega) = (of[0].of_velocity(motion.velocity.norm()), of[1].of_velocity(motion.omega.norm()));
-            out[..3].copy_from_slice(place.as_slice());
-            out[3..7].fill(turned);
-            out[7..10].copy_from_slice(velocity.as_slice());
-            out[10..].copy_from_slice(omega.as_slice());
+            let speeds = [motion.velocity.norm(), motion.omega.norm()];
+            of[0].step(h, speeds[0], velocity.as_slice());
+            of[1].step(h, speeds[1], omega.as_slice());
+            let turned = of[1].of_place().map(|by| by * by).sum::<f64>().sqrt();
+            out[..3].iter_mut().zip(of[0].of_place()).for_each(|(out, by)| *out = by);
+            out[3..7].fill(0.5 * turned);
+            out[7..10].iter_mut().zip(of[0].of_velocity(speeds[0])).for_each(|(out, by)| *out = by);
+            out[10..].iter_mut().zip(of[1].of_velocity(speeds[1])).for_each(|(out, by)| *out = by);
             is_any |= out.iter().any(|by| *by != 0.0);
         }
         is_any
@@ -559,7 +564,14 @@ impl TimeStepped for RigidBodyRun<'_> {
             }
         }
         self.unseen = unseen;
-        !self.unseen.is_empty()
+        if let Some(motion) = &mut self.unseen_motion {
+            motion.step([self.before, self.t], self.scene, &self.simulation);
+            for ([place, velocity], out) in motion.displaced.iter().zip(out.chunks_exact_mut(OF_BODY.len())) {
+                out[..3].iter_mut().for_each(|out| *out += place);
+                out[7..10].iter_mut().for_each(|out| *out += velocity);
+            }
+        }
+        !self.unseen.is_empty() || self.unseen_motion.is_some()
     }
 
     fn events(&self) -> Vec<Event> {

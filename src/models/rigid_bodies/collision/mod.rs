@@ -90,6 +90,21 @@ impl Collider {
         self.reach
     }
 
+    /// Whether a rotation about an axis through the origin of the frame leaves it as it is.
+    pub fn is_round_about(&self, axis: &Vector3<f64>) -> bool {
+        // Of an axis, rounding moves the last digits.
+        let is_along = |of: &Vector3<f64>| axis.cross(of).norm() <= 1e-9 * axis.norm();
+        self.parts.iter().all(|part| {
+            part.place.is_none()
+                && match &part.shape {
+                    Shape::Sphere { .. } => true,
+                    Shape::Capsule { .. } | Shape::Cylinder { .. } => is_along(&Vector3::z()),
+                    Shape::HalfSpace { normal } => is_along(normal),
+                    Shape::Polyhedron(_) | Shape::Mesh(_) => false,
+                }
+        })
+    }
+
     /// The lower and the upper corner of the axis-aligned bounding box in the world.
     pub fn bounds(&self, pose: &Isometry3<f64>) -> (Vector3<f64>, Vector3<f64>) {
         let mut bounds = self.parts.iter().map(|part| part.shape.bounds(&part.pose(pose)));

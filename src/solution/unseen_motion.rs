@@ -1,0 +1,159 @@
+//! Bodies whose motion is given and goes further within a step than its ends show: a paddle whose period is that of the steps, a
+//! rotor that turns by half a turn. Steps do not see what they sweep, and what is near to them may be struck unseen.
+
+use super::unseen_data::{InTime, UnseenData};
+use expression::{IntervalWorkspace, Tape};
+use models::rigid_bodies::{Angular, Linear, MoreauStepping, MultibodySystem};
+use nalgebra::Vector3;
+use numerics::Interval;
+use std::f64::consts::PI;
+
+/// The part of its largest speed that a body may have unseen in the mean over a step. With six steps a period it has a quarter, which
+/// the comparison with steps twice as long shows.
+const MOST_UNSEEN: f64 = 0.25;
+
+/// What an impact makes of the speed of a surface, at most: all of it, and as much again where it is elastic.
+const OF_SURFACE: f64 = 2.0;
+
+/// The bodies whose motion is given, and what they do unseen.
+pub(super) struct UnseenMotion {
+    program: Tape,
+    boxes: IntervalWorkspace,
+    data: UnseenData,
+    /// The values and the rates of all signals, and their ranges.
+    values: Vec<f64>,
+    ranges: Vec<Interval>,
+    given: Vec<Given>,
+    /// For each moving body, by what it may be displaced, and its velocity.
+    pub displaced: Vec<[f64; 2]>,
+}
+
+/// A body whose motion is given.
+struct Given {
+    body: usize,
+    linear: Option<Linear>,
+    angular: Option<Angular>,
+    /// The largest mean speed in a step so far.
+    fastest: f64,
+}
+
+/// The magnitudes of given velocities, three of places and three of rotations for each body.
+struct Magnitudes<'s> {
+    program: &'s mut Tape,
+    boxes: &'s mut IntervalWorkspace,
+    values: &'s mut [f64],
+    ranges: &'s mut [Interval],
+    given: &'s [Given],
+}
+
+impl Given {
+    /// The places of the components of its velocity and of its angular velocity among the values and rates of all signals.
+    fn velocities(&self) -> [Option<usize>; 6] {
+        let linear = match self.linear {
+            None => [None; 3],
+            Some(Linear::Position(of)) => of.map(|signal| Some(2 * signal + 1)),
+            Some(Linear::Velocity(of)) => of.map(|signal| Some(2 * signal)),
+        };
+        let angular = match self.angular {
+            None => [None; 3],
+            Some(Angular::Rotation(of, _)) => of.map(|signal| Some(2 * signal + 1)),
+            Some(Angular::Velocity(of)) => of.map(|signal| Some(2 * signal)),
+        };
+        [linear[0], linear[1], linear[2], angular[0], angular[1], angular[2]]
+    }
+}
+
+impl InTime for Magnitudes<'_> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        self.program.evaluate(t, &[], self.values);
+        let places = self.given.iter().flat_map(Given::velocities);
+        out.iter_mut().zip(places).for_each(|(out, place)| *out = place.map_or(0.0, |place| self.values[place].abs()));
+    }
+
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        self.program.enclose(t, &[], self.boxes, self.ranges);
+        let places = self.given.iter().flat_map(Given::velocities);
+        for (out, place) in out.iter_mut().zip(places) {
+            *out = place.map_or(Interval::point(0.0), |place| {
+                let (least, most) = self.ranges[place].magnitudes();
+                Interval { defined: self.ranges[place].defined, ..Interval::new(least, most) }
+            });
+        }
+    }
+}
+
+impl UnseenMotion {
+    /// The bodies of a scene whose motion is given; nothing where there are none.
+    pub fn of(scene: &MultibodySystem) -> Option<Self> {
+        let given = scene.bodies.iter().enumerate().filter_map(|(body, of)| {
+            let motion = of.motion.as_ref()?;
+            Some(Given { body, linear: motion.linear, angular: motion.angular, fastest: 0.0 })
+        });
+        let given: Vec<Given> = given.collect();
+        let count = 2 * scene.signals.count;
+        let program = scene.signals.program.clone();
+        (!given.is_empty() && count > 0).then(|| Self {
+            boxes: IntervalWorkspace::new(&program),
+            program,
+            data: UnseenData::default(),
+            values: vec![0.0; count],
+            ranges: vec![Interval::LINE; count],
+            given,
+            displaced: vec![[0.0; 2]; scene.bodies.iter().filter(|body| !body.fixed).count()],
+        })
+    }
+
+    /// Adds a step from `from` to `to` to what bodies that are near to the given ones may have met.
+    pub fn step(&mut self, [from, to]: [f64; 2], scene: &MultibodySystem, simulation: &MoreauStepping<'_>) {
+        let h = to - from;
+        let Self { program, boxes, data, values, ranges, given, displaced } = self;
+        let count = 6 * given.len();
+        let mut magnitudes = Magnitudes { program, boxes, values, ranges, given };
+        // Of speeds that are constant, integrals are not made.
+        if !data.integrate(count, [from, to], &mut magnitudes) {
+            let mut constant = vec![0.0; count];
+            magnitudes.at(from, &mut constant);
+            data.integrals = constant.into_iter().map(|speed| [h * speed, 0.0]).collect();
+        }
+        let signals = scene.signals.over(from, h);
+        for (own, ways) in given.iter_mut().zip(data.integrals.chunks_exact(6)) {
+            let way = |k: usize| Vector3::from_fn(|i, _| ways[3 * k + i][0] + ways[3 * k + i][1]);
+            let shown = match own.linear {
+                None => Vector3::zeros(),
+                Some(Linear::Position(of)) => {
+                    Vector3::from(of.map(|signal| signals.end[signal] - signals.start[signal]))
+                }
+                Some(Linear::Velocity(of)) => Vector3::from(of.map(|signal| signals.integrals[signal])),
+            };
+            let collider = &scene.bodies[own.body].collider;
+            let pose = simulation.pose(own.body);
+            own.fastest = own.fastest.max(way(0).norm() / h);
+            let mut hidden = (way(0) - shown.abs()).norm();
+            if hidden <= MOST_UNSEEN * own.fastest * h {
+                hidden = 0.0;
+            }
+            let turn = way(1);
+            let about = pose.rotation.inverse() * turn;
+            if turn != Vector3::zeros() && collider.reach().is_finite() && !collider.is_round_about(&about) {
+                // A point goes along an arc, of which the step has the chord; in half a turn it has been everywhere across.
+                let angle = turn.norm().min(PI);
+                let beside = 1.0 - (0.5 * angle).cos();
+                if beside > MOST_UNSEEN * angle {
+                    hidden += collider.reach() * beside;
+                }
+            }
+            if hidden == 0.0 {
+                continue;
+            }
+            let moving = scene.bodies.iter().filter(|body| !body.fixed);
+            for ((body, motion), displaced) in moving.zip(&simulation.ends).zip(displaced.iter_mut()) {
+                let apart = (motion.pose.translation.vector - pose.translation.vector).norm();
+                let reach = body.collider.reach() + h * motion.velocity.norm();
+                if apart <= collider.reach() + reach + hidden {
+                    displaced[1] += OF_SURFACE * hidden / h;
+                }
+            }
+        }
+        displaced.iter_mut().for_each(|displaced| displaced[0] += h * displaced[1]);
+    }
+}
