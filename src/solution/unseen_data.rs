@@ -1,17 +1,21 @@
 //! What functions of time do between the times at which a step looks at them: pulses that are shorter than a step, a period
 //! that is that of the steps, poles. Their integrals over a step are found by bisection, with enclosures that prove that
-//! nothing hides between samples, and compared with what the step makes of the functions.
+//! nothing hides between samples, and compared with what the step makes of the functions. Along the way of a step through the
+//! states, enclosures of functions of several of them are wide where nothing hides: they say where to look, and no more.
 
 use numerics::Interval;
 
 /// Most parts of a step. A jump is then placed to a sixty-fourth of a step; what is left counts as unknown.
 const MOST_PARTS: usize = 64;
 
+/// Most parts of a step along its way through the states, where nothing that hides can be larger than all that was seen so far.
+const PARTS_OF_WAY: usize = 8;
+
 /// The difference of two quadrature rules at which they agree, relative to the largest value of a function so far: a tenth of
 /// the error that the verdict permits at best.
 const AGREE: f64 = 1e-4;
 
-/// Functions of time alone, with all else as at one end of a step.
+/// Functions of time alone, with all else as at one end of a step, or along the way of a step.
 pub(super) trait InTime {
     /// Writes the values at a time.
     fn at(&mut self, t: f64, out: &mut [f64]);
@@ -30,12 +34,19 @@ pub(super) struct UnseenData {
     left: Vec<[f64; 2]>,
     ranges: Vec<Interval>,
     samples: [Vec<f64>; 3],
+    /// Whether the functions are those along the way of a step.
+    is_of_way: bool,
 }
 
 impl UnseenData {
+    /// For functions along the way of a step.
+    pub fn of_way() -> Self {
+        Self { is_of_way: true, ..Self::default() }
+    }
+
     /// Integrates `count` functions over a step; returns false if none varies in it.
     pub fn integrate(&mut self, count: usize, step: [f64; 2], of: &mut impl InTime) -> bool {
-        let Self { largest, integrals, left, ranges, samples } = self;
+        let Self { largest, integrals, left, ranges, samples, is_of_way } = self;
         largest.resize(count, 0.0);
         ranges.resize(count, Interval::LINE);
         samples.iter_mut().for_each(|sample| sample.resize(count, 0.0));
@@ -55,6 +66,7 @@ impl UnseenData {
             }
             of.enclose(Interval::new(from, to), ranges);
             let mut is_known = true;
+            let mut may_be_larger = false;
             let mut part = |k: usize| {
                 let [a, b, c] = [0, 1, 2].map(|place: usize| samples[place][k]);
                 largest[k] = largest[k].max(a.abs()).max(b.abs()).max(c.abs());
@@ -64,10 +76,12 @@ impl UnseenData {
                 let hidden = (ranges[k].width() - 2.0 * shown).max(0.0);
                 let error = (sum - other).abs() + hidden;
                 is_known &= error <= AGREE * largest[k];
+                may_be_larger |= hidden > largest[k];
                 [sum * h, error * h]
             };
             let found: Vec<[f64; 2]> = (0..count).map(&mut part).collect();
-            if is_known || parts >= MOST_PARTS || !(from < middle && middle < to) {
+            let most = if *is_of_way && !may_be_larger { PARTS_OF_WAY } else { MOST_PARTS };
+            if is_known || parts >= most || !(from < middle && middle < to) {
                 for (sums, [sum, error]) in integrals.iter_mut().zip(found) {
                     sums[0] += sum;
                     sums[1] += if is_known { 0.0 } else { error };

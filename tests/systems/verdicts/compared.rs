@@ -214,3 +214,88 @@ fn few_steps_of_free_flight_are_trusted() {
         assert_eq!(verdicts, [true; 4], "{field}");
     }
 }
+
+/// Where two balls of the same radius and masses `1`, `m`, the first of which flies at `(2, 0, 0)` from `(-1, 0, 0)`, the other
+/// at rest at `(0, b, 0)`, meet without friction: the time, and the velocity of the first after it.
+fn glanced(b: f64, m: f64, reach: f64) -> (f64, [f64; 2]) {
+    let along = (reach * reach - b * b).sqrt();
+    let normal = [along / reach, b / reach];
+    let impulse = 2.0 * 2.0 * normal[0] / (1.0 + 1.0 / m);
+    (0.5 * (1.0 - along), [2.0 - impulse * normal[0], -impulse * normal[1]])
+}
+
+/// An impact on a curved surface sends a body where the normal points, which turns up to the time when surfaces meet: runs with `h`
+/// and `2h` may agree by luck.
+#[test]
+fn impacts_on_curved_surfaces_go_where_they_go() {
+    let mut trusted = 0;
+    let steps: Vec<u32> = (1..=24).map(|k| 75 * k + 7 * (k % 5)).collect();
+    for (b, m) in [(0.1, 2.0), (0.15, 1.0), (0.05, f64::INFINITY), (0.17, f64::INFINITY)] {
+        let (impact, after) = glanced(b, m, 0.2);
+        let size = |k: usize| (after[k] * (1.5 - impact)).abs();
+        let mut other = json!({"name": "c", "shape": {"sphere": {"radius": 0.1}}, "position": [0, b, 0]});
+        if m.is_finite() {
+            other["mass"] = json!(m)
+        } else {
+            other["fixed"] = json!(true)
+        }
+        let balls = json!([{"name": "a", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [-1, 0, 0], "velocity": [2, 0, 0]}, other]);
+        let others = json!({"gravity": [0, 0, 0], "contacts": {"restitution": 1}});
+        let system = |count: f64| scene(&balls, others.clone(), [1.5, 1.5 / count], "a.y");
+        let across = |t: f64| after[1] * (t - impact).max(0.0);
+        trusted += judged(system, &steps, ("a.y", &across, size(1)), 1.2 * PERMITTED).iter().filter(|is| **is).count();
+        // The same in generalised coordinates, where a thousandth is permitted.
+        if m.is_infinite() {
+            let gap = format!("sqrt(x^2 + (y - {b})^2) - 0.2");
+            let point = |count: f64| {
+                json!({"problem": {"mechanical": {"coordinates": {"x": {"initial": -1, "velocity": 2}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
+                    "contacts": [{"name": "c", "gap": gap, "restitution": 1}]}}, "time": {"end": 1.5},
+                    "method": {"step": 1.5 / count, "impacts": "time_stepping"}, "output": {"times": [1, 1.5], "fields": ["y"]}})
+            };
+            let fine: Vec<u32> = steps.iter().map(|count| 5 * count).collect();
+            judged(point, &fine, ("y", &across, size(1)), 2e-3);
+        }
+    }
+    assert!(trusted > 20, "{trusted} of {} are trusted", 4 * steps.len());
+}
+
+/// A paddle whose period is that of the steps, and a blade that turns by whole turns in them, seem to be at rest.
+#[test]
+fn motions_that_steps_do_not_see_are_doubted() {
+    let ball =
+        |place: [f64; 3]| json!({"name": "b", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": place});
+    let paddle = json!({"name": "p", "shape": {"box": {"size": [0.1, 1, 1]}}, "motion": {"position": [format!("-0.4 + 0.2*sin({}*t)", 100.0 * TAU), 0, 0]}});
+    let blade = json!({"name": "p", "shape": {"box": {"size": [2, 0.02, 0.02]}}, "motion": {"angular_velocity": [0, 0, 100.0 * TAU]}});
+    let still = json!({"gravity": [0, 0, 0]});
+    for (given, place, field) in [(paddle, [-0.1, 0.0, 0.0], "b.x"), (blade, [0.0, 0.6, 0.0], "b.y")] {
+        for step in [0.02, 0.01, 0.005] {
+            let system = scene(&json!([given, ball(place)]), still.clone(), [0.1, step], field);
+            assert!(!solve(&system).verdict.trusted, "{field}, steps of {step}");
+            // What is far away is not concerned.
+            let far = scene(&json!([given, ball([10.0, 0.0, 0.0])]), still.clone(), [0.1, step], field);
+            assert!(solve(&far).verdict.trusted, "{field}, steps of {step}, far away");
+        }
+    }
+    // A roller may turn as fast as it likes.
+    let roller = json!({"name": "p", "shape": {"cylinder": {"radius": 0.5, "length": 1}}, "motion": {"angular_velocity": [0, 0, 100.0 * TAU]}});
+    let system = scene(&json!([roller, ball([0.0, 0.7, 0.0])]), still, [0.1, 0.01], "b.y");
+    assert!(solve(&system).verdict.trusted);
+}
+
+/// A force that acts within a width of half a millimetre, which steps of five centimetres jump over.
+#[test]
+fn forces_that_are_narrow_in_space_are_seen() {
+    let force = "2000*exp(-((b.x - 0.5037)/0.0005)^2)";
+    let speed = (1.0 + 2.0 * 2000.0 * 0.0005 * std::f64::consts::PI.sqrt()).sqrt();
+    let exact = |t: f64| t.min(0.5037) + speed * (t - 0.5037).max(0.0);
+    let ball = json!([{"name": "b", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 0], "velocity": [1, 0, 0]}]);
+    let others = json!({"gravity": [0, 0, 0], "forces": [{"body": "b", "force": [force, 0, 0]}]});
+    let system = |count: f64| scene(&ball, others.clone(), [1.2, 1.2 / count], "b.x");
+    let verdicts = judged(system, &[24, 60, 120, 240, 24_000], ("b.x", &exact, 2.0), PERMITTED);
+    assert_eq!(verdicts.last(), Some(&true));
+    // A spring, whose force varies along the way, is trusted.
+    let others = json!({"gravity": [0, 0, 0], "forces": [{"body": "b", "force": ["-4*b.x", 0, 0]}]});
+    let system = |count: f64| scene(&ball, others.clone(), [3.0, 3.0 / count], "b.x");
+    let verdicts = judged(system, &[100, 1000], ("b.x", &|t| 0.5 * (2.0 * t).sin(), 0.5), PERMITTED);
+    assert_eq!(verdicts, [true, true]);
+}
