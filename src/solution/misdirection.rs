@@ -18,6 +18,8 @@ impl Misdirection {
     pub fn step(&mut self, h: f64, speed: f64, error: &[f64]) {
         self.sums.resize(error.len(), [0.0; 3]);
         self.way += h * speed;
+        // A direction is off by no more than all of it.
+        let speed = error.iter().map(|error| error * error).sum::<f64>().sqrt().max(speed);
         if speed <= 0.0 {
             return;
         }

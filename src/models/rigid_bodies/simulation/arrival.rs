@@ -80,6 +80,19 @@ impl MoreauStepping<'_> {
     /// way that they part again. By impulses along the normals, one after the other.
     pub fn confine(&self, h: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
         let closed = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
+        let way = |contact: &Contact| {
+            h * contact.velocity(|body| (self.ends[body as usize].velocity, self.ends[body as usize].omega)).x.max(0.0)
+        };
+        self.hold_back(self.contacts.iter().filter(closed).map(|contact| (contact, way(contact))), by);
+    }
+
+    /// Takes from changes of the moving bodies what contacts do not allow beyond a way along the normal that each leaves: by
+    /// impulses along the normals, one after the other.
+    pub(super) fn hold_back<'c>(
+        &self,
+        contacts: impl Iterator<Item = (&'c Contact, f64)>,
+        by: &mut [(Vector3<f64>, Vector3<f64>)],
+    ) {
         let along = |contact: &Contact, by: &[(Vector3<f64>, Vector3<f64>)]| contact.change(|body| by[body as usize]).x;
         let push = |contact: &Contact, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]| {
             for side in [0, 1] {
@@ -92,17 +105,16 @@ impl MoreauStepping<'_> {
             }
         };
         let mut unit = vec![(Vector3::zeros(), Vector3::zeros()); by.len()];
-        let mut contacts = Vec::new();
-        for contact in self.contacts.iter().filter(closed) {
+        let mut held = Vec::new();
+        for (contact, way) in contacts {
             push(contact, 1.0, &mut unit);
-            let apart = contact.velocity(|body| (self.ends[body as usize].velocity, self.ends[body as usize].omega)).x;
-            contacts.push((contact, along(contact, &unit), h * apart.max(0.0)));
+            held.push((contact, along(contact, &unit), way));
             contact.bodies.iter().flatten().for_each(|&body| unit[body as usize] = Default::default());
         }
-        let first = contacts.iter().map(|(contact, _, way)| (along(contact, by) - way).abs()).fold(0.0, f64::max);
+        let first = held.iter().map(|(contact, _, way)| (along(contact, by) - way).abs()).fold(0.0, f64::max);
         for _ in 0..MOST_SWEEPS {
             let mut left = 0.0_f64;
-            for &(contact, mobility, way) in contacts.iter().filter(|(_, mobility, _)| *mobility > 0.0) {
+            for &(contact, mobility, way) in held.iter().filter(|(_, mobility, _)| *mobility > 0.0) {
                 let beyond = along(contact, by) - way;
                 left = left.max(beyond.abs());
                 push(contact, -beyond / mobility, by);

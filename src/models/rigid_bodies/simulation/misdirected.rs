@@ -16,19 +16,20 @@ impl MoreauStepping<'_> {
         if self.report.parts > 1 {
             return by;
         }
-        let free = self.tasks[..self.islands.len()].iter().filter(|island| island.joints.is_empty());
         let is_struck = |contact: &&Contact| {
             !contact.turns && contact.impulse.x > 0.0 && contact.gap > contact.no_gap && contact.before.x < 0.0
         };
-        for contact in free.flat_map(|island| island.contacts.iter().filter(is_struck)) {
+        let is_free = |contact: &&Contact| contact.bodies.iter().flatten().all(|&body| !self.jointed[body as usize]);
+        for contact in self.contacts.iter().filter(is_struck).filter(is_free) {
             let until = contact.gap / -contact.before.x;
             if until >= h {
                 continue;
             }
             let Some(there) = self.met(contact, starts, until, h) else { continue };
-            // The impulse turns with the normal, and is as large as the approach there makes it.
+            // The impulse turns with the normal, and is as large as the approach there makes it. Forces are the same in both.
             let Some(turn) = UnitQuaternion::rotation_between(&normal(contact), &normal(&there)) else { continue };
-            let larger = (there.before.x / contact.before.x).max(0.0);
+            let here = contact.velocity(|body| (starts[body as usize].velocity, starts[body as usize].omega)).x;
+            let larger = if here < 0.0 { (there.before.x / here).max(0.0) } else { 1.0 };
             for (side, body) in contact.bodies.iter().enumerate() {
                 let Some(body) = *body else { continue };
                 let (impulse, angular) = contact.wrench(side, &contact.impulse);
@@ -39,6 +40,10 @@ impl MoreauStepping<'_> {
                 *omega += motion.mobility * (there.arms[side].cross(&turned) - angular);
             }
         }
+        // Where bodies stay together, the next steps know along which normal.
+        let stays =
+            |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed() && contact.law.restitution == 0.0;
+        self.hold_back(self.contacts.iter().filter(stays).map(|contact| (contact, 0.0)), &mut by);
         by
     }
 
