@@ -50,6 +50,12 @@ pub(super) trait TimeStepped: Stepper + Sized {
         false
     }
 
+    /// The number of first outputs that are known within the last step as at its ends, where it has located what makes them
+    /// jump; its events then have their own times. All other outputs that jump are held throughout a step.
+    fn known_within(&self) -> usize {
+        0
+    }
+
     /// The events of the last step.
     fn events(&self) -> Vec<Event>;
 
@@ -100,7 +106,7 @@ struct SelectedEvents {
     counts: [u32; 2],
     /// The times of the first and the last.
     times: [Option<[f64; 2]>; 2],
-    /// The length of the steps of the last of them.
+    /// The longest step in which one of them was not located.
     h: f64,
 }
 
@@ -132,7 +138,8 @@ impl SelectedEvents {
         }
     }
 
-    /// The relative error of what is collected, and how it is told; an event is off by a step wherever both runs have it.
+    /// The relative error of what is collected, and how it is told; an event that is not located is off by a step wherever both
+    /// runs have it.
     fn error(&self, start: f64) -> (f64, String) {
         let [own, other] = self.counts.map(f64::from);
         let name = &self.name;
@@ -205,6 +212,11 @@ impl<S: TimeStepped> LongerRun<S> {
                 self.read(run, at, &mut y);
                 let line = self.last.iter().zip(&row.y).map(|(from, to)| from + part * (to - from));
                 self.changes.iter_mut().zip(line).for_each(|(out, line)| *out = line);
+                let known = run.known_within();
+                if known > 0 {
+                    self.changes[..known].copy_from_slice(&y[..known]);
+                    self.columns.evaluate(at, &mut self.changes);
+                }
                 self.comparison.look_within(&y, &self.changes);
                 self.changes.fill(0.0);
                 if run.bend(&mut self.changes[..outputs]) {
@@ -217,7 +229,8 @@ impl<S: TimeStepped> LongerRun<S> {
         self.last.copy_from_slice(&row.y);
         if !self.events.is_empty() {
             let events = run.events();
-            self.events.iter_mut().for_each(|of| of.take(&events, 0, h));
+            let late = if run.known_within() > 0 { 0.0 } else { h };
+            self.events.iter_mut().for_each(|of| of.take(&events, 0, late));
         }
         self.open.push(row);
         if self.open.len() > 3 {
