@@ -62,8 +62,9 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// Lets the next step, up to the time `end`, be made in longer parts than those of another run.
     fn exceed(&mut self, _run: &mut Self, _end: f64) {}
 
-    /// The time of the last step in which the parts were not longer.
-    fn repeated(&self) -> f64 {
+    /// The time of the last step in which it was made in parts that are not longer than those of another run, which has made
+    /// shorter steps over the same time.
+    fn repeats(&mut self, _shorter: &mut Self) -> f64 {
         0.0
     }
 }
@@ -249,6 +250,7 @@ impl<S: TimeStepped> LongerRun<S> {
         let Some(end) = self.open.get(count.wrapping_sub(1)).map(|row| row.t) else { return };
         self.stepper.exceed(run, end);
         if self.advance(end) {
+            self.comparison.repeat(self.stepper.repeats(run));
             self.compare(count);
         }
     }
@@ -259,7 +261,6 @@ impl<S: TimeStepped> LongerRun<S> {
             self.comparison.fail(failure.message);
             return false;
         }
-        self.comparison.repeat(self.stepper.repeated());
         if !self.events.is_empty() {
             let events = self.stepper.events();
             self.events.iter_mut().for_each(|of| of.take(&events, 1, 0.0));
@@ -291,6 +292,7 @@ impl<S: TimeStepped> LongerRun<S> {
             self.comparison.share(2.0);
             let Some((t, h)) = self.open.first().map(|row| (row.t, row.h)) else { return };
             if self.advance(t - 0.5 * h) && self.advance(t) {
+                self.comparison.repeat(run.repeats(&mut self.stepper));
                 self.compare(1);
             }
         }

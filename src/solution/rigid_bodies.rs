@@ -124,8 +124,9 @@ struct RigidBodyRun<'a> {
     unseen: Vec<UnseenAction>,
     /// Joint outputs at the end of the step before the last one.
     forces_before: Vec<f64>,
-    /// The begins and ends of the arcs of located steps that a run with longer steps has not made yet; those of the other run,
-    /// if this is the one with longer steps.
+    /// Whether the run is compared with another.
+    is_compared: bool,
+    /// The begins and ends of the arcs of located steps that are not compared yet with those of the other run.
     arcs: Vec<[f64; 2]>,
 }
 
@@ -254,7 +255,8 @@ impl<'a> RigidBodyRun<'a> {
         let is_compared = simulation.ends.len() <= MOST_COMPARED;
         let mut course = Self::of(scene, plan, settings, control, simulation);
         if is_compared {
-            let longer = Self::of(scene, plan, settings, control, begin()?);
+            let mut longer = Self::of(scene, plan, settings, control, begin()?);
+            (course.is_compared, longer.is_compared) = (true, true);
             if !impacts.are_located {
                 course.simulation.record_parts();
             }
@@ -304,6 +306,7 @@ impl<'a> RigidBodyRun<'a> {
             longer: None,
             forces_before: Vec::new(),
             unseen: Vec::new(),
+            is_compared: false,
             arcs: Vec::new(),
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
@@ -488,6 +491,9 @@ impl TimeStepped for RigidBodyRun<'_> {
             return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
         }
         (self.before, self.t) = (self.t, next);
+        if self.is_compared {
+            self.arcs.extend(self.simulation.arcs().iter().map(|arc| arc.times.map(|passed| self.before + passed)));
+        }
         self.forces_before.clone_from(&self.forces[0]);
         self.forces.swap(0, 1);
         self.simulation.forces(&mut self.forces[1]);
@@ -609,15 +615,15 @@ impl TimeStepped for RigidBodyRun<'_> {
         if let Some(made) = &mut run.simulation.made {
             made.hand_over(end, self.simulation.exceeded());
         }
-        let over = run.arcs.partition_point(|[begin, _]| *begin < end);
-        self.arcs.clear();
-        self.arcs.extend(run.arcs.drain(..over));
     }
 
-    fn repeated(&self) -> f64 {
+    fn repeats(&mut self, shorter: &mut Self) -> f64 {
+        let over = shorter.arcs.partition_point(|[begin, _]| *begin < self.t);
+        let others: Vec<[f64; 2]> = shorter.arcs.drain(..over).collect();
+        self.arcs.clear();
         let of_arc = |arc: &Arc| {
             let [from, to] = self.ends_of(arc);
-            let cubes = self.arcs.iter().map(|[begin, end]| (end.min(to) - begin.max(from)).max(0.0).powi(3));
+            let cubes = others.iter().map(|[begin, end]| (end.min(to) - begin.max(from)).max(0.0).powi(3));
             // Errors of second order grow with the third power of an arc. What two runs differ by is no less than the error of
             // one of them if that of the other is twice as large.
             let is_repeated = !arc.is_exact && (to - from).powi(3) < 2.0 * cubes.sum::<f64>();
@@ -648,8 +654,6 @@ impl Stepper for RigidBodyRun<'_> {
         let next = end_of_step(self.plan, self.h, self.steps + 1);
         self.step_to(next)?;
         if let Some(mut longer) = self.longer.take() {
-            let arcs: Vec<[f64; 2]> = self.simulation.arcs().iter().map(|arc| self.ends_of(arc)).collect();
-            self.arcs.extend(arcs);
             longer.follow(self);
             self.longer = Some(longer);
         }

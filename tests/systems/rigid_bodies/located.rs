@@ -3,7 +3,7 @@
 use super::{on_the_ground, weightless};
 use crate::systems::harness::{column, distance, last, solve};
 use dvi::problem::EventKind;
-use dvi::solution::Solution;
+use dvi::solution::{CheckCode, Solution};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 
@@ -404,6 +404,105 @@ fn swing([mut a, mut rate]: [f64; 2], bend: impl Fn(f64) -> f64, goes_on: impl F
         k += 1;
     }
     [f64::from(k) * h, a, rate]
+}
+
+/// The tilt, its rate and the precession of a symmetric top that slides with its tip on a smooth floor, by the classical
+/// Runge-Kutta method: its centre moves up and down only. `l` is the length from tip to centre, `a` and `c` are the moments of
+/// inertia across and along the axis, `m` is the mass, `w` the spin about the axis; it is released at a tilt.
+struct SlidingTop {
+    l: f64,
+    a: f64,
+    c: f64,
+    m: f64,
+    w: f64,
+    tilt: f64,
+}
+
+impl SlidingTop {
+    fn precession(&self, tilt: f64) -> f64 {
+        self.c * self.w * (self.tilt.cos() - tilt.cos()) / (self.a * tilt.sin().powi(2))
+    }
+
+    fn rates(&self, [tilt, rate, _]: [f64; 3]) -> [f64; 3] {
+        let (sin, cos, turn) = (tilt.sin(), tilt.cos(), self.precession(tilt));
+        let Self { l, a, c, m, w, .. } = self;
+        let torque = a * turn * turn * sin * cos - c * w * turn + m * G * l * sin;
+        [rate, (torque - m * l * l * sin * cos * rate * rate) / (a + m * l * l * sin * sin), turn]
+    }
+
+    fn at(&self, t: f64) -> [f64; 3] {
+        let (steps, mut y) = (20_000, [self.tilt, 0.0, 0.0]);
+        let h = t / f64::from(steps);
+        let go = |y: [f64; 3], k: [f64; 3], h: f64| [0, 1, 2].map(|i| y[i] + h * k[i]);
+        for _ in 0..steps {
+            let k1 = self.rates(y);
+            let k2 = self.rates(go(y, k1, 0.5 * h));
+            let k3 = self.rates(go(y, k2, 0.5 * h));
+            let k4 = self.rates(go(y, k3, h));
+            y = [0, 1, 2].map(|i| y[i] + h / 6.0 * (k1[i] + 2.0 * k2[i] + 2.0 * k3[i] + k4[i]));
+        }
+        y
+    }
+}
+
+/// What a solution says of its error.
+fn told(solution: &Solution) -> f64 {
+    solution.diagnostics.checks.get(CheckCode::LocalError).expect("an estimate of the error").0
+}
+
+/// Exact motion is trusted at steps that time stepping cannot take, at times within steps as well.
+#[test]
+fn impacts_that_are_located_are_not_misplaced() {
+    let body = ball([0.0, 0.0, 1.1], [0.3, 0.0, 0.0], [0.0; 3]);
+    let mut specification = on_the_ground(&[body], &json!({"restitution": 0.8}), 1.5, 0.05);
+    specification["output"]["fields"] = json!(["ball.z", "ball.vz", "kinetic_energy"]);
+    let passed = solve(&specification);
+    assert!(told(&passed) > 1e-2 && !passed.verdict.trusted);
+    let message = passed.verdict.because.iter().find(|reason| reason.code == CheckCode::LocalError);
+    assert!(message.is_some_and(|reason| reason.message.contains("set `impacts` to `locate`")), "{message:?}");
+    let located = solve(&locate(specification));
+    assert!(told(&located) < 1e-9 && located.verdict.trusted, "{:?}", located.verdict);
+}
+
+/// An octahedron that spins on one of its corners nods and precesses.
+#[test]
+fn a_top_on_a_smooth_floor_nods_at_second_order() {
+    let top = SlidingTop { l: 0.1, a: 1e-3, c: 5e-4, m: 0.5, w: 150.0, tilt: 0.4 };
+    let end_time = 0.5;
+    let [tilt, rate, turned] = top.at(end_time);
+    let (node, axis) = (
+        Vector3::new(-turned.sin(), turned.cos(), 0.0),
+        Vector3::new(tilt.sin() * turned.cos(), tilt.sin() * turned.sin(), tilt.cos()),
+    );
+    let turn = top.precession(tilt);
+    let omega = Vector3::z() * turn + node * rate + axis * (top.w - turn * tilt.cos());
+    let (sin, cos) = (0.5 * top.tilt).sin_cos();
+    let spin = [top.w * top.tilt.sin(), 0.0, top.w * top.tilt.cos()];
+    let l = top.l;
+    let points = [[l, 0.0, 0.0], [-l, 0.0, 0.0], [0.0, l, 0.0], [0.0, -l, 0.0], [0.0, 0.0, l], [0.0, 0.0, -l]];
+    let solved = |step: f64| {
+        let body = json!({"name": "top", "shape": {"convex_hull": {"points": points}}, "mass": top.m,
+            "inertia": [top.a, top.a, top.c], "position": [0, 0, l * top.tilt.cos()],
+            "orientation": [cos, 0.0, sin, 0.0], "angular_velocity": spin});
+        solve(&locate(on_the_ground(&[body], &json!({}), end_time, step)))
+    };
+    let errors = |solution: &Solution| {
+        let [x, v, w] = end(solution, "top");
+        let q = ["qw", "qx", "qy", "qz"].map(|key| last(solution, &format!("top.{key}")));
+        let q = UnitQuaternion::new_normalize(Quaternion::new(q[0], q[1], q[2], q[3]));
+        let height = (x - Vector3::z() * (l * tilt.cos())).norm() / l;
+        let speed = (v.z + l * tilt.sin() * rate).abs() / l;
+        [height, (q * Vector3::z() - axis).norm(), speed / top.w, (w - omega).norm() / top.w]
+    };
+    let error = |step: f64| errors(&solved(step)).into_iter().fold(0.0, f64::max);
+    assert!(error(2.5e-4) < 1e-3, "{:e}", error(2.5e-4));
+    assert_second_order(1e-3, error);
+    // Twice the step has four times the error, and differs from it by three times the error.
+    for step in [1e-3, 2.5e-4] {
+        let solution = solved(step);
+        let (told, known) = (told(&solution), errors(&solution)[1]);
+        assert!(told > known && told < 10.0 * known, "{step}: {told:e} {known:e}");
+    }
 }
 
 /// A ball of radius 0.1 at the angle `a` from the top of a fixed one of radius 1, with the rate `rate`.
