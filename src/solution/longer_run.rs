@@ -292,7 +292,8 @@ impl<S: TimeStepped> LongerRun<S> {
             self.comparison.share(2.0);
             let Some((t, h)) = self.open.first().map(|row| (row.t, row.h)) else { return };
             if self.advance(t - 0.5 * h) && self.advance(t) {
-                self.comparison.repeat(run.repeats(&mut self.stepper));
+                // The second half is compared.
+                self.comparison.repeat(0.5 * run.repeats(&mut self.stepper));
                 self.compare(1);
             }
         }
