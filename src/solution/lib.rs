@@ -63,7 +63,7 @@ pub use orbit::{Orbit, Periodic, find_orbit, find_orbit_of_motion};
 pub use problem::{Event, EventKind, Warning};
 pub use provenance::Provenance;
 pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
-pub use rigid_bodies::{describe_rigid_bodies, step_rigid_bodies};
+pub use rigid_bodies::{Impacts, describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
 pub use sensitivities::{By, Checked, EventSlope, Sensitivities, SlopedEvent};
 pub use static_vi::{StaticPlan, StaticSolution, describe_static, solve_static};

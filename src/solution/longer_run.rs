@@ -56,14 +56,21 @@ pub(super) trait TimeStepped: Stepper + Sized {
         false
     }
 
+    /// The number of first outputs that are known within the last step as at its ends, where it has located what makes them
+    /// jump; its events then have their own times. All other outputs that jump are held throughout a step.
+    fn known_within(&self) -> usize {
+        0
+    }
+
     /// The events of the last step.
     fn events(&self) -> Vec<Event>;
 
     /// Lets the next step, up to the time `end`, be made in longer parts than those of another run.
     fn exceed(&mut self, _run: &mut Self, _end: f64) {}
 
-    /// The time of the last step in which the parts were not longer.
-    fn repeated(&self) -> f64 {
+    /// The time of the last step in which it was made in parts that are not longer than those of another run, which has made
+    /// shorter steps over the same time.
+    fn repeats(&mut self, _shorter: &mut Self) -> f64 {
         0.0
     }
 }
@@ -106,7 +113,7 @@ struct SelectedEvents {
     counts: [u32; 2],
     /// The times of the first and the last.
     times: [Option<[f64; 2]>; 2],
-    /// The length of the steps of the last of them.
+    /// The longest step in which one of them was not located.
     h: f64,
 }
 
@@ -138,7 +145,8 @@ impl SelectedEvents {
         }
     }
 
-    /// The relative error of what is collected, and how it is told; an event is off by a step wherever both runs have it.
+    /// The relative error of what is collected, and how it is told; an event that is not located is off by a step wherever both
+    /// runs have it.
     fn error(&self, start: f64) -> (f64, String) {
         let [own, other] = self.counts.map(f64::from);
         let name = &self.name;
@@ -216,6 +224,11 @@ impl<S: TimeStepped> LongerRun<S> {
                 self.read(run, at, &mut y);
                 let line = self.last.iter().zip(&row.y).map(|(from, to)| from + part * (to - from));
                 self.changes.iter_mut().zip(line).for_each(|(out, line)| *out = line);
+                let known = run.known_within();
+                if known > 0 {
+                    self.changes[..known].copy_from_slice(&y[..known]);
+                    self.columns.evaluate(at, &mut self.changes);
+                }
                 self.comparison.look_within(&y, &self.changes);
                 self.changes.fill(0.0);
                 if run.bend(&mut self.changes[..outputs]) {
@@ -228,7 +241,8 @@ impl<S: TimeStepped> LongerRun<S> {
         self.last.copy_from_slice(&row.y);
         if !self.events.is_empty() {
             let events = run.events();
-            self.events.iter_mut().for_each(|of| of.take(&events, 0, h));
+            let late = if run.known_within() > 0 { 0.0 } else { h };
+            self.events.iter_mut().for_each(|of| of.take(&events, 0, late));
         }
         self.open.push(row);
         if self.open.len() > 3 {
@@ -247,6 +261,7 @@ impl<S: TimeStepped> LongerRun<S> {
         let Some(end) = self.open.get(count.wrapping_sub(1)).map(|row| row.t) else { return };
         self.stepper.exceed(run, end);
         if self.advance(end) {
+            self.comparison.repeat(self.stepper.repeats(run));
             self.compare(count);
         }
     }
@@ -257,7 +272,6 @@ impl<S: TimeStepped> LongerRun<S> {
             self.comparison.fail(failure.message);
             return false;
         }
-        self.comparison.repeat(self.stepper.repeated());
         if !self.events.is_empty() {
             let events = self.stepper.events();
             self.events.iter_mut().for_each(|of| of.take(&events, 1, 0.0));
@@ -289,6 +303,8 @@ impl<S: TimeStepped> LongerRun<S> {
             self.comparison.share(2.0);
             let Some((t, h)) = self.open.first().map(|row| (row.t, row.h)) else { return };
             if self.advance(t - 0.5 * h) && self.advance(t) {
+                // The second half is compared.
+                self.comparison.repeat(0.5 * run.repeats(&mut self.stepper));
                 self.compare(1);
             }
         }

@@ -4,7 +4,8 @@
 //! For a method of first order the difference of the two runs is the error of the first, on the average: an impact happens at
 //! any point of its step, and where both runs move it to the same time, they do not differ. So an impact also counts by
 //! what a step misplaces it, beside the time at which the gap closes. Impacts add up like independent errors; what they have
-//! in common, the runs show.
+//! in common, the runs show. Impacts that are located in time are not misplaced; at second order the difference of the runs is
+//! three times the error of the first, and the whole of it counts.
 //!
 //! What is asked for is compared, be it a state, another output, a definition, an integral, a monitor or what a sweep
 //! collects. What is continuous in time is compared at every common time, relative to its largest change over the run, or to its
@@ -215,6 +216,8 @@ pub(super) struct Comparison {
     pub quantities: Vec<Quantity>,
     /// Whether the steps have the default size.
     is_default: bool,
+    /// What to do about errors.
+    pub remedy: &'static str,
     start: f64,
     /// The time over which velocities were compared, and the time in which both runs had the same steps.
     compared: f64,
@@ -233,8 +236,8 @@ impl Comparison {
     /// Prepares a comparison from the time `start` on.
     pub fn new(quantities: Vec<Quantity>, start: f64, is_default: bool) -> Self {
         let (compared, repeated, share) = (0.0, 0.0, 1.0);
-        let others = Vec::new();
-        Self { quantities, is_default, start, compared, repeated, share, within: 0, others, failed: None }
+        let (others, remedy) = (Vec::new(), "give a smaller `step`");
+        Self { quantities, is_default, remedy, start, compared, repeated, share, within: 0, others, failed: None }
     }
 
     /// Notes the columns of the run at the end of a step of length `h`, or at the start.
@@ -392,12 +395,12 @@ impl Comparison {
         };
         if let Some(why) = &self.failed {
             checks.record(CheckCode::LocalError, f64::INFINITY, allowed, || {
-                format!("{size}, and a run with steps twice as long, which would show what they are worth, failed: {why}; give a smaller `step`")
+                format!("{size}, and a run with steps twice as long, which would show what they are worth, failed: {why}; {}", self.remedy)
             });
             return;
         }
         let (error, message) = self.worst();
-        let message = format!("{size}, {message}; give a smaller `step`");
+        let message = format!("{size}, {message}; {}", self.remedy);
         if error > GIVEN_STEPS && error <= allowed {
             checks.caveat("coarse_steps", message.clone());
         }

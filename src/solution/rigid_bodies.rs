@@ -1,4 +1,4 @@
-//! Integration of rigid bodies by time stepping, with outputs by name.
+//! Integration of rigid bodies by time stepping or with located impacts, with outputs by name.
 
 use super::longer_run::{LongerRun, TimeStepped};
 use super::longer_steps::{KNOWN_ENERGY, Kind, MOST_COMPARED, not_compared};
@@ -14,11 +14,12 @@ use contact::energy::Energy;
 use contact::law::worse_of;
 use expression::{IntervalWorkspace, Tape};
 use models::rigid_bodies::{
-    Action, Body, Law, MoreauStepping, Motion, MultibodySystem, OF_BODY, OF_SCENE, OUTPUTS, StepFailure, between, state,
+    Action, Arc, Body, Law, MoreauStepping, Motion, MultibodySystem, NewEvent, OF_BODY, OF_SCENE, OUTPUTS, StepFailure,
+    between, state, state_of,
 };
 use nalgebra::{Quaternion, Vector3};
 use numerics::Interval;
-use problem::{Control, EventKind};
+use problem::Control;
 
 /// Largest permitted error of a body's motion, relative to its largest value: two digits. Bodies in space are stepped at
 /// first order, so that each further digit costs ten times as many steps, and there is no method to fall back on.
@@ -27,23 +28,39 @@ const TWO_DIGITS: f64 = 1e-2;
 /// Rounding of the positions and velocities of a body, relative to its distance from the origin and its speed.
 const ROUNDING_OF_BODIES: f64 = 1e-12;
 
+/// How steps treat impacts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Impacts {
+    /// Whether impacts are located in time; else steps go over them.
+    pub are_located: bool,
+    /// Whether they could be.
+    pub can_be_located: bool,
+    /// Why.
+    pub because: &'static str,
+}
+
 /// Steps the bodies through the plan.
 pub fn step_rigid_bodies(
     scene: &MultibodySystem,
     plan: &Plan,
-    settings: &Settings,
+    (settings, impacts): (&Settings, Impacts),
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
-    let diagnostics = describe_rigid_bodies(scene, settings, analysis);
-    run(plan, control, diagnostics, || RigidBodyRun::new(scene, plan, settings, control))
+    let diagnostics = describe_rigid_bodies(scene, (settings, impacts), analysis);
+    run(plan, control, diagnostics, || RigidBodyRun::new(scene, plan, (settings, impacts), control))
 }
 
 /// The diagnostics known before the run.
-pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analysis: &Analysis) -> Diagnostics {
+pub fn describe_rigid_bodies(
+    scene: &MultibodySystem,
+    (settings, impacts): (&Settings, Impacts),
+    analysis: &Analysis,
+) -> Diagnostics {
+    let stepping = if impacts.are_located { "location of impacts" } else { "time stepping" };
     let mut diagnostics = Diagnostics {
         method: "contact",
-        built: vec!["time stepping", "collisions", "law of impact", "islands"],
+        built: vec![stepping, "collisions", "law of impact", "islands"],
         analysis: Some(analysis.clone()),
         vi: Some(ViCounts::default()),
         ..Diagnostics::default()
@@ -62,8 +79,10 @@ pub fn describe_rigid_bodies(scene: &MultibodySystem, settings: &Settings, analy
             diagnostics.left_out.push(format!("{part}: {reason}"));
         }
     }
+    let left_out = if impacts.are_located { "time stepping" } else { "location of impacts" };
+    diagnostics.left_out.push(format!("{left_out}: {}", impacts.because));
     if settings.default_step {
-        let message = format!("no `step` was given: time stepping takes steps of {}", settings.step);
+        let message = format!("no `step` was given: {stepping} takes steps of {}", settings.step);
         diagnostics.warnings.push(Warning { code: "default_step", message });
     }
     diagnostics
@@ -97,6 +116,8 @@ struct RigidBodyRun<'a> {
     halved: u64,
     /// Number of Newton iterations.
     newton: u64,
+    /// Number of steps with located impacts whose rest was time-stepped.
+    passed: u64,
     /// Number of events so far.
     events: usize,
     checks: Checks,
@@ -109,6 +130,10 @@ struct RigidBodyRun<'a> {
     misdirections: Vec<[Misdirection; 2]>,
     /// Joint outputs at the end of the step before the last one.
     forces_before: Vec<f64>,
+    /// Whether the run is compared with another.
+    is_compared: bool,
+    /// The begins and ends of the arcs of located steps that are not compared yet with those of the other run.
+    arcs: Vec<[f64; 2]>,
 }
 
 /// A force on a body, as a function of time at one state of the bodies.
@@ -262,12 +287,15 @@ impl<'a> RigidBodyRun<'a> {
     fn new(
         scene: &'a MultibodySystem,
         plan: &'a Plan,
-        settings: &Settings,
+        (settings, impacts): (&Settings, Impacts),
         control: &'a Control,
     ) -> Result<Self, Failure> {
         let begin = || {
             let mut simulation = MoreauStepping::new(scene, plan.start, settings);
             simulation.most_memory = plan.most_memory;
+            if impacts.are_located {
+                simulation.locate_impacts();
+            }
             let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
             if scene.resolve && !simulation.resolve(control).map_err(failed)? {
                 let message = "the bodies overlap at the start, and could not be moved apart".to_owned();
@@ -284,12 +312,20 @@ impl<'a> RigidBodyRun<'a> {
         let is_compared = simulation.ends.len() <= MOST_COMPARED;
         let mut course = Self::of(scene, plan, settings, control, simulation);
         if is_compared {
-            let longer = Self::of(scene, plan, settings, control, begin()?);
-            course.simulation.record_parts();
+            let mut longer = Self::of(scene, plan, settings, control, begin()?);
+            (course.is_compared, longer.is_compared) = (true, true);
+            if !impacts.are_located {
+                course.simulation.record_parts();
+            }
             course.unseen = UnseenAction::all(scene);
             course.unseen_motion = UnseenMotion::of(scene);
             course.misdirections = vec![Default::default(); course.starts.len()];
-            course.longer = Some(Box::new(LongerRun::new(longer, plan, settings.default_step)));
+            let mut longer = LongerRun::new(longer, plan, settings.default_step);
+            if impacts.can_be_located && !impacts.are_located {
+                longer.comparison.remedy =
+                    "give a smaller `step`, or set `impacts` to `locate`, which is of second order";
+            }
+            course.longer = Some(Box::new(longer));
         }
         Ok(course)
     }
@@ -323,6 +359,7 @@ impl<'a> RigidBodyRun<'a> {
             limited: 0,
             halved: 0,
             newton: 0,
+            passed: 0,
             events: 0,
             checks: Checks::default(),
             longer: None,
@@ -330,6 +367,8 @@ impl<'a> RigidBodyRun<'a> {
             unseen: Vec::new(),
             unseen_motion: None,
             misdirections: Vec::new(),
+            is_compared: false,
+            arcs: Vec::new(),
         };
         course.forces.iter_mut().for_each(|forces| course.simulation.forces(forces));
         let [kinetic, potential] = course.simulation.energies();
@@ -362,7 +401,8 @@ impl<'a> RigidBodyRun<'a> {
         }
         self.newton += report.newton;
         self.limited += u64::from(report.is_limited);
-        self.halved += u64::from(report.parts > 1);
+        self.halved += u64::from(report.parts > 1 && self.simulation.arcs().is_empty());
+        self.passed += u64::from(self.simulation.is_passed());
     }
 
     /// Estimates the energy error that the last step may explain: bodies under contact forces move at first order, and
@@ -414,11 +454,11 @@ impl<'a> RigidBodyRun<'a> {
     }
 
     /// An event of the last step, with names.
-    fn event(&self, (kind, pair): &(EventKind, [usize; 2])) -> Event {
+    fn event(&self, (kind, pair, t): &NewEvent) -> Event {
         let [first, second] = pair.map(|body| &self.scene.bodies[body].name);
         // A stop between a body and the world.
         let of = if pair[0] == pair[1] { first.clone() } else { format!("{first} and {second}") };
-        Event { t: self.t, kind: *kind, of }
+        Event { t: t.unwrap_or(self.t), kind: *kind, of }
     }
 
     /// For each moving body, the change of its velocities by impacts in the last step, times the step.
@@ -465,11 +505,32 @@ impl<'a> RigidBodyRun<'a> {
         }
     }
 
+    /// The motions at a time within the last step, if its impacts were located, after the impacts at that time; and the work of
+    /// contacts in the rest of the step, by normal and tangential components.
+    fn within(&self, t: f64) -> Option<(Vec<Motion>, [f64; 2])> {
+        let passed = t - self.before;
+        let of_arc = self.simulation.arcs().iter().rev().find(|arc| arc.times[0] <= passed);
+        let (arc, all) = (of_arc.filter(|_| t < self.t)?, self.simulation.report.work);
+        let done = arc.work_at(passed);
+        Some((arc.at(passed, &self.scene.gravity), [0, 1].map(|k| all[k] - done[k])))
+    }
+
+    /// The begin and the end of an arc of the last step.
+    fn ends_of(&self, arc: &Arc) -> [f64; 2] {
+        arc.times.map(|passed| self.before + passed)
+    }
+
     /// Writes the states at a time within the last step.
     fn write_states(&mut self, t: f64) {
         let h = self.t - self.before;
         let fraction = if h > 0.0 { (t - self.before) / h } else { 1.0 };
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
+        if let Some((motions, _)) = self.within(t) {
+            for ((body, motion), out) in moving.zip(motions).zip(self.states.chunks_exact_mut(13)) {
+                out.copy_from_slice(&state_of(body, &motion));
+            }
+            return;
+        }
         let motions = self.starts.iter().zip(&self.simulation.ends).zip(&self.simulation.pushed);
         for ((body, ((from, to), pushed)), out) in moving.zip(motions).zip(self.states.chunks_exact_mut(13)) {
             out.copy_from_slice(&between(body, [from, to], *pushed, h, fraction));
@@ -491,6 +552,9 @@ impl TimeStepped for RigidBodyRun<'_> {
             return Err(failure(cause, self.scene, self.plan, self.t, &self.states));
         }
         (self.before, self.t) = (self.t, next);
+        if self.is_compared {
+            self.arcs.extend(self.simulation.arcs().iter().map(|arc| arc.times.map(|passed| self.before + passed)));
+        }
         self.forces_before.clone_from(&self.forces[0]);
         self.forces.swap(0, 1);
         self.simulation.forces(&mut self.forces[1]);
@@ -500,6 +564,11 @@ impl TimeStepped for RigidBodyRun<'_> {
         self.explain();
         self.judge();
         stepped.map_err(|cause| failure(&cause, self.scene, self.plan, next, &self.states))
+    }
+
+    fn known_within(&self) -> usize {
+        // The states and the energies.
+        if self.simulation.arcs().is_empty() || self.simulation.is_passed() { 0 } else { self.states.len() + 4 }
     }
 
     fn kinds(&self) -> Vec<Kind> {
@@ -526,11 +595,11 @@ impl TimeStepped for RigidBodyRun<'_> {
         let (of_bodies, others) = out.split_at_mut(self.states.len());
         let (mut energy, mut weight) = (0.0, 0.0);
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
-        let motions = self.simulation.ends.iter().zip(&self.simulation.pushed);
-        for ((body, (motion, pushed)), out) in moving.zip(motions).zip(of_bodies.chunks_exact_mut(13)) {
+        let motions = self.simulation.ends.iter().zip(self.simulation.touched());
+        for ((body, (motion, is_touched)), out) in moving.zip(motions).zip(of_bodies.chunks_exact_mut(13)) {
             let reach = body.collider.reach();
             // A body without contacts has no motion but that of the forces on it.
-            let fall = if *pushed { fall } else { 0.0 };
+            let fall = if *is_touched { fall } else { 0.0 };
             let spin = motion.omega.norm() * reach;
             let rounding = ROUNDING_OF_BODIES * (motion.pose.translation.vector.norm() + reach);
             // Which point of the body is its origin is a convention: one that rests while the body turns is measured by it.
@@ -635,8 +704,19 @@ impl TimeStepped for RigidBodyRun<'_> {
         }
     }
 
-    fn repeated(&self) -> f64 {
-        self.simulation.report.repeated
+    fn repeats(&mut self, shorter: &mut Self) -> f64 {
+        let over = shorter.arcs.partition_point(|[begin, _]| *begin < self.t);
+        let others: Vec<[f64; 2]> = shorter.arcs.drain(..over).collect();
+        self.arcs.clear();
+        let of_arc = |arc: &Arc| {
+            let [from, to] = self.ends_of(arc);
+            let cubes = others.iter().map(|[begin, end]| (end.min(to) - begin.max(from)).max(0.0).powi(3));
+            // Errors of second order grow with the third power of an arc. What two runs differ by is no less than the error of
+            // one of them if that of the other is twice as large.
+            let is_repeated = !arc.is_exact && (to - from).powi(3) < 2.0 * cubes.sum::<f64>();
+            if is_repeated { to - from } else { 0.0 }
+        };
+        self.simulation.report.repeated + self.simulation.arcs().iter().map(of_arc).sum::<f64>()
     }
 }
 
@@ -684,15 +764,22 @@ impl Stepper for RigidBodyRun<'_> {
             let [from, to] = [of(&self.energy_before), of(&self.energy)];
             if fraction == 1.0 { to } else { from + fraction * (to - from) }
         };
-        let values = [
-            within(|energy| energy.kinetic_at_end),
-            within(|energy| energy.potential_at_end),
-            within(|energy| energy.dissipated_by_friction),
-            within(|energy| energy.lost_in_impacts),
-            report.closed as f64,
-            report.penetration,
-            report.normal_impulse,
-        ];
+        let energies = match self.within(t) {
+            Some((motions, [normal, tangential])) => {
+                let [kinetic, potential] = self.simulation.energies_of(&motions);
+                let Energy { dissipated_by_friction, lost_in_impacts, .. } = self.energy;
+                [kinetic, potential, dissipated_by_friction + tangential, lost_in_impacts + normal]
+            }
+            None => [
+                within(|energy| energy.kinetic_at_end),
+                within(|energy| energy.potential_at_end),
+                within(|energy| energy.dissipated_by_friction),
+                within(|energy| energy.lost_in_impacts),
+            ],
+        };
+        let [kinetic, potential, dissipated, lost] = energies;
+        let values =
+            [kinetic, potential, dissipated, lost, report.closed as f64, report.penetration, report.normal_impulse];
         let (of_scene, forces) = of_scene.split_at_mut(values.len());
         of_scene.copy_from_slice(&values);
         let [before, after] = &self.forces;
@@ -725,6 +812,14 @@ impl Stepper for RigidBodyRun<'_> {
                 self.work.largest_residual
             );
             diagnostics.warnings.push(Warning { code: "contact_residual", message });
+        }
+        if self.passed > 0 {
+            let message = format!(
+                "in {} of {} steps impacts followed each other so fast that time stepping, of first order, took the rest of the \
+                 step; a smaller `step` may help",
+                self.passed, self.steps
+            );
+            diagnostics.warnings.push(Warning { code: "impacts_passed", message });
         }
         if self.limited > 0 {
             let message = format!(

@@ -50,8 +50,8 @@ pub struct Method {
     /// Tolerance of the natural-map residual at which a variational inequality counts as solved.
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
-    /// Treatment of impacts of mechanical systems. Default: `time_stepping` if `step` is given and `stages` is not,
-    /// else `locate`.
+    /// Treatment of impacts of mechanical systems and rigid bodies. Default for mechanical systems: `time_stepping` if
+    /// `step` is given and `stages` is not, else `locate`; for rigid bodies: `time_stepping`.
     pub impacts: Option<Impacts>,
     /// Law for simultaneous impacts of mechanical systems. Default `simultaneous`.
     pub impact_law: Option<ImpactLawName>,
@@ -101,7 +101,7 @@ choices! {
     Impacts {
         "time_stepping" TimeStepping: "Fixed steps over the impacts (Moreau): any number of impacts, first order."
         "locate" Locate: "Smooth motion by Radau IIA between impacts, each located in time; time stepping where they \
-                          accumulate."
+                          accumulate. For rigid bodies without joints: fixed steps that end at impacts, second order."
     }
 }
 

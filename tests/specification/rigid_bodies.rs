@@ -147,6 +147,23 @@ fn velocities_that_tear_a_joint_at_the_start_are_refused_at_the_joint() {
 }
 
 #[test]
+fn impacts_are_located_where_that_is_possible_and_the_answer_says_what_else_there_is() {
+    let mut document = scene();
+    document["problem"]["rigid_bodies"].as_object_mut().unwrap().remove("joints");
+    let steppers = |document: &Value| {
+        let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
+        let described = dvi::solve(&specification, &Control::new()).diagnostics;
+        (described.built[0], described.left_out.iter().any(|line| line.starts_with("location of impacts: ")))
+    };
+    assert_eq!(steppers(&document), ("time stepping", true));
+    document["method"]["impacts"] = json!("locate");
+    assert_eq!(steppers(&document), ("location of impacts", false));
+    let joint = json!([{"hinge": {"bodies": ["box"], "at": [3, 0, 0.5], "axis": [0, 0, 1]}}]);
+    document["problem"]["rigid_bodies"]["joints"] = joint;
+    assert_errors(&document, &[("/method/impacts", "conflict", "joints")]);
+}
+
+#[test]
 fn what_the_stepper_of_bodies_does_not_use_is_refused_where_it_is_written() {
     let cases = [
         ("rtol", json!(1e-10), "without an error estimate"),

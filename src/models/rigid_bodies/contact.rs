@@ -46,6 +46,8 @@ pub struct Contact {
     pub surface: Vector3<f64>,
     /// The identity of the contact: both bodies and the contact point.
     pub key: (u32, u32, u64),
+    /// The smooth part of the surface that a sphere touches.
+    pub feature: u32,
     /// The normal and tangential impulse; the initial guess is the impulse of the last step.
     pub impulse: Vector3<f64>,
     /// `u` at the end of the last step, before forces act.
@@ -85,6 +87,7 @@ impl Contact {
             gap: point.gap,
             law,
             key: (pair.0, pair.1, point.id),
+            feature: point.feature,
             impulse: Vector3::zeros(),
             before: Vector3::zeros(),
             bias: 0.0,

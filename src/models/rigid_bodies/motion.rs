@@ -3,6 +3,13 @@
 use super::rotation::rotate;
 use super::scene::Body;
 use nalgebra::{Isometry3, Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
+use std::f64::consts::TAU;
+
+/// Deviation from an even motion, relative to the way, that is none: ten times the tolerance of the law of contact.
+const EVEN: f64 = 1e-9;
+
+/// Rounding of a displacement, relative to the position, or to one radian.
+const ROUNDING: f64 = 8.0 * f64::EPSILON;
 
 /// The state of a moving body.
 #[derive(Clone, Copy, Debug)]
@@ -83,6 +90,32 @@ impl Motion {
         self.turn_mobility();
     }
 
+    /// Flies for a time `h` under gravity; the velocities are those of the ends.
+    pub fn fly(&mut self, h: f64, gravity: &Vector3<f64>) {
+        let half = gravity * (0.5 * h);
+        self.velocity += half;
+        self.drift(h);
+        self.velocity += half;
+    }
+
+    /// A copy that has flown for a time `h` under gravity.
+    pub fn flown(&self, h: f64, gravity: &Vector3<f64>) -> Self {
+        let mut flown = *self;
+        flown.fly(h, gravity);
+        flown
+    }
+
+    /// The body moved for a time `h` with the given velocities, with its momenta changed: the velocity by `kick`, the
+    /// angular momentum by `turn`.
+    pub fn moved(&self, [velocity, omega]: [&Vector3<f64>; 2], h: f64, [kick, turn]: [&Vector3<f64>; 2]) -> Self {
+        let momentum = self.inertia_in_world() * self.omega + turn;
+        let mut moved = *self;
+        moved.displace(&(velocity * h), &(omega * h));
+        moved.velocity += kick;
+        moved.omega = moved.mobility * momentum;
+        moved
+    }
+
     /// The inertia in world axes, at the current pose.
     pub fn inertia_in_world(&self) -> Matrix3<f64> {
         if self.is_round {
@@ -113,6 +146,33 @@ impl Motion {
         Vector6::new(by.x, by.y, by.z, turn.x, turn.y, turn.z)
     }
 
+    /// The motion a time `d` after this one, on the parabola to the motion `end` a time `s` after it.
+    pub fn between(&self, end: &Self, s: f64, d: f64) -> Self {
+        let (part, way) = (d / s, self.way_to(end));
+        let bend = |way: Vector3<f64>, rate: &Vector3<f64>| rate * d + (way - rate * s) * (part * part);
+        let turn = whole_turns(way.fixed_rows::<3>(3).into_owned(), &((self.omega + end.omega) * (0.5 * s)));
+        let mut between = *self;
+        between.displace(&bend(way.fixed_rows::<3>(0).into_owned(), &self.velocity), &bend(turn, &self.omega));
+        between.velocity = self.velocity.lerp(&end.velocity, part);
+        between.omega = self.omega.lerp(&end.omega, part);
+        between
+    }
+
+    /// Whether the motion to `end`, a time `s` later, has constant accelerations and a constant axis, beside velocities of at
+    /// least `least`, linear and angular.
+    pub fn is_even(&self, end: &Self, s: f64, least: [f64; 2]) -> bool {
+        let way = self.way_to(end);
+        let mean = |from: &Vector3<f64>, to: &Vector3<f64>| (from + to) * (0.5 * s);
+        let turned = mean(&self.omega, &end.omega);
+        let turn = whole_turns(way.fixed_rows::<3>(3).into_owned(), &turned) - turned;
+        let bend = way.fixed_rows::<3>(0) - mean(&self.velocity, &end.velocity);
+        let speed = self.velocity.norm().max(end.velocity.norm()) + least[0];
+        let spin = self.omega.norm().max(end.omega.norm()) + least[1];
+        bend.norm() <= EVEN * s * speed + ROUNDING * self.pose.translation.vector.norm()
+            && turn.norm() <= EVEN * s * spin + ROUNDING
+            && self.omega.cross(&end.omega).norm() <= EVEN * spin * spin
+    }
+
     /// Moves the pose by a displacement and a rotation vector, without changing velocities.
     pub fn displace(&mut self, by: &Vector3<f64>, rotation: &Vector3<f64>) {
         self.pose.translation.vector += by;
@@ -136,4 +196,10 @@ impl Motion {
         let sum = self.pose.translation.vector.sum() + self.pose.rotation.coords.sum();
         (sum + self.velocity.sum() + self.omega.sum() + self.kinetic_energy()).is_finite()
     }
+}
+
+/// Adds whole turns to a rotation vector, so that it is as near as possible to another.
+fn whole_turns(turn: Vector3<f64>, near: &Vector3<f64>) -> Vector3<f64> {
+    let Some(axis) = turn.try_normalize(0.0).or_else(|| near.try_normalize(0.0)) else { return turn };
+    turn + axis * (TAU * ((near - turn).dot(&axis) / TAU).round())
 }

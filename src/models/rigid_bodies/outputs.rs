@@ -70,6 +70,11 @@ pub fn state(centre: &Vector3<f64>, pose: &Isometry3<f64>, velocity: &Vector3<f6
     [x.x, x.y, x.z, q.w, q.i, q.j, q.k, v.x, v.y, v.z, omega.x, omega.y, omega.z]
 }
 
+/// The outputs [`OF_BODY`] of a body with a motion.
+pub fn state_of(body: &Body, motion: &Motion) -> [f64; 13] {
+    state(&body.centre, &motion.pose, &motion.velocity, &motion.omega)
+}
+
 /// The outputs [`OF_BODY`] at a fraction of a step `h`. Positions follow a parabola if no impulse acted on the body;
 /// otherwise a line, with the velocities of the end.
 pub fn between(body: &Body, [from, to]: [&Motion; 2], is_pushed: bool, h: f64, fraction: f64) -> [f64; 13] {

@@ -179,6 +179,14 @@ impl Prescribed {
         self.omega = (self.end.rotation * self.pose.rotation.inverse()).scaled_axis() / h;
     }
 
+    /// Sets the pose and the velocities of a time `passed` after `t`, when the pose was `from`.
+    pub fn at(&mut self, by: &Prescription, signals: &Signals, from: &Isometry3<f64>, [t, passed]: [f64; 2]) {
+        self.pose = if passed > 0.0 { by.end(from, &signals.over(t, passed)) } else { *from };
+        self.end = self.pose;
+        let (values, rates) = signals.at(t + passed);
+        (self.velocity, self.omega) = by.velocities(&values, &rates);
+    }
+
     /// The mean velocity of the material point that is at `place` at the beginning of the step.
     pub fn velocity_at(&self, place: &Vector3<f64>) -> Vector3<f64> {
         self.velocity + self.omega.cross(&(place - self.pose.translation.vector))

@@ -19,6 +19,7 @@
 mod arrival;
 mod detection;
 mod forces;
+mod located;
 mod misdirected;
 mod overlaps;
 mod partition;
@@ -26,6 +27,7 @@ mod report;
 mod stops;
 
 pub(super) use detection::NEAR;
+pub use located::Arc;
 pub use report::{ContactReport, StepFailure};
 
 use super::collision::{BroadPhase, ContactPoint};
@@ -38,12 +40,13 @@ use super::made_parts::{MadeParts, is_twice, may_try};
 use super::motion::Motion;
 use super::prescribed::{Ground, Prescribed};
 use super::scene::MultibodySystem;
-use super::touches::Touches;
+use super::touches::{NewEvent, Touches};
 use contact::islands::{Islands, threads};
 use contact::law::Law;
 use contact::{ImpactLaw, Settings};
+use located::Located;
 use nalgebra::{Isometry3, Vector3};
-use problem::{Control, EventKind};
+use problem::Control;
 use rustc_hash::FxHashMap;
 use std::collections::HashSet;
 
@@ -90,8 +93,10 @@ pub struct MoreauStepping<'a> {
     given: Vec<Option<u32>>,
     /// The contacts of the step.
     pub contacts: Vec<Contact>,
-    /// The events of the last step, with the indices of both bodies.
-    pub new_events: Vec<(EventKind, [usize; 2])>,
+    /// The events of the last step.
+    pub new_events: Vec<NewEvent>,
+    /// What located impacts need; `None` for time stepping.
+    located: Option<Box<Located>>,
     touches: Touches,
     /// The report of the last step.
     pub report: ContactReport,
@@ -157,6 +162,7 @@ impl<'a> MoreauStepping<'a> {
             given,
             contacts: Vec::new(),
             new_events: Vec::new(),
+            located: None,
             touches: Touches::default(),
             report: ContactReport::default(),
             joined: joined(&scene.joints),
@@ -197,7 +203,13 @@ impl<'a> MoreauStepping<'a> {
         self.report = ContactReport::default();
         self.new_events.clear();
         self.contact_forces.fill(Default::default());
-        self.advance(h, HALVINGS, control)?;
+        if let Some(mut located) = self.located.take() {
+            let advanced = self.advance_located(&mut located, h, control);
+            self.located = Some(located);
+            advanced?;
+        } else {
+            self.advance(h, HALVINGS, control)?;
+        }
         self.contact_forces.iter_mut().for_each(|(force, torque)| (*force, *torque) = (*force / h, *torque / h));
         self.measure_joints();
         self.check()
@@ -269,9 +281,7 @@ impl<'a> MoreauStepping<'a> {
         let parts = self.tasks[..self.islands.len()].iter().map(|island| island.steps).max();
         self.report.parts += parts.unwrap_or(1).max(1);
         self.note_parts(part, longest);
-        if self.report.residual > UNSOLVED {
-            return Err(StepFailure::Unsolved { residual: self.report.residual });
-        }
+        self.check_law()?;
         self.follow(h);
         self.add_contact_forces();
         self.record();
@@ -360,6 +370,14 @@ impl<'a> MoreauStepping<'a> {
         }
     }
 
+    /// Whether the law of contact was solved.
+    fn check_law(&self) -> Result<(), StepFailure> {
+        match self.report.residual {
+            residual if residual > UNSOLVED => Err(StepFailure::Unsolved { residual }),
+            _ => Ok(()),
+        }
+    }
+
     fn check(&self) -> Result<(), StepFailure> {
         let lost = |body: usize| match (self.places[body], self.given[body]) {
             (Some(place), _) => !self.moving[place as usize].is_finite(),
@@ -374,10 +392,15 @@ impl<'a> MoreauStepping<'a> {
 
     /// Kinetic and potential energy; the gravitational potential is zero at the origin.
     pub fn energies(&self) -> [f64; 2] {
-        let kinetic = self.ends.iter().map(Motion::kinetic_energy).sum();
+        self.energies_of(&self.ends)
+    }
+
+    /// Kinetic and potential energy of the moving bodies at other states; springs have the energy of the end of the step.
+    pub fn energies_of(&self, moving: &[Motion]) -> [f64; 2] {
+        let kinetic = moving.iter().map(Motion::kinetic_energy).sum();
         let height = |motion: &Motion| motion.mass * self.scene.gravity.dot(&motion.pose.translation.vector);
         let springs: f64 = self.drives().map(|(drive, state)| drive.potential(state.coordinate)).sum();
-        [kinetic, springs - self.ends.iter().map(height).sum::<f64>()]
+        [kinetic, springs - moving.iter().map(height).sum::<f64>()]
     }
 
     /// The drives of all joints and springs, with their states.

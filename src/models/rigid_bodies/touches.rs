@@ -18,6 +18,9 @@ const ENDS: f64 = 1e-3;
 /// The slip velocity at which slip begins, relative to the velocity change by gravity within a step.
 const BEGINS: f64 = 1e-2;
 
+/// An event between two bodies, by their indices, with its time unless that is the end of the step.
+pub type NewEvent = (EventKind, [usize; 2], Option<f64>);
+
 /// The pairs of bodies in contact.
 #[derive(Debug, Default)]
 pub struct Touches {
@@ -51,7 +54,7 @@ impl Touches {
         contacts: impl Iterator<Item = Touched<'a>>,
         moving: &[Motion],
         fall: f64,
-        new_events: &mut Vec<(EventKind, [usize; 2])>,
+        new_events: &mut Vec<NewEvent>,
     ) {
         self.step += 1;
         let mut contacts = contacts.peekable();
@@ -68,14 +71,14 @@ impl Touches {
         self.pairs.retain(|&pair, touch| {
             let stays = touch.steps[1] == step;
             if !stays && touch.steps[1] > touch.steps[0] {
-                new_events.push((EventKind::LiftOff, places(pair)));
+                new_events.push((EventKind::LiftOff, places(pair), None));
             }
             stays
         });
     }
 
-    fn take(&mut self, pair: (u32, u32), seen: &Pair, new_events: &mut Vec<(EventKind, [usize; 2])>) {
-        let mut tell = |kind| new_events.push((kind, places(pair)));
+    fn take(&mut self, pair: (u32, u32), seen: &Pair, new_events: &mut Vec<NewEvent>) {
+        let mut tell = |kind| new_events.push((kind, places(pair), None));
         if seen.strikes {
             tell(EventKind::Impact);
         }
@@ -120,7 +123,7 @@ impl Pair {
         if contact.impulse.x <= 0.0 {
             return;
         }
-        let rounding = ROUNDING * speeds(contact, moving);
+        let rounding = rounding(contact, moving);
         self.is_struck = true;
         self.strikes |= !was_struck && -contact.before.x > fall + rounding;
         if contact.law.is_rough() {
@@ -131,6 +134,11 @@ impl Pair {
         }
         self.sticks = !self.creeps;
     }
+}
+
+/// The rounding error of the relative velocity of a contact.
+pub fn rounding(contact: &Contact, moving: &[Motion]) -> f64 {
+    ROUNDING * speeds(contact, moving)
 }
 
 /// The sum of the speeds of both bodies at a contact.

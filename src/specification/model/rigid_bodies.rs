@@ -1,4 +1,4 @@
-//! Rigid bodies in space, by time stepping.
+//! Rigid bodies in space, by time stepping or with located impacts.
 
 use super::mechanical::{NOT_COMPARED, refuse_other_methods};
 use super::{By, FIXED, Ladder, Model, Request, Sizes, Varied, WithStages, refuse};
@@ -49,16 +49,18 @@ impl Model for MultibodySystem {
 
     fn check_method(&self, asked: &Request<'_>, errors: &mut Errors) {
         let method = asked.method;
-        if method.impacts == Some(Impacts::Locate) {
-            let detail = "rigid bodies are always time-stepped";
-            refuse("impacts", detail, "`time_stepping`, or to be left out", errors);
+        if method.impacts == Some(Impacts::Locate)
+            && let Some(reason) = not_located(self)
+        {
+            let detail = format!("impacts cannot be located: {reason}");
+            refuse("impacts", &detail, "`time_stepping`, or to be left out", errors);
         }
         for key in method.error_controls() {
-            let detail = "rigid bodies are time-stepped with a fixed step, without an error estimate";
+            let detail = "rigid bodies are stepped with a fixed step, without an error estimate";
             refuse(key, detail, "`step` alone", errors);
         }
         let choices = [
-            ("stages", method.stages != Stages::Auto, "the time stepping of rigid bodies has no stages"),
+            ("stages", method.stages != Stages::Auto, "the steppers of rigid bodies have no stages to choose"),
             (
                 "switches",
                 method.switches != Switches::default(),
@@ -100,13 +102,13 @@ impl Model for MultibodySystem {
     }
 
     fn describe(&self, specification: &Specification) -> Diagnostics {
-        let settings = specification.contact_settings(TOLERANCE);
-        solution::describe_rigid_bodies(self, &settings, specification.analysis())
+        let (settings, impacts) = (specification.contact_settings(TOLERANCE), impacts(self, specification));
+        solution::describe_rigid_bodies(self, (&settings, impacts), specification.analysis())
     }
 
     fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution {
-        let settings = specification.contact_settings(TOLERANCE);
-        solution::step_rigid_bodies(self, plan, &settings, specification.analysis(), control)
+        let (settings, impacts) = (specification.contact_settings(TOLERANCE), impacts(self, specification));
+        solution::step_rigid_bodies(self, plan, (&settings, impacts), specification.analysis(), control)
     }
 
     fn method_name(&self, _stages: Stages) -> String {
@@ -121,6 +123,29 @@ impl Model for MultibodySystem {
             reference: By::Step,
             ladders: &LADDERS,
             balances: &[By::Step],
+        }
+    }
+}
+
+/// Why impacts of a multibody system cannot be located, if so.
+fn not_located(scene: &MultibodySystem) -> Option<&'static str> {
+    let reasons = [
+        (!scene.joints.is_empty(), "there are joints or springs"),
+        (!scene.actions.is_empty(), "there are forces besides gravity"),
+        (!scene.laws.patches.is_empty(), "there is friction on patches"),
+    ];
+    reasons.into_iter().find(|(applies, _)| *applies).map(|(_, reason)| reason)
+}
+
+/// How the steps treat impacts.
+fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::Impacts {
+    let reason = not_located(scene);
+    let by = |are_located, because| solution::Impacts { are_located, can_be_located: reason.is_none(), because };
+    match specification.method().impacts {
+        Some(Impacts::Locate) => by(true, "`impacts` is `locate`"),
+        Some(Impacts::TimeStepping) => by(false, "`impacts` is `time_stepping`"),
+        None => {
+            by(false, reason.unwrap_or("`impacts` is not `locate`, which is of second order and meant for few impacts"))
         }
     }
 }

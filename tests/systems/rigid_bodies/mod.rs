@@ -10,6 +10,7 @@ mod heap;
 mod heaps;
 mod impacts;
 mod joints;
+mod located;
 mod mounts;
 mod patches;
 mod stacks;

@@ -20,7 +20,13 @@ pub(super) fn contacts(
     let mut lowest = |core: Vector3<f64>, radius: f64, id: u32| {
         let gap = n.dot(&(core - origin)) - radius;
         if gap <= margin {
-            points.push(ContactPoint { position: core - n * (radius + 0.5 * gap), normal: n, gap, id: id.into() });
+            points.push(ContactPoint {
+                position: core - n * (radius + 0.5 * gap),
+                normal: n,
+                gap,
+                id: id.into(),
+                feature: 0,
+            });
         }
     };
     let centre = at.translation.vector;

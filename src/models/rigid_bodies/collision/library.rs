@@ -28,7 +28,7 @@ pub(super) fn contacts(
             let surface = at_a.rotation * vector(contact.local_p1) + at_a.translation.vector;
             let position = surface + normal * (0.5 * contact.dist);
             // There is one manifold per face of a mesh, otherwise a single one.
-            points.push(ContactPoint { position, normal, gap: contact.dist, id: (m << 8 | k) as u64 });
+            points.push(ContactPoint { position, normal, gap: contact.dist, id: (m << 8 | k) as u64, feature: 0 });
         }
     }
 }

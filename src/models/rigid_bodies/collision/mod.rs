@@ -34,6 +34,8 @@ pub struct ContactPoint {
     /// The identity of the point within a pair of bodies, constant while the same features are in contact. The upper 32
     /// bits identify the pair of parts.
     pub id: u64,
+    /// The smooth part of the surface that a sphere touches: between two of them the curvature jumps.
+    pub feature: u32,
 }
 
 impl ContactPoint {
@@ -103,6 +105,13 @@ impl Collider {
                     Shape::Polyhedron(_) | Shape::Mesh(_) => false,
                 }
         })
+    }
+
+    /// Whether contact points with another body stay while both move: those of spheres, and of vertices and rims on a half space.
+    /// Others come and go as features of the surfaces pass each other.
+    pub fn keeps_points_with(&self, other: &Self) -> bool {
+        let keeps = |part: &Part| matches!(part.shape, Shape::HalfSpace { .. } | Shape::Sphere { .. });
+        self.parts.iter().all(keeps) || other.parts.iter().all(keeps)
     }
 
     /// The lower and the upper corner of the axis-aligned bounding box in the world.

@@ -147,6 +147,7 @@ impl EdgePair {
                 normal: at_a.rotation * self.axis,
                 gap: self.separation,
                 id: 1 << 30 | (i as u64) << 15 | j as u64,
+                feature: 0,
             });
         }
         true
@@ -192,7 +193,7 @@ fn clip(
     for Corner { at, id } in polygon {
         let gap = normal.dot(&(at - origin));
         if gap <= margin {
-            points.push(ContactPoint { position: at - normal * (0.5 * gap), normal, gap, id: id.into() });
+            points.push(ContactPoint { position: at - normal * (0.5 * gap), normal, gap, id: id.into(), feature: 0 });
         }
     }
 }

@@ -2,6 +2,7 @@
 //! cores is still positive, so that the normal is accurate to rounding.
 
 use super::ContactPoint;
+use crate::rigid_bodies::polyhedron::Face;
 use crate::rigid_bodies::shape::Shape;
 use nalgebra::{Isometry3, Vector3};
 
@@ -18,7 +19,31 @@ pub(super) fn sphere(
     if gap <= margin {
         let normal = -(at.rotation * outward);
         let position = at.rotation * surface + at.translation.vector - normal * (0.5 * gap);
-        points.push(ContactPoint { position, normal, gap, id: 0 });
+        let feature = feature(shape, &local, &surface);
+        points.push(ContactPoint { position, normal, gap, id: 0, feature });
+    }
+}
+
+/// Distance from the plane of a face, relative to that of the face from the centre, below which a point is on it.
+const ON_FACE: f64 = 1e-12;
+
+/// The smooth part of a surface on which the point nearest to `p` is: between two of them its curvature jumps.
+fn feature(shape: &Shape, p: &Vector3<f64>, nearest: &Vector3<f64>) -> u32 {
+    match shape {
+        Shape::Capsule { half_height, .. } if p.z.abs() > *half_height => 1 + u32::from(p.z > 0.0),
+        Shape::Cylinder { radius, half_height } => match (p.x.hypot(p.y) > *radius, p.z.abs() > *half_height) {
+            (true, false) => 0,
+            (is_outside, _) => 1 + u32::from(p.z > 0.0) + 2 * u32::from(is_outside),
+        },
+        // A face, an edge or a vertex is known by the faces that meet there.
+        Shape::Polyhedron(polyhedron) => {
+            let is_on = |face: &Face| {
+                (face.normal.dot(nearest) - face.offset).abs() <= ON_FACE * (face.offset.abs() + nearest.norm())
+            };
+            let faces = polyhedron.faces.iter().enumerate().filter(|(_, face)| is_on(face));
+            faces.fold(0, |id: u32, (k, _)| id.wrapping_mul(31).wrapping_add(1 + k as u32))
+        }
+        _ => 0,
     }
 }
 
@@ -73,7 +98,13 @@ pub(super) fn capsules(
         let gap = (q - p).norm() - r1 - r2;
         if gap <= margin {
             let normal = direction(&(q - p));
-            points.push(ContactPoint { position: p + normal * (r1 + 0.5 * gap), normal, gap, id: id.into() });
+            points.push(ContactPoint {
+                position: p + normal * (r1 + 0.5 * gap),
+                normal,
+                gap,
+                id: id.into(),
+                feature: 0,
+            });
         }
     };
     let (along, between) = (d1.dot(&d2), c2 - c1);

@@ -22,13 +22,29 @@ const UNSEEN: f64 = 5e-4;
 
 /// The detection margin around a body: its largest displacement in a step `h` in which forces change its speed by
 /// `fall`, plus `NEAR` times its size.
-fn margin(motion: &Motion, reach: f64, fall: f64, h: f64) -> f64 {
+pub(super) fn margin(motion: &Motion, reach: f64, fall: f64, h: f64) -> f64 {
     h * (motion.velocity.norm() + fall + motion.omega.norm() * reach) + NEAR * reach
 }
 
 impl MoreauStepping<'_> {
     /// Finds the contacts that may close within a step `h`.
     pub(super) fn detect(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+        self.search(h, true, control)
+    }
+
+    /// Finds the contacts of the given pairs of bodies, indices in the multibody system, that are closed or nearly so.
+    pub(super) fn detect_between(
+        &mut self,
+        pairs: impl Iterator<Item = (u32, u32)>,
+        control: &Control,
+    ) -> Result<(), StepFailure> {
+        self.pairs.clear();
+        self.pairs.extend(pairs);
+        self.search(0.0, false, control)
+    }
+
+    /// Finds the contacts that may close within a step `h`; of all pairs of bodies if it `sweeps`, else of the known pairs.
+    fn search(&mut self, h: f64, sweeps: bool, control: &Control) -> Result<(), StepFailure> {
         let (scene, moving, places) = (self.scene, &self.moving, &self.places);
         let (load, most) = (&mut self.load, self.most_memory);
         load.begin(scene);
@@ -61,20 +77,22 @@ impl MoreauStepping<'_> {
             let margin = Vector3::repeat(margin(body));
             (lower - margin, upper + margin)
         };
-        self.pairs.clear();
         self.contacts.clear();
-        self.broad_phase.sweep(
-            scene.bodies.len(),
-            bounds,
-            |body| places[body].is_some(),
-            control,
-            |a, b| {
-                self.pairs.push((a, b));
-                load.pairs += 1;
-                check(load)
-            },
-        )?;
-        self.pairs.sort_unstable();
+        if sweeps {
+            self.pairs.clear();
+            self.broad_phase.sweep(
+                scene.bodies.len(),
+                bounds,
+                |body| places[body].is_some(),
+                control,
+                |a, b| {
+                    self.pairs.push((a, b));
+                    load.pairs += 1;
+                    check(load)
+                },
+            )?;
+            self.pairs.sort_unstable();
+        }
         for (k, &(a, b)) in self.pairs.iter().enumerate() {
             if k % AT_ONCE == 0 {
                 control.go_on()?;

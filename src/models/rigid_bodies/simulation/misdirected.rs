@@ -10,10 +10,10 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 impl MoreauStepping<'_> {
     /// For each moving body, by what its velocity and its angular velocity after the impacts of the last step, of length `h` from
     /// `starts` on, would differ if each impact happened where the surfaces meet. Bodies of joints are left out, as are steps
-    /// that are made in parts.
+    /// that are made in parts, and those with located impacts, which happen where surfaces meet.
     pub fn misdirected(&self, starts: &[Motion], h: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
-        if self.report.parts > 1 {
+        if self.report.parts > 1 || self.located.is_some() {
             return by;
         }
         let is_struck = |contact: &&Contact| {

@@ -29,7 +29,7 @@ impl MoreauStepping<'_> {
                 let ends = [(coordinate - drive.limits.lower, axis), (drive.limits.upper - coordinate, -axis)];
                 for (side, (gap, normal)) in ends.into_iter().enumerate().filter(|(_, (gap, _))| gap.is_finite()) {
                     let id = STOPS | u64::from(2 * place) | side as u64;
-                    let point = ContactPoint { position: of[0].at + arms[0], normal, gap, id };
+                    let point = ContactPoint { position: of[0].at + arms[0], normal, gap, id, feature: 0 };
                     let contact = Contact::new(&point, frame(&normal), [bodies[1], bodies[0]], &self.moving, law, pair);
                     let mut contact = Contact { turns, size, no_gap: overlaps::OVERLAP * size, ..contact };
                     contact.before = contact

@@ -1,0 +1,244 @@
+//! Steps whose impacts are located in time, of second order.
+//!
+//! A step is a sequence of arcs. Contacts that are closed at the beginning of an arc, and neither approach nor part, are
+//! lasting: they [stay closed](self::lasting) throughout it. All other contacts are open, and the arc ends where the first of
+//! them [closes](self::closing), or where the force of a lasting contact jumps: where it opens, or its slip passes through
+//! zero. Where contacts close, the law of impact [acts](self::strike) at once on all contacts that are closed. Bodies without a
+//! lasting contact fly,
+//!
+//! ```text
+//! v' = v + s g/2,    q+ = q (+) s v',    v+ = v' + s g/2
+//! ```
+//!
+//! which is exact for the centre of mass, and of second order for the rotation.
+//!
+//! Impacts of a contact may accumulate (Zeno). A ball that returns with velocity `e v` bounces on for the time
+//! `2 e v / (1 - e) / g`. An approach `v` of at most `(g h)^2 / sqrt(g d)`, for a step `h` and a body of size `d`, is ended
+//! without restitution, so that the contact lasts from there on: the bounces that are left out are over within a time of order
+//! `h^2`. With restitution 1 impacts do not accumulate, and only rounding is ended so. Where impacts accumulate between several
+//! bodies, their number in a step is limited, and time stepping takes the rest of the step.
+
+mod closing;
+mod lasting;
+mod strike;
+mod transition;
+
+use super::super::contact::Contact;
+use super::super::motion::Motion;
+use super::super::touches::rounding;
+use super::{HALVINGS, MoreauStepping, StepFailure};
+use nalgebra::{Isometry3, Vector3};
+use problem::Control;
+use rustc_hash::FxHashSet;
+
+/// The number of arcs in a step, and for each moving body, beyond which time stepping takes the rest of the step: bodies that
+/// meet others so often within one step are not resolved by it. The first lets a single ball bounce until it rests.
+const ARCS: [usize; 2] = [64, 8];
+
+/// Limit on the arcs of a step times the number of moving bodies: their states are kept until the next step, in some 10 MB.
+const KEPT: usize = 1 << 14;
+
+/// Velocities below this fraction of what gravity adds in the step are rounding.
+const ROUNDING: f64 = 1e-9;
+
+/// The identity of a contact.
+type Key = (u32, u32, u64);
+
+/// Part of a step between impacts.
+#[derive(Clone, Debug)]
+pub struct Arc {
+    /// The times of its beginning and its end, from the beginning of the step on.
+    pub times: [f64; 2],
+    /// The moving bodies at its beginning, after the impacts there.
+    starts: Vec<Motion>,
+    /// The moving bodies at its end, before the impacts there.
+    ends: Vec<Motion>,
+    /// For each moving body, whether it has contacts; else it flies.
+    held: Vec<bool>,
+    /// The work of contacts from the beginning of the step to both times, by normal and tangential components.
+    work: [[f64; 2]; 2],
+    /// Whether all bodies move evenly, so that the arc has no error but rounding.
+    pub is_exact: bool,
+}
+
+impl Arc {
+    /// The moving bodies at a time within the arc, from the beginning of the step on.
+    pub fn at(&self, passed: f64, gravity: &Vector3<f64>) -> Vec<Motion> {
+        let [from, to] = self.times;
+        let (s, d) = (to - from, passed - from);
+        let of = |((start, end), is_held): ((&Motion, &Motion), &bool)| match (d < s, is_held) {
+            (false, _) => *end,
+            (true, true) => start.between(end, s, d),
+            (true, false) => start.flown(d, gravity),
+        };
+        self.starts.iter().zip(&self.ends).zip(&self.held).map(of).collect()
+    }
+
+    /// The work of contacts from the beginning of the step to a time within the arc, by normal and tangential components.
+    pub fn work_at(&self, passed: f64) -> [f64; 2] {
+        let [from, to] = self.times;
+        let part = if to > from { ((passed - from) / (to - from)).min(1.0) } else { 1.0 };
+        let [before, after] = self.work;
+        [0, 1].map(|k| before[k] + part * (after[k] - before[k]))
+    }
+}
+
+/// What located impacts keep from arc to arc.
+#[derive(Debug, Default)]
+pub(super) struct Located {
+    /// The contacts that last.
+    lasting: FxHashSet<Key>,
+    /// The contacts of `lasting` that stick. Their velocities at the beginning of an arc are those of an extrapolated pose, and
+    /// have errors of second order, which are no slip.
+    sticking: FxHashSet<Key>,
+    /// The contacts whose force ended with the last arc.
+    leaving: FxHashSet<Key>,
+    /// The pairs of bodies with a contact that opened where the last arc began, and that time.
+    opened: (f64, Vec<(u32, u32)>),
+    /// Whether the first step has begun.
+    has_begun: bool,
+    /// The time at the beginning of the step, and the length of the step.
+    begin: f64,
+    step: f64,
+    /// The bodies with prescribed motion at the beginning of the step.
+    grounds: Vec<Isometry3<f64>>,
+    /// The arcs of the last step.
+    arcs: Vec<Arc>,
+    /// For each moving body, whether contacts acted on it in the last step.
+    touched: Vec<bool>,
+    /// Whether time stepping took the rest of the last step.
+    is_passed: bool,
+}
+
+impl MoreauStepping<'_> {
+    /// Lets impacts be located. The multibody system must have no joints, no forces besides gravity, and no patches.
+    pub fn locate_impacts(&mut self) {
+        self.located = Some(Box::default());
+    }
+
+    /// The arcs of the last step, if impacts are located.
+    pub fn arcs(&self) -> &[Arc] {
+        self.located.as_ref().map_or(&[], |located| &located.arcs)
+    }
+
+    /// For each moving body, whether contacts acted on it in the last step.
+    pub fn touched(&self) -> &[bool] {
+        self.located.as_ref().map_or(&self.pushed, |located| &located.touched)
+    }
+
+    /// Whether impacts of the last step are located, and time stepping took its rest.
+    pub fn is_passed(&self) -> bool {
+        self.located.as_ref().is_some_and(|located| located.is_passed)
+    }
+
+    /// Makes a step of length `h` with located impacts.
+    pub(super) fn advance_located(
+        &mut self,
+        located: &mut Located,
+        h: f64,
+        control: &Control,
+    ) -> Result<(), StepFailure> {
+        (located.begin, located.step, located.is_passed) = (self.t, h, false);
+        located.arcs.clear();
+        located.grounds.clear();
+        located.grounds.extend(self.prescribed.iter().map(|prescribed| prescribed.pose));
+        self.pushed.fill(false);
+        located.touched.clear();
+        located.touched.resize(self.moving.len(), false);
+        self.ground_at(located, self.t);
+        self.detect(h, control)?;
+        self.report.penetration = self.report.penetration.max(self.depth(0.0));
+        self.report.overlap = self.report.overlap.max(self.overlap());
+        self.part_overlaps(h, control)?;
+        let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
+        self.report.kinetic = self.report.kinetic.max(kinetic);
+        let mut is_detected = located.has_begun;
+        if !located.has_begun {
+            self.strike(located, control)?;
+            located.has_begun = true;
+        }
+        let (end, most) = (self.t + h, self.most_arcs());
+        while self.t < end {
+            let rest = end - self.t;
+            if located.arcs.len() >= most {
+                self.pass(located, rest, control)?;
+                break;
+            }
+            if !is_detected {
+                self.detect(rest, control)?;
+            }
+            is_detected = false;
+            self.glide(located, rest, control)?;
+            self.strike(located, control)?;
+        }
+        self.t = end;
+        self.ground_at(located, end);
+        self.ends.clone_from(&self.moving);
+        self.report.parts += 1;
+        Ok(())
+    }
+
+    fn most_arcs(&self) -> usize {
+        let [of_step, of_body] = ARCS;
+        let moving = self.moving.len().max(1);
+        (of_step + of_body * moving).min(KEPT.div_ceil(moving))
+    }
+
+    /// Sets the bodies with prescribed motion to a time within the step.
+    fn ground_at(&mut self, located: &Located, t: f64) {
+        for (prescribed, from) in self.prescribed.iter_mut().zip(&located.grounds) {
+            if let Some(by) = &self.scene.bodies[prescribed.body].motion {
+                prescribed.at(by, &self.scene.signals, from, [located.begin, t - located.begin]);
+            }
+        }
+    }
+
+    /// Makes the rest of a step by time stepping.
+    fn pass(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
+        let (starts, before) = (self.moving.clone(), self.report.work);
+        let times = [self.t - located.begin, located.step];
+        self.kept.clear();
+        self.advance(rest, HALVINGS, control)?;
+        // Velocities of the middle of a step become those of its end.
+        self.moving.clone_from(&self.ends);
+        self.moving.iter_mut().for_each(|motion| motion.lag = 0.0);
+        located.lasting.clear();
+        located.sticking.clear();
+        located.leaving.clear();
+        let lasts = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
+        located.lasting.extend(self.contacts.iter().filter(lasts).map(|contact| contact.key));
+        located.is_passed = true;
+        self.kept.clear();
+        let held = vec![true; starts.len()];
+        let work = [before, self.report.work];
+        located.touched.iter_mut().zip(&self.pushed).for_each(|(touched, pushed)| *touched |= pushed);
+        located.arcs.push(Arc { times, starts, ends: self.moving.clone(), held, work, is_exact: false });
+        Ok(())
+    }
+
+    /// The approach of a contact below which its impacts accumulate within the step, or are rounding.
+    fn least_approach(&self, located: &Located, contact: &Contact) -> f64 {
+        let normal = contact.frame.row(0).transpose();
+        let gravity = self.scene.gravity.dot(&normal).abs();
+        let fall = located.step * gravity;
+        if contact.law.restitution == 1.0 {
+            return ROUNDING * fall;
+        }
+        // A step that has no room for all of them ends those that return within about a step.
+        if 2 * located.arcs.len() > self.most_arcs() || fall == 0.0 {
+            return fall;
+        }
+        fall * (fall / (gravity * contact.size).sqrt()).min(1.0)
+    }
+
+    /// The rounding error of the velocity of a contact.
+    fn rounding(&self, located: &Located, contact: &Contact) -> f64 {
+        rounding(contact, &self.moving) + ROUNDING * located.step * self.scene.gravity.norm()
+    }
+
+    /// Whether the contact points of a pair of bodies come and go as features of their surfaces pass each other.
+    fn is_patch(&self, (a, b): (u32, u32)) -> bool {
+        let [a, b] = [a, b].map(|body| &self.scene.bodies[body as usize].collider);
+        !a.keeps_points_with(b)
+    }
+}

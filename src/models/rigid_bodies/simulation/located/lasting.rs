@@ -1,0 +1,224 @@
+//! An arc without impacts. Bodies with contacts that last move by a diagonally implicit Runge-Kutta method of two stages
+//! (Alexander 1977), of order two and L-stable,
+//!
+//! ```text
+//! p_i = p + s (a_i1 f_1 + a_i2 f_2),    a_11 = a_22 = c,    a_21 = 1 - c,    c = 1 - 1/sqrt(2)
+//! q+ = q (+) s ((1 - c) v_1 + c v_2),    p+ = p_2
+//! ```
+//!
+//! with momenta `p` in world axes, so that the gyroscopic terms need no quadrature, and forces `f` of gravity and of
+//! contacts. The contacts of each stage obey the law of contact at the velocities of the stage: a stage is a step of time
+//! stepping of length `c s`. Its pose is extrapolated, with an error of second order in the step, which leaves one of
+//! third order in the impulse. The method is stiffly accurate: the velocities at the end obey the law.
+//!
+//! Gaps are held at the level of velocities. What they drift to is closed by the velocity `-gap/h`, for the whole step `h` and the gap
+//! at the beginning of the arc: that of an extrapolated pose is of second order, and its velocity would be of first.
+
+use super::super::super::motion::Motion;
+use super::super::{MoreauStepping, StepFailure};
+use super::transition::{Begun, Next, Search};
+use super::{Arc, Located};
+use nalgebra::Vector3;
+use problem::Control;
+use std::f64::consts::FRAC_1_SQRT_2;
+
+/// `c`.
+const DIAGONAL: f64 = 1.0 - FRAC_1_SQRT_2;
+
+/// The weight of the impulses of the first stage at the end, in those of the stage.
+const CARRIED: f64 = (1.0 - DIAGONAL) / DIAGONAL;
+
+/// Limit on the number of arcs tried from one beginning. Bisection takes some twenty; each contact that closes takes a few, since
+/// paths of bodies with lasting contacts depend on the length of the arc, by its third power.
+const TRIALS: usize = 64;
+
+/// A fraction of an arc that is not worth another trial.
+const SAME: f64 = 1e-12;
+
+impl MoreauStepping<'_> {
+    /// Moves the bodies until the first contact closes or a force jumps, at most for a time `rest`; the contacts are those that
+    /// may close within it.
+    pub(super) fn glide(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
+        let (t, starts) = (self.t, self.moving.clone());
+        let (report, forces, kept) = (self.report, self.contact_forces.clone(), self.kept.clone());
+        let mut begun = self.begun(located);
+        located.lasting.clear();
+        located.lasting.extend(begun.iter().map(|begun| begun.key));
+        let mut open: Vec<(u32, u32)> = self.contacts.iter().map(|contact| (contact.key.0, contact.key.1)).collect();
+        open.dedup();
+        // Contacts of a pair that keeps its points are known one by one.
+        open.retain(|&(a, b)| {
+            let of_pair = self.contacts.iter().map(|contact| contact.key).filter(|key| (key.0, key.1) == (a, b));
+            self.is_patch((a, b)) || of_pair.into_iter().any(|key| !located.lasting.contains(&key))
+        });
+        located.opened = (t, Vec::new());
+        let (mut s, mut search) = (rest, Search::new(rest));
+        for trial in 1.. {
+            let first = self.arc(located, &starts, &begun, [t, s], control)?;
+            let change = self.change(located, &begun);
+            let is_last = trial >= TRIALS;
+            let next = match search.judge(s, change, (DIAGONAL * s, first)) {
+                Next::Take => {
+                    let closes = self.closes(located, &starts, &open, [t, s], control)?;
+                    closes.filter(|earlier| *earlier < s * (1.0 - SAME)).map(|earlier| {
+                        search = Search::new(earlier);
+                        earlier
+                    })
+                }
+                Next::Try(length) => Some(length),
+                Next::Without(opened) => {
+                    begun.retain(|begun| !opened.contains(&begun.key));
+                    opened.iter().for_each(|key| {
+                        located.lasting.remove(key);
+                        located.opened.1.push((key.0, key.1));
+                        open.push((key.0, key.1));
+                    });
+                    open.sort_unstable();
+                    open.dedup();
+                    search = Search::new(rest);
+                    Some(rest)
+                }
+            };
+            match next {
+                Some(length) if !is_last => {
+                    self.moving.clone_from(&starts);
+                    self.report = report;
+                    self.contact_forces.clone_from(&forces);
+                    self.kept.clone_from(&kept);
+                    s = length;
+                }
+                _ => break,
+            }
+        }
+        located.leaving.extend(search.leaving());
+        located.lasting.clear();
+        located.lasting.extend(self.contacts.iter().map(|contact| contact.key));
+        located.sticking.clear();
+        located.sticking.extend(self.sticking(located));
+        // The end of the step is exactly that asked for.
+        self.t = if s == rest { located.begin + located.step } else { t + s };
+        let times = [t - located.begin, self.t - located.begin];
+        let work = [report.work, self.report.work];
+        located.touched.iter_mut().zip(&self.held).for_each(|(touched, held)| *touched |= held);
+        let is_exact = self.is_even(located, &starts, s);
+        located.arcs.push(Arc { times, starts, ends: self.moving.clone(), held: self.held.clone(), work, is_exact });
+        Ok(())
+    }
+
+    /// Whether all bodies moved evenly in an arc of length `s`, which is at its end.
+    fn is_even(&self, located: &Located, starts: &[Motion], s: f64) -> bool {
+        let fall = located.step * self.scene.gravity.norm();
+        let bodies = self.scene.bodies.iter().filter(|body| !body.fixed);
+        let mut motions = starts.iter().zip(&self.moving).zip(bodies);
+        motions.all(|((start, end), body)| start.is_even(end, s, [fall, fall / body.collider.reach()]))
+    }
+
+    /// Moves the bodies for a time `s` from `t` on, without impacts; returns the least slip of the contacts in the first stage,
+    /// relative to that at the beginning.
+    fn arc(
+        &mut self,
+        located: &Located,
+        starts: &[Motion],
+        begun: &[Begun],
+        [t, s]: [f64; 2],
+        control: &Control,
+    ) -> Result<f64, StepFailure> {
+        self.held.fill(false);
+        for body in begun.iter().flat_map(|begun| [begun.key.0, begun.key.1]) {
+            if let Some(place) = self.places[body as usize] {
+                self.held[place as usize] = true;
+            }
+        }
+        let gravity = self.scene.gravity;
+        for (motion, _) in self.moving.iter_mut().zip(&self.held).filter(|(_, is_held)| !**is_held) {
+            motion.fly(s, &gravity);
+        }
+        self.contacts.clear();
+        self.report.closed = 0;
+        if begun.is_empty() {
+            return Ok(f64::INFINITY);
+        }
+        let mut pairs: Vec<(u32, u32)> = begun.iter().map(|begun| (begun.key.0, begun.key.1)).collect();
+        pairs.dedup();
+        let held: Vec<usize> = (0..starts.len()).filter(|&place| self.held[place]).collect();
+        let mut free = Vec::with_capacity(held.len());
+        for &k in &held {
+            let start = &starts[k];
+            let kick = gravity * (DIAGONAL * s);
+            self.moving[k] = start.moved([&start.velocity, &start.omega], DIAGONAL * s, [&kick, &Vector3::zeros()]);
+            free.push(self.moving[k]);
+        }
+        self.stage(located, begun, &pairs, [t, DIAGONAL * s, s], CARRIED, control)?;
+        let slip = self.least_slip(begun);
+        let firsts: Vec<Motion> = held.iter().map(|&k| self.moving[k]).collect();
+        for ((&k, free), first) in held.iter().zip(&free).zip(&firsts) {
+            let kick = gravity * s + (first.velocity - free.velocity) * CARRIED;
+            let turn = first.inertia_in_world() * (first.omega - free.omega) * CARRIED;
+            self.moving[k] = starts[k].moved([&first.velocity, &first.omega], s, [&kick, &turn]);
+        }
+        self.stage(located, begun, &pairs, [t, s, s], 1.0, control)?;
+        for (&k, first) in held.iter().zip(&firsts) {
+            let second = self.moving[k];
+            let mean = |a: &Vector3<f64>, b: &Vector3<f64>| a * (1.0 - DIAGONAL) + b * DIAGONAL;
+            let momentum = second.inertia_in_world() * second.omega;
+            let turn = momentum - starts[k].inertia_in_world() * starts[k].omega;
+            self.moving[k] = starts[k].moved(
+                [&mean(&first.velocity, &second.velocity), &mean(&first.omega, &second.omega)],
+                s,
+                [&(second.velocity - starts[k].velocity), &turn],
+            );
+        }
+        self.report.closed = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0).count();
+        Ok(slip)
+    }
+
+    /// Solves the law of the lasting contacts of a stage at the time `passed` after `t`, in an arc of length `s`, and books
+    /// their impulses with a weight.
+    fn stage(
+        &mut self,
+        located: &Located,
+        begun: &[Begun],
+        pairs: &[(u32, u32)],
+        [t, passed, s]: [f64; 3],
+        weight: f64,
+        control: &Control,
+    ) -> Result<(), StepFailure> {
+        self.ground_at(located, t + passed);
+        self.detect_between(pairs.iter().copied(), control)?;
+        let mut contacts = std::mem::take(&mut self.contacts);
+        contacts.retain_mut(|contact| {
+            match begun.iter().find(|begun| begun.key == contact.key) {
+                Some(begun) => contact.gap = begun.gap,
+                // Points of a patch are new while they are closed.
+                None if contact.gap > contact.no_gap || !self.is_patch((contact.key.0, contact.key.1)) => return false,
+                None => {}
+            }
+            contact.law.restitution = 0.0;
+            contact.before.x = 0.0;
+            true
+        });
+        self.contacts = contacts;
+        self.close();
+        // The law closes gaps within its step.
+        self.contacts.iter_mut().for_each(|contact| contact.gap *= s / located.step);
+        self.remember();
+        self.group();
+        // The law takes coefficients at the end of its step.
+        let now = std::mem::replace(&mut self.t, t + passed - s);
+        self.partition_into_islands();
+        self.t = now;
+        let solved = self.solve_each(|island, mechanism, law| island.solve(s, mechanism, law, control));
+        control.go_on()?;
+        solved?;
+        self.check_law()?;
+        self.kept.clear();
+        for contact in self.contacts.iter_mut().filter(|contact| contact.impulse.x > 0.0) {
+            self.kept.insert(contact.key, contact.frame.tr_mul(&contact.impulse));
+            contact.impulse *= weight;
+            let of = |body: u32| (self.moving[body as usize].velocity, self.moving[body as usize].omega);
+            contact.work = contact.impulse.component_mul(&contact.velocity(of));
+        }
+        self.book();
+        Ok(())
+    }
+}

@@ -1,0 +1,131 @@
+//! Impacts at one time: the law of impact for all closed contacts together, with velocities that jump.
+
+use super::super::super::contact::Contact;
+use super::super::super::scene::Law;
+use super::super::super::touches::Touched;
+use super::super::{MoreauStepping, StepFailure};
+use super::Located;
+use nalgebra::Vector3;
+use problem::{Control, EventKind};
+
+impl MoreauStepping<'_> {
+    /// Applies the law of impact at the current time if a contact closes, and finds the contacts that last from here on.
+    pub(super) fn strike(&mut self, located: &mut Located, control: &Control) -> Result<(), StepFailure> {
+        self.ground_at(located, self.t);
+        self.detect(0.0, control)?;
+        self.contacts.retain(|contact| located.lasting.contains(&contact.key) || contact.gap <= contact.no_gap);
+        let (mut strikes, mut fastest) = (false, 0.0_f64);
+        let mut noise = Vec::with_capacity(self.contacts.len());
+        let mut told = Vec::new();
+        for k in 0..self.contacts.len() {
+            let contact = &self.contacts[k];
+            let (approach, is_known) = (-contact.before.x, located.lasting.contains(&contact.key));
+            let least = self.least_approach(located, contact);
+            noise.push(self.rounding(located, contact));
+            let contact = &mut self.contacts[k];
+            contact.gap = 0.0;
+            if is_known || approach <= noise[k] {
+                // A contact that lasts has no velocity but by errors of the last arc.
+                contact.before.x = contact.before.x.max(0.0);
+                continue;
+            }
+            (strikes, fastest) = (true, fastest.max(noise[k]));
+            if approach <= least {
+                contact.law.restitution = 0.0;
+            } else {
+                told.push(k);
+            }
+        }
+        let before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| self.velocity_of(contact)).collect();
+        if strikes {
+            self.hit(located, &told, control)?;
+            let struck = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0);
+            struck.flat_map(|contact| contact.bodies).flatten().for_each(|body| located.touched[body as usize] = true);
+            // Who is struck has velocities anew.
+            for (contact, before) in self.contacts.iter().zip(&before) {
+                if (self.velocity_of(contact) - before).norm() > self.rounding(located, contact) {
+                    located.sticking.remove(&contact.key);
+                }
+            }
+        }
+        let lasts = |contact: &Contact, noise: f64| {
+            if !strikes && (located.lasting.contains(&contact.key) || located.leaving.contains(&contact.key)) {
+                return !located.leaving.contains(&contact.key);
+            }
+            self.velocity_of(contact).x <= noise.max(fastest)
+        };
+        let mut lasting: Vec<Contact> = self.contacts.clone();
+        let mut noise = noise.into_iter();
+        lasting.retain(|contact| noise.next().is_some_and(|noise| lasts(contact, noise)));
+        located.leaving.clear();
+        located.lasting.clear();
+        located.lasting.extend(lasting.iter().map(|contact| contact.key));
+        self.tell(located, lasting);
+        Ok(())
+    }
+
+    /// Solves the law of impact for the contacts, and changes the velocities; the impacts of some contacts are told.
+    fn hit(&mut self, located: &Located, told: &[usize], control: &Control) -> Result<(), StepFailure> {
+        self.group();
+        let (t, h) = (self.t, located.step);
+        // The law takes coefficients at the end of its step, which has no length here.
+        self.t -= h;
+        self.partition_into_islands();
+        self.t = t;
+        let solved = self.solve_each(|island, mechanism, law| island.solve(h, mechanism, law, control));
+        control.go_on()?;
+        solved?;
+        self.check_law()?;
+        let mut struck = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0).peekable();
+        if !self.report.is_limited && struck.peek().is_some() {
+            let (mut is_elastic, mut work) = (true, 0.0);
+            for contact in struck {
+                is_elastic &= contact.law.restitution == 1.0;
+                work += contact.work.x;
+            }
+            self.report.elastic_work += if is_elastic { work } else { 0.0 };
+        }
+        for contact in told.iter().map(|&k| &self.contacts[k]).filter(|contact| contact.impulse.x > 0.0) {
+            let event = (EventKind::Impact, [contact.key.0 as usize, contact.key.1 as usize], Some(self.t));
+            if !self.new_events.contains(&event) {
+                self.new_events.push(event);
+            }
+        }
+        self.book();
+        Ok(())
+    }
+
+    /// Tells events of lasting contacts: that they begin to slip, cease to, or open.
+    fn tell(&mut self, located: &Located, mut lasting: Vec<Contact>) {
+        for contact in &mut lasting {
+            // What lasts is pressed together; by how much does not matter.
+            contact.impulse = Vector3::x();
+            if located.sticking.contains(&contact.key) {
+                contact.law = Law { friction: 0.0, varying: None, ..contact.law };
+            }
+        }
+        let (mut touches, mut events) = (std::mem::take(&mut self.touches), Vec::new());
+        let touched = |contact| Touched { contact, was_struck: true, is_closed: true };
+        let fall = located.step * self.scene.gravity.norm();
+        touches.follow(lasting.iter().map(touched), &self.moving, fall, &mut events);
+        self.touches = touches;
+        let (before, opened) = &located.opened;
+        let has_opened = |[a, b]: [usize; 2]| opened.contains(&(a as u32, b as u32));
+        self.new_events.extend(events.into_iter().map(|(kind, pair, _)| {
+            let t = if kind == EventKind::LiftOff && has_opened(pair) { *before } else { self.t };
+            (kind, pair, Some(t))
+        }));
+    }
+
+    /// Adds the impulses of the contacts, and their work, to the report and to the contact forces.
+    pub(super) fn book(&mut self) {
+        let report = &mut self.report;
+        for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0) {
+            report.normal_impulse += contact.impulse.x;
+            report.work[0] += contact.work.x;
+            report.work[1] += contact.work.y + contact.work.z;
+            report.done.drives -= contact.impulse.dot(&contact.surface);
+        }
+        self.add_contact_forces();
+    }
+}
