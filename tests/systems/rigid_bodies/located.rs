@@ -242,7 +242,7 @@ fn a_block_on_a_steep_slope_turns_and_slides_back() {
     let top = 2.0 / (down + mu * press);
     let slide = down - mu * press;
     assert!((last(&solution, "block.vx") - slide * (1.0 - top)).abs() < 1e-5);
-    let x = -1.0 * top + 0.5 * slide * (1.0 - top).powi(2);
+    let x = -top + 0.5 * slide * (1.0 - top).powi(2);
     assert!((last(&solution, "block.x") - x).abs() < 1e-5, "{}", last(&solution, "block.x") - x);
 }
 

@@ -60,9 +60,8 @@ impl MoreauStepping<'_> {
             let next = match search.judge(s, change, (DIAGONAL * s, first)) {
                 Next::Take => {
                     let closes = self.closes(located, &starts, &open, [t, s], control)?;
-                    closes.filter(|earlier| *earlier < s * (1.0 - SAME)).map(|earlier| {
+                    closes.filter(|earlier| *earlier < s * (1.0 - SAME)).inspect(|&earlier| {
                         search = Search::new(earlier);
-                        earlier
                     })
                 }
                 Next::Try(length) => Some(length),
