@@ -39,6 +39,7 @@ mod summary;
 mod table;
 mod trajectory;
 mod uniqueness;
+mod unseen_actions;
 mod unseen_data;
 mod unseen_motion;
 mod verdict;

@@ -1,0 +1,172 @@
+//! What forces on bodies do between the times at which steps look at them: in time, with all bodies as at the end of a step, and along
+//! the way of a step.
+
+use super::unseen_data::{InTime, UnseenData};
+use expression::{IntervalWorkspace, Tape};
+use models::rigid_bodies::{Action, Motion, MultibodySystem, OF_BODY, OUTPUTS, state};
+use nalgebra::{Quaternion, Vector3};
+use numerics::Interval;
+
+/// A force on a body, as a function of time at one state of the bodies.
+pub(super) struct UnseenAction {
+    program: Tape,
+    boxes: IntervalWorkspace,
+    data: UnseenData,
+    of_way: UnseenData,
+    /// The moving body that it acts on, by its index.
+    pub own: usize,
+    /// The states of its bodies at the end and at the beginning of a step, and on the way.
+    inputs: Vec<f64>,
+    before: Vec<f64>,
+    between: (Vec<f64>, Vec<Interval>),
+    out: Vec<f64>,
+    ranges: Vec<Interval>,
+    /// By what the body is displaced in space and in its velocity, and turned; and bounds on the error of that.
+    displaced: [[Vector3<f64>; 2]; 2],
+    unknown: [[f64; 2]; 2],
+}
+
+/// The functions of time of an action.
+struct ActionInTime<'s> {
+    program: &'s mut Tape,
+    boxes: &'s mut IntervalWorkspace,
+    inputs: &'s [f64],
+    out: &'s mut [f64],
+    ranges: &'s mut [Interval],
+}
+
+impl InTime for ActionInTime<'_> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        self.program.evaluate(t, self.inputs, self.out);
+        out.copy_from_slice(&self.out[..out.len()]);
+    }
+
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        let inputs: Vec<Interval> = self.inputs.iter().map(|value| Interval::point(*value)).collect();
+        self.program.enclose(t, &inputs, self.boxes, self.ranges);
+        out.copy_from_slice(&self.ranges[..out.len()]);
+    }
+}
+
+/// An action along the straight way of its bodies over a step.
+struct ActionOnWay<'s> {
+    program: &'s mut Tape,
+    boxes: &'s mut IntervalWorkspace,
+    step: [f64; 2],
+    states: [&'s [f64]; 2],
+    between: &'s mut (Vec<f64>, Vec<Interval>),
+    out: &'s mut [f64],
+    ranges: &'s mut [Interval],
+}
+
+impl ActionOnWay<'_> {
+    /// A state at a time.
+    fn state(&self, k: usize, t: f64) -> f64 {
+        let [from, to] = self.states.map(|state| state[k]);
+        from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
+    }
+}
+
+impl InTime for ActionOnWay<'_> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        for k in 0..self.states[0].len() {
+            self.between.0[k] = self.state(k, t);
+        }
+        self.program.evaluate(t, &self.between.0, self.out);
+        out.copy_from_slice(&self.out[..out.len()]);
+    }
+
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        for k in 0..self.states[0].len() {
+            let [a, b] = [self.state(k, t.lo), self.state(k, t.hi)];
+            self.between.1[k] = Interval::new(a.min(b), a.max(b));
+        }
+        self.program.enclose(t, &self.between.1, self.boxes, self.ranges);
+        out.copy_from_slice(&self.ranges[..out.len()]);
+    }
+}
+
+impl UnseenAction {
+    /// The actions on moving bodies.
+    pub fn all(scene: &MultibodySystem) -> Vec<Self> {
+        let moving: Vec<usize> = (0..scene.bodies.len()).filter(|&body| !scene.bodies[body].fixed).collect();
+        let new = |action: &Action| {
+            let own = moving.binary_search(&action.bodies.first()?.0).ok()?;
+            let at = |(body, centre): &(usize, Vector3<f64>)| {
+                let body = &scene.bodies[*body];
+                state(centre, &body.pose, &body.velocity, &body.omega)
+            };
+            let inputs: Vec<f64> = action.bodies.iter().flat_map(at).collect();
+            Some(Self {
+                program: action.program.clone(),
+                boxes: IntervalWorkspace::new(&action.program),
+                data: UnseenData::default(),
+                of_way: UnseenData::of_way(),
+                own,
+                before: inputs.clone(),
+                between: (inputs.clone(), vec![Interval::LINE; inputs.len()]),
+                inputs,
+                out: vec![0.0; OUTPUTS],
+                ranges: vec![Interval::LINE; OUTPUTS],
+                displaced: [[Vector3::zeros(); 2]; 2],
+                unknown: [[0.0; 2]; 2],
+            })
+        };
+        scene.actions.iter().filter_map(new).collect()
+    }
+
+    /// Adds a step in which the body has the given motion at its end.
+    pub fn step(&mut self, [from, to]: [f64; 2], motion: &Motion, (is_local, at): (bool, &Vector3<f64>)) {
+        let h = to - from;
+        let Self { program, boxes, data, of_way, inputs, before, between, out, ranges, displaced, unknown, .. } = self;
+        let (mut missed, mut left) = ([Vector3::zeros(); 2], [0.0; 2]);
+        let turn = |of: Vector3<f64>| if is_local { motion.pose.rotation * of } else { of };
+        let arm = motion.pose.rotation * at;
+        let mut in_time = ActionInTime { program, boxes, inputs, out, ranges };
+        if data.integrate(6, [from, to], &mut in_time) {
+            let bound = |k: usize| (0..3).map(|i| data.integrals[3 * k + i][1]).sum::<f64>();
+            left = [bound(0) / motion.mass, motion.mobility.norm() * (bound(1) + arm.norm() * bound(0))];
+        }
+        let states = [before.as_slice(), inputs.as_slice()];
+        let mut on_way = ActionOnWay { program, boxes, step: [from, to], states, between, out, ranges };
+        if of_way.integrate(6, [from, to], &mut on_way) {
+            // A step takes the forces at its midpoint.
+            let mut used = [0.0; 6];
+            on_way.at(from + 0.5 * h, &mut used);
+            let part = |k: usize| Vector3::from_fn(|i, _| of_way.integrals[3 * k + i][0] - h * used[3 * k + i]);
+            let force = turn(part(0));
+            missed = [force / motion.mass, motion.mobility * (turn(part(1)) + arm.cross(&force))];
+        }
+        before.copy_from_slice(inputs);
+        for k in 0..2 {
+            let change = displaced[k][1] + missed[k] * 0.5;
+            displaced[k][0] += change * h;
+            displaced[k][1] += missed[k];
+            unknown[k][0] += h * (unknown[k][1] + 0.5 * left[k]);
+            unknown[k][1] += left[k];
+        }
+    }
+
+    /// Takes the states of its bodies at the end of a step, where `states` are those of all moving bodies.
+    pub fn read(&mut self, action: &Action, scene: &MultibodySystem, states: &[f64]) {
+        for ((body, _), inputs) in action.bodies.iter().zip(self.inputs.chunks_exact_mut(OF_BODY.len())) {
+            let place = scene.bodies[..*body].iter().filter(|body| !body.fixed).count();
+            if !scene.bodies[*body].fixed {
+                inputs.copy_from_slice(&states[OF_BODY.len() * place..][..OF_BODY.len()]);
+            }
+        }
+    }
+
+    /// Adds by what its body is displaced, and bounds on the error of that, to the outputs of the body.
+    pub fn displace(&self, motion: &Motion, out: &mut [f64]) {
+        for i in 0..3 {
+            out[i] += self.displaced[0][0][i] + self.unknown[0][0];
+            out[7 + i] += self.displaced[0][1][i] + self.unknown[0][1];
+            out[10 + i] += self.displaced[1][1][i] + self.unknown[1][1];
+        }
+        let turned = Quaternion::from_parts(0.0, 0.5 * self.displaced[1][0]) * motion.pose.rotation.into_inner();
+        for (out, turned) in out[3..7].iter_mut().zip([turned.w, turned.i, turned.j, turned.k]) {
+            *out += turned + 0.5 * self.unknown[1][0];
+        }
+    }
+}
