@@ -26,6 +26,7 @@ PAGES = [ROOT / "README.md", ROOT / "api/python/README.md", *sorted((ROOT / "api
 #: Blocks that another test runs: page, language, part of the block, the test.
 ELSEWHERE = [
     ("api/guide/", "json", "", "tests/specification/guide.rs"),
+    ("api/guide/recipes.md", "rust", "", "src/lib.rs"),
     ("README.md", "python", "import dvi", "tests/python/test_readme.py"),
     ("api/python/README.md", "python", "", "tests/python/test_readme.py"),
     ("api/python/README.md", "sh", "pip install ./api/python", "tests/python/run"),
@@ -137,6 +138,12 @@ class Desk:
         return re.sub(r"\b(localhost|127\.0\.0\.1):8080\b", self.address, text)
 
     # --- languages
+
+    def rust(self, text):
+        """It stands in the documentation of the crate, whose programs are tests."""
+        told = [line.removeprefix("//!").removeprefix(" ") for line in (ROOT / "src/lib.rs").read_text().splitlines()]
+        if text.strip() not in "\n".join(told):
+            raise AssertionError("it is not in the documentation of src/lib.rs")
 
     def shell(self, text):
         told = ""
@@ -303,6 +310,7 @@ RUNNERS = {
     "julia": Desk.julia,
     "python": Desk.python,
     "nginx": Desk.nginx,
+    "rust": Desk.rust,
 }
 
 
