@@ -203,6 +203,10 @@ mod tests {
                 };
                 assert!(name.is_empty() || FILES.iter().any(|file| file.name == name), "{}: {module}", file.name);
             }
+            // It writes a file of its own, which needs no service and has no policy.
+            if file.name == "standalone.js" {
+                continue;
+            }
             for inline in ["style=", "onclick=", "<style", "javascript:", "innerHTML", "http://", "https://"] {
                 // Public threads are links to follow; the policy lets nothing be loaded from them.
                 let shown = file.text.replace("http://www.w3.org/2000/svg", "").replace("\"https://github.com/", "\"");
