@@ -40,12 +40,19 @@ pub enum Set {
 impl Set {
     /// As a specification writes it.
     fn written(&self, of: &[String]) -> Value {
-        let bound = |end: f64| end.is_finite().then_some(end);
+        // Of no bound there is none; what is no number otherwise is refused where it stands.
+        let bound = |end: f64, none: f64| match end {
+            end if end == none => Value::Null,
+            end if end.is_finite() => json!(end),
+            _ => json!({}),
+        };
         match self {
             Self::Free => json!({"free": of}),
             Self::Nonnegative => json!({"nonnegative": of}),
             Self::Nonpositive => json!({"nonpositive": of}),
-            Self::Box { lower, upper } => json!({"box": {"of": of, "lower": bound(*lower), "upper": bound(*upper)}}),
+            Self::Box { lower, upper } => {
+                json!({"box": {"of": of, "lower": bound(*lower, f64::NEG_INFINITY), "upper": bound(*upper, f64::INFINITY)}})
+            }
             Self::Ball { radius } => json!({"ball": {"of": of, "radius": radius}}),
             Self::SecondOrderCone => json!({"second_order_cone": of}),
             Self::Simplex => json!({"simplex": of}),

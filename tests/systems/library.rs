@@ -124,6 +124,14 @@ fn what_is_wrong_is_refused() {
         g[0] = z[0] + x[0];
     });
     assert_refused(&square, &plain, 1.0, "rate_not_affine", "/problem/dvi/states/x/rate");
+    // What is no bound must not be taken for none.
+    for (lower, upper) in [(f64::NAN, 1.0), (-1.0, f64::NAN), (f64::INFINITY, f64::INFINITY)] {
+        let boxed = decay().variables(&["z"], Set::Box { lower, upper }).equations(|_t, _x, z, rates, g| {
+            rates[0] = z[0];
+            g[0] = z[0];
+        });
+        assert!(boxed.solve(1.0, &plain).is_err(), "{lower} to {upper}");
+    }
     let text = Problem::text(r#"{"dvi": {"states": {"x": {"initial": 1, "rate": "-y"}}}}"#);
     assert_refused(&text, &plain, 1.0, "unknown_name", "/problem/dvi/states/x/rate");
     assert_refused(&Problem::text("{}, {"), &plain, 1.0, "syntax", "/problem");
