@@ -19,7 +19,7 @@ pub enum Set {
     Nonnegative,
     /// `z <= 0`, with `G <= 0` and `z G = 0`.
     Nonpositive,
-    /// Each between the same bounds, one of which may be infinite.
+    /// Every variable between the same bounds, each of which may be infinite.
     Box {
         /// The lower bound.
         lower: f64,
@@ -40,7 +40,7 @@ pub enum Set {
 impl Set {
     /// As a specification writes it.
     fn written(&self, of: &[String]) -> Value {
-        // Of no bound there is none; what is no number otherwise is refused where it stands.
+        // An infinite bound on its own side is written as null; a bound that is NaN, or infinite on the other side, is refused.
         let bound = |end: f64, none: f64| match end {
             end if end == none => Value::Null,
             end if end.is_finite() => json!(end),

@@ -12,7 +12,7 @@ pub enum Equations {
     Symbolic(Box<Symbolic>),
     /// Constant matrices and a forcing that depends on time.
     Linear(Box<Linear>),
-    /// Functions of which only values are known.
+    /// Functions of Rust: nothing but their values is known.
     Closures(Box<Closures>),
 }
 

@@ -312,7 +312,10 @@ impl TimeSteppingRun<'_> {
         let mut at_start = Constraints::new(structure);
         let mut there = Constraints::new(structure);
         let mut impulse = DVector::zeros(n);
-        problem.constraints(last.t, &last.q, &mut at_start);
+        let is_struck = impulses.iter().any(|r| r.x > 0.0);
+        if is_struck {
+            problem.constraints(last.t, &last.q, &mut at_start);
+        }
         for (k, r) in impulses.iter().enumerate().filter(|(_, r)| r.x > 0.0) {
             let normal = structure.normal(k);
             let approach = -at_start.velocity(normal, &last.v);
@@ -333,7 +336,8 @@ impl TimeSteppingRun<'_> {
         problem.mass(last.t, &last.q, &mut mass);
         let v = DVector::from_column_slice(&state.v);
         let speed = v.dot(&(&mass * &v)).max(0.0).sqrt();
-        Some((speed, mass.cholesky()?.solve(&impulse).as_slice().to_vec()))
+        let error = if is_struck { mass.cholesky()?.solve(&impulse) } else { impulse };
+        Some((speed, error.as_slice().to_vec()))
     }
 
     /// Writes all outputs where the coordinates are displaced by `by` from those of the end of the last step.

@@ -37,8 +37,8 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// there are none.
     fn strike(&mut self, out: &mut [f64]) -> bool;
 
-    /// Writes for each output by what it is displaced at the end of the last step by impacts so far whose directions are those
-    /// at the beginning of a step; returns false if there are none.
+    /// Writes for each output the displacement at the end of the last step by all impacts so far, each in the direction at the
+    /// beginning of its step; returns false without such impacts.
     fn mislead(&mut self, _out: &mut [f64]) -> bool {
         false
     }

@@ -1,7 +1,7 @@
 //! How far a motion gets from its way by impacts whose directions are off: by the part of the velocity that an impact gives in
 //! error, times the way since. What comes to rest goes no further astray.
 
-/// Errors of the direction of a velocity, and what they make of the place. Errors of single impacts are independent: their squares
+/// Errors of the direction of a velocity, and the errors of the place that follow. Errors of single impacts are independent: their squares
 /// are summed, component by component.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Misdirection {

@@ -3,7 +3,7 @@
 
 use super::unseen_data::{InTime, UnseenData};
 use expression::{IntervalWorkspace, Tape};
-use models::rigid_bodies::{Angular, Linear, MoreauStepping, MultibodySystem};
+use models::rigid_bodies::{Angular, Linear, MoreauStepping, MultibodySystem, Prescription};
 use nalgebra::Vector3;
 use numerics::Interval;
 use std::f64::consts::PI;
@@ -31,8 +31,7 @@ pub(super) struct UnseenMotion {
 /// A body whose motion is given.
 struct Given {
     body: usize,
-    linear: Option<Linear>,
-    angular: Option<Angular>,
+    motion: Prescription,
     /// The largest mean speed in a step so far.
     fastest: f64,
 }
@@ -49,12 +48,12 @@ struct Magnitudes<'s> {
 impl Given {
     /// The places of the components of its velocity and of its angular velocity among the values and rates of all signals.
     fn velocities(&self) -> [Option<usize>; 6] {
-        let linear = match self.linear {
+        let linear = match self.motion.linear {
             None => [None; 3],
             Some(Linear::Position(of)) => of.map(|signal| Some(2 * signal + 1)),
             Some(Linear::Velocity(of)) => of.map(|signal| Some(2 * signal)),
         };
-        let angular = match self.angular {
+        let angular = match self.motion.angular {
             None => [None; 3],
             Some(Angular::Rotation(of, _)) => of.map(|signal| Some(2 * signal + 1)),
             Some(Angular::Velocity(of)) => of.map(|signal| Some(2 * signal)),
@@ -83,12 +82,13 @@ impl InTime for Magnitudes<'_> {
 }
 
 impl UnseenMotion {
-    /// The bodies of a scene whose motion is given; nothing where there are none.
+    /// The bodies of a scene whose motion is given; `None` for a scene without such a body.
     pub fn of(scene: &MultibodySystem) -> Option<Self> {
-        let given = scene.bodies.iter().enumerate().filter_map(|(body, of)| {
-            let motion = of.motion.as_ref()?;
-            Some(Given { body, linear: motion.linear, angular: motion.angular, fastest: 0.0 })
-        });
+        let given = scene
+            .bodies
+            .iter()
+            .enumerate()
+            .filter_map(|(body, of)| of.motion.map(|motion| Given { body, motion, fastest: 0.0 }));
         let given: Vec<Given> = given.collect();
         let count = 2 * scene.signals.count;
         let program = scene.signals.program.clone();
@@ -118,7 +118,7 @@ impl UnseenMotion {
         let signals = scene.signals.over(from, h);
         for (own, ways) in given.iter_mut().zip(data.integrals.chunks_exact(6)) {
             let way = |k: usize| Vector3::from_fn(|i, _| ways[3 * k + i][0] + ways[3 * k + i][1]);
-            let shown = match own.linear {
+            let shown = match own.motion.linear {
                 None => Vector3::zeros(),
                 Some(Linear::Position(of)) => {
                     Vector3::from(of.map(|signal| signals.end[signal] - signals.start[signal]))

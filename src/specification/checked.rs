@@ -24,6 +24,7 @@ use analysis::Analysis;
 use models::rigid_bodies::Load;
 use problem::{Control, ConvexSet};
 use solution::{Observables, Provenance, Sensitivities, Warning};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -328,12 +329,6 @@ impl Specification {
     /// Provenance of an answer: the program, the problem, the tolerances and the digest of the specification.
     pub fn provenance(&self) -> Provenance {
         let atol = self.absolute_tolerances.first().copied();
-        let names = self.model.output_names();
-        let units = self.output_fields.iter().filter_map(|&field| {
-            let name = names.get(field)?;
-            Some((name.clone(), units::of_output(self.problem, name)?.to_owned()))
-        });
-        let units = units.chain(units::of_time(self.problem).map(|unit| ("t".to_owned(), unit.to_owned()))).collect();
         Provenance {
             program: concat!("dvi ", env!("CARGO_PKG_VERSION")).to_owned(),
             label: self.label.clone(),
@@ -342,8 +337,17 @@ impl Specification {
             rtol: self.method.rtol,
             atol: atol.filter(|atol| self.absolute_tolerances.iter().all(|other| other == atol)),
             step: self.method.step,
-            units,
+            units: self.units(),
         }
+    }
+
+    /// The units of time and of the fields that are kept; empty where they are the user's.
+    fn units(&self) -> BTreeMap<String, String> {
+        let Some(of_time) = units::of_time(self.problem) else { return BTreeMap::new() };
+        let names = self.model.output_names();
+        let kept = self.output_fields.iter().filter_map(|&field| names.get(field));
+        let units = kept.filter_map(|name| Some((name.as_str(), units::of_output(self.problem, name)?)));
+        units.chain([("t", of_time)]).map(|(name, unit)| (name.to_owned(), unit.to_owned())).collect()
     }
 
     /// Returns a control that stops a solve at the user's wall-clock limit, counted from now.

@@ -198,6 +198,16 @@ impl Contact {
         self.key.2 >= STOPS
     }
 
+    /// Whether surfaces that were apart at the beginning of the step strike in it.
+    pub fn strikes(&self) -> bool {
+        !self.is_torque() && self.impulse.x > 0.0 && self.gap > self.no_gap
+    }
+
+    /// The time from the beginning of the step to that at which the approach there closes the gap; infinite without an approach.
+    pub fn closes_after(&self) -> f64 {
+        if self.before.x < 0.0 { self.gap / -self.before.x } else { f64::INFINITY }
+    }
+
     /// Whether the contact is closed at the end of the step.
     pub fn stays_closed(&self) -> bool {
         self.gap_at_end <= self.no_gap

@@ -175,8 +175,8 @@ pub fn accepted(jobs: &Jobs, job: &Job) -> Response {
 }
 
 /// A guard of the waiting request: if it is dropped because the client goes away, or has results and asked that nothing
-/// stays, it deletes the job, whose id nobody knows. A job with an idempotency key goes on, since the client can come back, and another request may wait for the
-/// job.
+/// stays, it deletes the job, whose id nobody knows. A job with an idempotency key goes on, since the client can come back,
+/// and another request may wait for the job.
 pub struct AbandonGuard {
     jobs: Arc<Jobs>,
     job: Option<Arc<Job>>,

@@ -62,14 +62,12 @@ impl MoreauStepping<'_> {
             return misplaced;
         }
         for island in &self.tasks[..self.islands.len()] {
-            let is_struck =
-                |contact: &&Contact| !contact.is_torque() && contact.impulse.x > 0.0 && contact.gap > contact.no_gap;
             let by = |contact: &Contact| {
                 // A gap that nothing closes yet is closed by what happens in the step.
-                let until = (contact.gap / (-contact.before.x).max(0.0)).min(h);
+                let until = contact.closes_after().min(h);
                 if island.is_implicit() { h - until } else { until }
             };
-            let longest = island.contacts.iter().filter(is_struck).map(by).fold(0.0, f64::max);
+            let longest = island.contacts.iter().filter(|contact| contact.strikes()).map(by).fold(0.0, f64::max);
             island.bodies.iter().for_each(|&body| misplaced[body as usize] = longest);
         }
         misplaced

@@ -16,12 +16,9 @@ impl MoreauStepping<'_> {
         if self.report.parts > 1 || self.located.is_some() {
             return by;
         }
-        let is_struck = |contact: &&Contact| {
-            !contact.turns && contact.impulse.x > 0.0 && contact.gap > contact.no_gap && contact.before.x < 0.0
-        };
         let is_free = |contact: &&Contact| contact.bodies.iter().flatten().all(|&body| !self.jointed[body as usize]);
-        for contact in self.contacts.iter().filter(is_struck).filter(is_free) {
-            let until = contact.gap / -contact.before.x;
+        for contact in self.contacts.iter().filter(|contact| contact.strikes()).filter(is_free) {
+            let until = contact.closes_after();
             if until >= h {
                 continue;
             }
@@ -47,7 +44,7 @@ impl MoreauStepping<'_> {
         by
     }
 
-    /// A contact as it is after a time `until` of free motion; `None` if it is none then.
+    /// A contact with its frame and its approach after a time `until` of free motion; `None` if the surfaces have no such point then.
     fn met(&self, contact: &Contact, starts: &[Motion], until: f64, h: f64) -> Option<Contact> {
         let drifted = |body: u32| {
             let mut motion = starts[body as usize];
