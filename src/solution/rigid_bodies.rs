@@ -31,6 +31,8 @@ const ROUNDING_OF_BODIES: f64 = 1e-12;
 pub struct Impacts {
     /// Whether impacts are located in time; else steps go over them.
     pub are_located: bool,
+    /// Whether time stepping takes over where impacts are many.
+    pub unless_many: bool,
     /// Whether they could be.
     pub can_be_located: bool,
     /// Why.
@@ -151,7 +153,7 @@ impl<'a> RigidBodyRun<'a> {
             let mut simulation = MoreauStepping::new(scene, plan.start, settings);
             simulation.most_memory = plan.most_memory;
             if impacts.are_located {
-                simulation.locate_impacts();
+                simulation.locate_impacts(impacts.unless_many.then_some(settings.step));
             }
             let failed = |cause| failure(&cause, scene, plan, plan.start, &plan.initial);
             if scene.resolve && !simulation.resolve(control).map_err(failed)? {

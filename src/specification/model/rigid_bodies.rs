@@ -137,15 +137,27 @@ fn not_located(scene: &MultibodySystem) -> Option<&'static str> {
     reasons.into_iter().find(|(applies, _)| *applies).map(|(_, reason)| reason)
 }
 
+/// The number of moving bodies up to which impacts are located where nothing else is asked for: each arc moves all bodies, so
+/// that the cost of a time grows with the square of their number.
+const LOCATED: usize = 100;
+
 /// How the steps treat impacts.
 fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::Impacts {
     let reason = not_located(scene);
-    let by = |are_located, because| solution::Impacts { are_located, can_be_located: reason.is_none(), because };
-    match specification.method().impacts {
-        Some(Impacts::Locate) => by(true, "`impacts` is `locate`"),
-        Some(Impacts::TimeStepping) => by(false, "`impacts` is `time_stepping`"),
-        None => {
-            by(false, reason.unwrap_or("`impacts` is not `locate`, which is of second order and meant for few impacts"))
+    let can_be_located = reason.is_none();
+    let by =
+        |are_located, unless_many, because| solution::Impacts { are_located, unless_many, can_be_located, because };
+    match (specification.method().impacts, reason) {
+        (Some(Impacts::Locate), _) => by(true, false, "`impacts` is `locate`"),
+        (Some(Impacts::TimeStepping), _) => by(false, false, "`impacts` is `time_stepping`"),
+        (None, Some(reason)) => by(false, false, reason),
+        (None, None) if scene.bodies.iter().filter(|body| !body.fixed).count() > LOCATED => {
+            by(false, false, "more than 100 bodies move, and `impacts` is not `locate`, which is of second order")
         }
+        (None, None) => by(
+            true,
+            true,
+            "at most 100 bodies move, without joints and forces besides gravity; it takes over while impacts are many",
+        ),
     }
 }

@@ -1,6 +1,6 @@
 //! Events between bodies, and their times.
 
-use super::{falling_on_each_other, on_the_ground};
+use super::{falling_on_each_other, on_the_ground, stepped};
 use crate::systems::harness::{column, solve};
 use dvi::problem::EventKind;
 use dvi::solution::Solution;
@@ -20,7 +20,8 @@ fn told(solution: &Solution) -> Vec<(EventKind, &str, f64)> {
 #[test]
 fn a_bouncing_ball_tells_every_impact_and_then_rests_in_silence() {
     let (h, e) = (1e-4, 0.8_f64);
-    let solution = solve(&on_the_ground(&[ball([0.0, 0.0, 1.1], [0.0; 3])], &json!({"restitution": e}), 6.0, h));
+    let solution =
+        solve(&stepped(on_the_ground(&[ball([0.0, 0.0, 1.1], [0.0; 3])], &json!({"restitution": e}), 6.0, h)));
     let found = told(&solution);
     assert!(found.iter().all(|(kind, of, _)| *kind == EventKind::Impact && *of == "ground and ball"), "{found:?}");
     let first = (2.0 / G).sqrt();

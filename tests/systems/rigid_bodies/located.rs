@@ -1,6 +1,6 @@
 //! Impacts located in time: closed forms, and the order where there is none.
 
-use super::{on_the_ground, weightless};
+use super::{on_the_ground, stepped, weightless};
 use crate::systems::harness::{column, distance, last, solve};
 use dvi::problem::EventKind;
 use dvi::solution::{CheckCode, Solution};
@@ -482,7 +482,7 @@ fn impacts_that_are_located_are_not_misplaced() {
     let body = ball([0.0, 0.0, 1.1], [0.3, 0.0, 0.0], [0.0; 3]);
     let mut specification = on_the_ground(&[body], &json!({"restitution": 0.8}), 1.5, 0.05);
     specification["output"]["fields"] = json!(["ball.z", "ball.vz", "kinetic_energy"]);
-    let passed = solve(&specification);
+    let passed = solve(&stepped(specification.clone()));
     assert!(told(&passed) > 1e-2 && !passed.verdict.trusted);
     let message = passed.verdict.because.iter().find(|reason| reason.code == CheckCode::LocalError);
     assert!(message.is_some_and(|reason| reason.message.contains("set `impacts` to `locate`")), "{message:?}");
@@ -621,4 +621,51 @@ fn what_is_symmetric_stays_so() {
         assert!((of("left.x") + of("right.x")).abs() < 1e-9 && (of("left.z") - of("right.z")).abs() < 1e-9);
         assert!(of("middle.x").abs() < 1e-9 && (of("middle.z") - 0.5).abs() < 1e-9);
     }
+}
+
+/// Where nothing is asked for, a ball is exact at steps that time stepping cannot take, and it is told which method was left out.
+#[test]
+fn impacts_of_few_bodies_are_located_by_default() {
+    let drop = on_the_ground(&[ball([0.0, 0.0, 1.1], [0.0; 3], [0.0; 3])], &json!({"restitution": 0.8}), 1.5, 0.05);
+    let solution = solve(&drop);
+    let exact = |t: f64| bounces(1.0, 0.8, t).0 + 0.1;
+    assert!(solution.verdict.trusted && distance(&solution, "ball.z", exact) < 1e-12, "{:?}", solution.verdict);
+    assert!(solution.diagnostics.built.contains(&"location of impacts"));
+    assert!(solution.diagnostics.left_out.iter().any(|part| part.starts_with("time stepping: ")));
+    let many: Vec<Value> = (0..101)
+        .map(|k| {
+            let mut ball = ball([f64::from(k), 0.0, 0.2], [0.0; 3], [0.0; 3]);
+            ball["name"] = json!(format!("b{k}"));
+            ball
+        })
+        .collect();
+    let many = solve(&on_the_ground(&many, &json!({}), 0.01, 1e-3));
+    let reason = many.diagnostics.left_out.iter().find(|part| part.starts_with("location of impacts: "));
+    assert!(reason.is_some_and(|reason| reason.contains("more than 100 bodies")), "{reason:?}");
+}
+
+/// A heap that collapses has more impacts than are worth it. The default changes over to time stepping and says so, and gains no
+/// energy where it changes: half the weight of a step too much, with the velocity of a fall, is twenty times the bound.
+#[test]
+fn a_heap_changes_over_to_time_stepping() {
+    let place = |k: u32| [k % 3, k / 3 % 3, k / 9].map(f64::from);
+    let balls: Vec<Value> = (0..27)
+        .map(|k| {
+            let [x, y, z] = place(k);
+            let lean = 0.01 * f64::from(k * 7 % 11) / 11.0;
+            let mut ball = ball([0.19 * x + lean, 0.19 * y - lean, 0.3 + 0.25 * z], [0.0; 3], [0.0; 3]);
+            ball["name"] = json!(format!("b{k}"));
+            ball["shape"]["sphere"]["radius"] = json!(0.09);
+            ball
+        })
+        .collect();
+    let solution = solve(&on_the_ground(&balls, &json!({"friction": 0.3, "restitution": 0.6}), 0.6, 1e-3));
+    let passed = solution.diagnostics.warnings.iter().find(|warning| warning.code == "impacts_passed");
+    assert!(passed.is_some(), "{:?}", solution.diagnostics.warnings);
+    let [kinetic, potential] = ["kinetic_energy", "potential_energy"].map(|of| column(&solution, of));
+    let total: Vec<f64> = kinetic.iter().zip(potential).map(|(kinetic, potential)| kinetic + potential).collect();
+    let lost: f64 = total[0] - total[total.len() - 1];
+    assert!(total.windows(2).all(|pair| pair[1] <= pair[0] + 1e-4 * total[0]) && lost > 0.0, "{total:?}");
+    let taken = ["dissipated_by_friction", "lost_in_impacts"].map(|of| last(&solution, of)).iter().sum::<f64>();
+    assert!((taken - lost).abs() < 1e-2 * lost, "{taken} {lost}");
 }

@@ -30,6 +30,12 @@ fn on_the_ground(bodies: &[Value], contacts: &Value, end: f64, step: f64) -> Val
     })
 }
 
+/// The specification by time stepping.
+fn stepped(mut specification: Value) -> Value {
+    specification["method"]["impacts"] = json!("time_stepping");
+    specification
+}
+
 /// The specification without gravity.
 fn weightless(mut specification: Value) -> Value {
     specification["problem"]["rigid_bodies"]["gravity"] = json!([0, 0, 0]);

@@ -1,7 +1,7 @@
 //! Friction whose coefficient varies with place, time and the speed of the slip, and that of directions, against closed
 //! forms.
 
-use super::on_the_ground;
+use super::{on_the_ground, stepped};
 use crate::systems::harness::{column, distance, last, solve};
 use crate::systems::reference::example;
 use dvi::problem::Control;
@@ -39,7 +39,7 @@ fn a_block_under_stribecks_law_follows_its_closed_form() {
     let exact = |t: f64| (((a * (start / c).exp() + b) * (-a * G * t / c).exp() - b) / a).max(1.0).ln() * c;
     let errors = [2e-3, 1e-3].map(|h| {
         let contacts = json!({"friction": "0.2 + 0.15*exp(-slip_speed/0.5)"});
-        let solution = solve(&on_the_ground(&[cube(start)], &contacts, 1.2, h));
+        let solution = solve(&stepped(on_the_ground(&[cube(start)], &contacts, 1.2, h)));
         assert_sound(&solution, 0.5 * start * start);
         assert!(last(&solution, "puck.vx").abs() < 1e-10);
         distance(&solution, "puck.vx", exact)
@@ -57,7 +57,7 @@ fn a_floor_that_grows_rougher_stops_a_body_as_a_spring_would() {
     let exact = |t: f64| (w * t.min(stop)).cos() + v / w * (w * t.min(stop)).sin() - 1.0;
     let errors = [2e-3, 1e-3].map(|h| {
         let contacts = json!({"friction": "0.2*(1 + contact_x)"});
-        let solution = solve(&on_the_ground(&[puck([v, 0.0])], &contacts, 1.5, h));
+        let solution = solve(&stepped(on_the_ground(&[puck([v, 0.0])], &contacts, 1.5, h)));
         assert_sound(&solution, 0.5 * v * v);
         distance(&solution, "puck.x", exact)
     });
@@ -72,7 +72,7 @@ fn the_block_of_the_example_meets_more_friction_under_its_front_corners() {
     let w = (G * mu / (1.0 - mu * height)).sqrt();
     let stop = (v / w).atan() / w;
     let exact = |t: f64| (w * t.min(stop)).cos() + v / w * (w * t.min(stop)).sin() - 1.0;
-    let solution = solve(&example("rougher_floor"));
+    let solution = solve(&stepped(example("rougher_floor")));
     assert_sound(&solution, v * v);
     // The steps are of first order; a block without height is off by 0.01 m.
     assert!(distance(&solution, "block.x", exact) < 2e-3, "{:e}", distance(&solution, "block.x", exact));
@@ -81,7 +81,7 @@ fn the_block_of_the_example_meets_more_friction_under_its_front_corners() {
 #[test]
 fn friction_that_fades_lets_a_body_go_at_its_time() {
     // On a slope of slope 0.3 the body begins to slide where mu = 0.5 - 0.1 t is 0.3.
-    let mut scene = on_the_ground(&[puck([0.0; 2])], &json!({"friction": "0.5 - 0.1*t"}), 4.0, 1e-3);
+    let mut scene = stepped(on_the_ground(&[puck([0.0; 2])], &json!({"friction": "0.5 - 0.1*t"}), 4.0, 1e-3));
     scene["problem"]["rigid_bodies"]["gravity"] = json!([0.3 * G, 0, -G]);
     let exact = |t: f64| G * 0.1 * (t - 2.0_f64).max(0.0).powi(3) / 6.0;
     let solution = solve(&scene);
@@ -96,7 +96,7 @@ fn friction_that_fades_lets_a_body_go_at_its_time() {
 fn two_materials_that_vary_have_the_geometric_mean_of_their_coefficients() {
     let mut bodies = [cube(2.0)];
     bodies[0]["material"] = json!("block");
-    let mut scene = on_the_ground(&bodies, &json!({"friction": "0.1*(1 + 3*slip_speed)"}), 0.5, 1e-3);
+    let mut scene = stepped(on_the_ground(&bodies, &json!({"friction": "0.1*(1 + 3*slip_speed)"}), 0.5, 1e-3));
     scene["problem"]["rigid_bodies"]["materials"] = json!({"block": {"friction": "0.4*(1 + 3*slip_speed)"}});
     // v' = -g m (1 + 3 v) with m = sqrt(0.1 0.4).
     let exact = |t: f64| ((7.0 * (-0.6 * G * t).exp() - 1.0) / 3.0).max(0.0);
@@ -121,10 +121,10 @@ fn a_body_slides_on_the_path_of_an_elliptic_law() {
     };
     for step in [2e-3, 1e-3] {
         let contacts = json!({"friction": 0.3, "ratio": c});
-        let solution = solve(&on_the_ground(&[puck(start)], &contacts, 1.0, step));
+        let solution = solve(&stepped(on_the_ground(&[puck(start)], &contacts, 1.0, step)));
         follows(&solution, step);
     }
-    follows(&solve(&example("elliptic_friction")), 5e-4);
+    follows(&solve(&stepped(example("elliptic_friction"))), 5e-4);
 }
 
 #[test]
@@ -132,7 +132,7 @@ fn directions_of_friction_follow_the_axes_that_they_are_given_in() {
     // Ways to the stop along and across the given direction: v^2/(2 mu g), and half of it.
     let turned = json!([0.5_f64.sqrt(), 0, 0, 0.5_f64.sqrt()]);
     let way = |scene: &Value| last(&solve(scene), "puck.x");
-    let scene = |contacts: Value, velocity: [f64; 2]| on_the_ground(&[puck(velocity)], &contacts, 1.0, 1e-3);
+    let scene = |contacts: Value, velocity: [f64; 2]| stepped(on_the_ground(&[puck(velocity)], &contacts, 1.0, 1e-3));
     let along = 1.0 / (2.0 * 0.2 * G);
     let near = |way: f64, exact: f64| assert!((way - exact).abs() < 2e-3, "{way} for {exact}");
     near(way(&scene(json!({"friction": 0.2, "ratio": 2}), [1.0, 0.0])), along);
@@ -159,7 +159,7 @@ fn directions_of_friction_follow_the_axes_that_they_are_given_in() {
 #[test]
 fn a_coefficient_that_falls_below_zero_ends_the_run_at_its_place() {
     let contacts = json!({"friction": "0.2 - 0.5*contact_x"});
-    let text = on_the_ground(&[puck([3.0, 0.0])], &contacts, 1.0, 1e-3).to_string();
+    let text = stepped(on_the_ground(&[puck([3.0, 0.0])], &contacts, 1.0, 1e-3)).to_string();
     let specification = Specification::from_json(text.as_bytes()).unwrap();
     let solution = dvi::solve(&specification, &Control::new());
     let failure = solution.error.as_ref().unwrap();

@@ -17,7 +17,7 @@ fn scene(bodies: &Value, others: Value, [end, step]: [f64; 2], field: &str) -> V
         problem[key] = value.clone();
     }
     let times: Vec<f64> = (1..=4).map(|k| end * f64::from(k) / 4.0).collect();
-    json!({"problem": {"rigid_bodies": problem}, "time": {"end": end}, "method": {"step": step},
+    json!({"problem": {"rigid_bodies": problem}, "time": {"end": end}, "method": {"step": step, "impacts": "time_stepping"},
         "output": {"times": times, "fields": [field]}})
 }
 

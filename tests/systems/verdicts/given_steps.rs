@@ -119,7 +119,8 @@ fn time_stepping_that_is_trusted_has_three_digits_whatever_its_steps() {
             &json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -G], "contacts": {"friction": 0.2},
             "bodies": [{"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},
             {"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 0.1], "velocity": [2, 0, 0]}]}},
-            "time": {"end": 1}, "method": {"step": step}, "output": {"times": {"count": 11}, "fields": ["ball.x"]}}),
+            "time": {"end": 1}, "method": {"step": step, "impacts": "time_stepping"},
+            "output": {"times": {"count": 11}, "fields": ["ball.x"]}}),
         );
         (solution.verdict.trusted, distance(&solution, "ball.x", rolls))
     };

@@ -16,17 +16,20 @@
 //! `2 e v / (1 - e) / g`. An approach `v` of at most `(g h)^2 / sqrt(g d)`, for a step `h` and a body of size `d`, is ended
 //! without restitution, so that the contact lasts from there on: the bounces that are left out are over within a time of order
 //! `h^2`. With restitution 1 impacts do not accumulate, and only rounding is ended so. Where impacts accumulate between several
-//! bodies, their number in a step is limited, and time stepping takes the rest of the step.
+//! bodies, their number in a step is limited, and time stepping takes the rest of the step. A run that is free to choose
+//! [changes over](self::budget) to time stepping for many steps, where arcs are too many.
 
+mod budget;
 mod closing;
 mod lasting;
 mod strike;
 mod transition;
 
+use self::budget::Budget;
 use super::super::contact::Contact;
 use super::super::motion::Motion;
 use super::super::touches::rounding;
-use super::{HALVINGS, MoreauStepping, StepFailure};
+use super::{ContactReport, HALVINGS, MoreauStepping, StepFailure};
 use nalgebra::{Isometry3, Vector3};
 use problem::Control;
 use rustc_hash::FxHashSet;
@@ -108,12 +111,17 @@ pub(super) struct Located {
     touched: Vec<bool>,
     /// Whether time stepping took the rest of the last step.
     is_passed: bool,
+    /// The number of arcs that may be made; `None` if impacts are located at any cost.
+    budget: Option<Budget>,
 }
 
 impl MoreauStepping<'_> {
     /// Lets impacts be located. The multibody system must have no joints, no forces besides gravity, and no patches.
-    pub fn locate_impacts(&mut self) {
-        self.located = Some(Box::default());
+    ///
+    /// With a length of a step, time stepping takes over where impacts are so many that steps of this length are made faster by it.
+    pub fn locate_impacts(&mut self, unless_many: Option<f64>) {
+        let budget = unless_many.map(|step| Budget::new(step, self.moving.len()));
+        self.located = Some(Box::new(Located { budget, ..Located::default() }));
     }
 
     /// The arcs of the last step, if impacts are located.
@@ -146,6 +154,59 @@ impl MoreauStepping<'_> {
         located.touched.clear();
         located.touched.resize(self.moving.len(), false);
         self.ground_at(located, self.t);
+        let end = self.t + h;
+        let most = match &mut located.budget {
+            Some(budget) => budget.most(h).min(self.most_arcs()),
+            None => self.most_arcs(),
+        };
+        match (most, &located.budget) {
+            (0, _) => self.pass(located, h, control)?,
+            (_, None) => self.advance_to(located, (end, most), control)?,
+            (_, Some(_)) => self.advance_or_pass(located, (end, most), control)?,
+        }
+        if let Some(budget) = &mut located.budget {
+            budget.spend(located.arcs.len(), h, located.is_passed);
+        }
+        self.t = end;
+        self.ground_at(located, end);
+        self.ends.clone_from(&self.moving);
+        self.report.parts += 1;
+        Ok(())
+    }
+
+    /// Makes a step with located impacts to a time, with at most so many arcs; or all of it by time stepping, if the law of
+    /// contact is not solved on the way.
+    fn advance_or_pass(
+        &mut self,
+        located: &mut Located,
+        (end, most): (f64, usize),
+        control: &Control,
+    ) -> Result<(), StepFailure> {
+        let start = (self.moving.clone(), self.held.clone(), self.touches.clone());
+        match self.advance_to(located, (end, most), control) {
+            Err(StepFailure::Unsolved { .. }) => {}
+            made => return made,
+        }
+        (self.moving, self.held, self.touches) = start;
+        self.t = located.begin;
+        self.report = ContactReport::default();
+        self.new_events.clear();
+        self.contact_forces.fill(Default::default());
+        self.pushed.fill(false);
+        located.touched.fill(false);
+        located.arcs.clear();
+        self.ground_at(located, located.begin);
+        self.pass(located, end - located.begin, control)
+    }
+
+    /// Makes a step with located impacts to a time, with at most so many arcs.
+    fn advance_to(
+        &mut self,
+        located: &mut Located,
+        (end, most): (f64, usize),
+        control: &Control,
+    ) -> Result<(), StepFailure> {
+        let h = end - self.t;
         self.detect(h, control)?;
         self.report.penetration = self.report.penetration.max(self.depth(0.0));
         self.report.overlap = self.report.overlap.max(self.overlap());
@@ -157,7 +218,6 @@ impl MoreauStepping<'_> {
             self.strike(located, control)?;
             located.has_begun = true;
         }
-        let (end, most) = (self.t + h, self.most_arcs());
         while self.t < end {
             let rest = end - self.t;
             if located.arcs.len() >= most {
@@ -171,10 +231,6 @@ impl MoreauStepping<'_> {
             self.glide(located, rest, control)?;
             self.strike(located, control)?;
         }
-        self.t = end;
-        self.ground_at(located, end);
-        self.ends.clone_from(&self.moving);
-        self.report.parts += 1;
         Ok(())
     }
 
@@ -208,6 +264,7 @@ impl MoreauStepping<'_> {
         let lasts = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed();
         located.lasting.extend(self.contacts.iter().filter(lasts).map(|contact| contact.key));
         located.is_passed = true;
+        located.has_begun = true;
         self.kept.clear();
         let held = vec![true; starts.len()];
         let work = [before, self.report.work];

@@ -1,7 +1,7 @@
 //! Scenes that friction on patches may stumble over: radii from nothing to far beyond the body, rebounds, patches beside
 //! points, several patches on one body, heaps, and masses of all sizes.
 
-use super::super::{on_the_ground, weightless};
+use super::super::{on_the_ground, stepped, weightless};
 use super::{G, MU, R, assert_sound, disc, of_surface};
 use crate::systems::harness::{column, distance, last, solve};
 use dvi::solution::Solution;
@@ -49,7 +49,7 @@ fn patches_of_all_kinds_are_solved() {
 fn a_patch_without_size_is_a_point_and_a_huge_one_turns_only_as_it_slides() {
     let scene = |contacts: Value| {
         let ball = ball("ball", [0.0, 0.0, 0.1], [1.0, 0.0, 0.0], [3.0, 2.0, 30.0]);
-        solve(&on_the_ground(&[ball], &contacts, 1.0, 1e-3))
+        solve(&stepped(on_the_ground(&[ball], &contacts, 1.0, 1e-3)))
     };
     let point = scene(json!({"friction": 0.2}));
     for patch in [json!({"friction": 0.2, "patch": 1e-12}), json!({"friction": 0.2, "patch": 1e-12, "rolling": 1e-12})]

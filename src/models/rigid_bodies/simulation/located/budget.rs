@@ -1,0 +1,106 @@
+//! The number of arcs that a run may make before time stepping takes over.
+//!
+//! An arc costs about as much as a step of time stepping. For an error of two digits, time stepping, of first order, takes about
+//! ten times as many steps as arcs of second order are needed: `1/e` and `1/sqrt(e)` for `e = 0.01`. Up to ten arcs a step are
+//! therefore worth their cost. Impacts come in bursts, as where a ball comes to rest: what steps do not use is kept for later
+//! ones. Where nothing is left, as in a heap that collapses, time stepping takes over until as much has been saved again; each
+//! time after that for twice as long, so that the attempts cost little however long impacts are many.
+
+/// The number of arcs that each step adds.
+const ARCS_A_STEP: f64 = 10.0;
+
+/// The most arcs saved, and those for each moving body: a ball makes some tens of impacts before it rests.
+const SAVED: [f64; 2] = [64.0, 1.0];
+
+/// The number of arcs that a run may make.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Budget {
+    /// The number of arcs that may be made, and the most of them.
+    arcs: f64,
+    most: f64,
+    /// The length of a step that adds [`ARCS_A_STEP`] arcs: a run for comparison, with steps twice as long, has as many in a time.
+    step: f64,
+    /// Whether the current step is one of time stepping, and the time for which it goes on after it.
+    is_paused: bool,
+    pause: f64,
+    /// The length of the next such time.
+    next: f64,
+}
+
+impl Budget {
+    /// All arcs, for a run with steps of this length.
+    pub fn new(step: f64, bodies: usize) -> Self {
+        let [at_least, of_body] = SAVED;
+        let most = at_least + of_body * bodies as f64;
+        Self { arcs: most, most, step, is_paused: false, pause: 0.0, next: most / ARCS_A_STEP * step }
+    }
+
+    /// The number of arcs in the next step, of length `h`; zero for time stepping.
+    pub fn most(&mut self, h: f64) -> usize {
+        self.arcs = (self.arcs + ARCS_A_STEP * h / self.step).min(self.most);
+        // The sum of steps is known up to rounding.
+        self.is_paused = self.pause > 1e-6 * h;
+        self.pause = (self.pause - h).max(0.0);
+        if self.is_paused { 0 } else { self.arcs as usize }
+    }
+
+    /// Counts the arcs of a step of length `h`, of which time stepping took the rest or not.
+    pub fn spend(&mut self, arcs: usize, h: f64, is_passed: bool) {
+        if self.is_paused {
+            return;
+        }
+        if is_passed {
+            (self.arcs, self.pause) = (0.0, self.next);
+            self.next *= 2.0;
+            return;
+        }
+        self.arcs -= arcs as f64;
+        if self.arcs + ARCS_A_STEP * h / self.step >= self.most {
+            self.next = self.most / ARCS_A_STEP * self.step;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The number of arcs of a run in which each step needs so many.
+    fn made(needed: usize, steps: usize) -> usize {
+        let mut budget = Budget::new(0.1, 36);
+        let of_step = |_| {
+            let most = budget.most(0.1);
+            let arcs = needed.min(most).max(1);
+            budget.spend(arcs, 0.1, needed > most);
+            arcs
+        };
+        (0..steps).map(of_step).sum()
+    }
+
+    #[test]
+    fn impacts_that_are_worth_it_are_located_for_ever() {
+        assert_eq!(made(10, 10_000), 100_000);
+    }
+
+    #[test]
+    fn a_burst_is_located_and_a_heap_is_not() {
+        assert_eq!(made(50, 2), 100);
+        // A hundred arcs, and again after 10, 20, 40, .. steps: at most ten times in ten thousand steps.
+        let arcs = made(1000, 10_000);
+        assert!(arcs <= 10_000 + 10 * 100, "{arcs}");
+    }
+
+    #[test]
+    fn longer_steps_may_make_as_many_arcs_in_a_time() {
+        let [mut one, mut two] = [Budget::new(0.1, 36); 2];
+        for _ in 0..100 {
+            for _ in 0..2 {
+                let most = one.most(0.1);
+                one.spend(8.min(most), 0.1, most < 8);
+            }
+            let most = two.most(0.2);
+            two.spend(16.min(most), 0.2, most < 16);
+        }
+        assert_eq!([one, two].map(|budget| (budget.arcs, budget.pause)), [(92.0, 0.0), (84.0, 0.0)]);
+    }
+}
