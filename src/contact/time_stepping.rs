@@ -2,6 +2,7 @@
 //! impacts, so that any number of impacts, even infinitely many, costs nothing. First order.
 
 use super::contact_event::ContactEvent;
+use super::delassus::dot;
 use super::energy::Energy;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, State, VelocityStep};
@@ -128,6 +129,42 @@ impl<'p> TimeStepping<'p> {
         self.record_events(h);
         self.measure(h);
         Ok(())
+    }
+
+    /// The gap below which contact `k` is closed.
+    pub fn closed(&self, k: usize) -> f64 {
+        self.step.closed(self.step.structure.normal(k))
+    }
+
+    /// Whether contact `k` is closed after the last step, and stays so.
+    fn stays_closed(&self, k: usize) -> bool {
+        let contacted = &self.step.contacted;
+        let terms = self.step.constraints.terms(self.step.structure.normal(k), &self.state.v) + contacted.change[k];
+        self.touching[k] != Touch::Open && contacted.after[k].x <= ZERO_TOL * terms
+    }
+
+    /// Whether contact `k` is closed after the last step, and sticks.
+    pub fn sticks(&self, k: usize) -> bool {
+        matches!(self.touching[k], Touch::Struck { slips: false, .. }) && self.stays_closed(k)
+    }
+
+    /// Takes from a change of coordinates, or of velocities, at the end of the last step what joints and closed contacts do not
+    /// allow; from one of velocities also the slips of contacts that stick.
+    pub fn hold_back(&mut self, change: &mut [f64], is_of_velocities: bool) {
+        let structure = &self.step.structure;
+        let mut rows: Vec<usize> = (0..structure.joints).collect();
+        for k in (0..structure.contacts.len()).filter(|&k| self.stays_closed(k)) {
+            rows.push(structure.normal(k));
+            if is_of_velocities && self.sticks(k) {
+                rows.extend(structure.tangents(k));
+            }
+        }
+        let constraints = &self.step.constraints;
+        let off: Vec<f64> = rows.iter().map(|&row| dot(constraints.row(row), change)).collect();
+        let mut held = change.to_vec();
+        if off.iter().any(|off| *off != 0.0) && self.step.delassus.remove(constraints, &rows, &off, &mut held) {
+            change.copy_from_slice(&held);
+        }
     }
 
     /// Records the estimated energy error of the last step, with its largest kinetic energy. The forces of the step act

@@ -24,6 +24,54 @@ pub(super) trait InTime {
     fn enclose(&mut self, t: Interval, out: &mut [Interval]);
 }
 
+/// Functions of time and of states.
+pub(super) trait OfStates {
+    /// Writes the values at a time and at states.
+    fn at(&mut self, t: f64, states: &[f64], out: &mut [f64]);
+
+    /// Encloses the values over an interval of time and a box of states.
+    fn enclose(&mut self, t: Interval, states: &[Interval], out: &mut [Interval]);
+}
+
+/// Functions along the straight way of a step through the states; at fixed states, if these are the same at both ends.
+pub(super) struct OnWay<'s, F> {
+    of: &'s mut F,
+    step: [f64; 2],
+    states: [&'s [f64]; 2],
+    between: (Vec<f64>, Vec<Interval>),
+}
+
+impl<'s, F> OnWay<'s, F> {
+    /// The way over a step, from the states at its beginning to those at its end.
+    pub fn new(of: &'s mut F, step: [f64; 2], states: [&'s [f64]; 2]) -> Self {
+        let between = (states[0].to_vec(), states[0].iter().map(|state| Interval::point(*state)).collect());
+        Self { of, step, states, between }
+    }
+
+    /// State `k` at a time.
+    fn state(&self, k: usize, t: f64) -> f64 {
+        let [from, to] = self.states.map(|state| state[k]);
+        from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
+    }
+}
+
+impl<F: OfStates> InTime for OnWay<'_, F> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        for k in 0..self.states[0].len() {
+            self.between.0[k] = self.state(k, t);
+        }
+        self.of.at(t, &self.between.0, out);
+    }
+
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        for k in 0..self.states[0].len() {
+            let [a, b] = [self.state(k, t.lo), self.state(k, t.hi)];
+            self.between.1[k] = Interval::new(a.min(b), a.max(b));
+        }
+        self.of.enclose(t, &self.between.1, out);
+    }
+}
+
 /// The integrals of functions over steps.
 #[derive(Clone, Debug, Default)]
 pub(super) struct UnseenData {

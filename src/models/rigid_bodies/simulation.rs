@@ -24,11 +24,13 @@ mod misdirected;
 mod overlaps;
 mod partition;
 mod report;
+mod rubbing;
 mod stops;
 
 pub(super) use detection::NEAR;
 pub use located::Arc;
 pub use report::{ContactReport, StepFailure};
+pub use rubbing::Rubbing;
 
 use super::collision::{BroadPhase, ContactPoint};
 use super::contact::Contact;
