@@ -137,7 +137,7 @@ impl<'p> TimeStepping<'p> {
     }
 
     /// Whether contact `k` is closed after the last step, and stays so.
-    fn stays_closed(&self, k: usize) -> bool {
+    pub fn stays_closed(&self, k: usize) -> bool {
         let contacted = &self.step.contacted;
         let terms = self.step.constraints.terms(self.step.structure.normal(k), &self.state.v) + contacted.change[k];
         self.touching[k] != Touch::Open && contacted.after[k].x <= ZERO_TOL * terms

@@ -24,6 +24,9 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
 
+/// The part of a displacement that is rounding, once contacts and joints have taken away what they do not allow.
+const HELD: f64 = 1e-9;
+
 /// The plan for the integration of a mechanical system.
 #[derive(Clone, Debug)]
 pub struct ContactPlan {
@@ -387,6 +390,23 @@ impl TimeStepped for TimeSteppingRun<'_> {
         self.write_displaced(|i| displaced[i], out);
         out.iter_mut().zip(&at).for_each(|(out, at)| *out -= at);
         true
+    }
+
+    fn hold(&mut self, out: &mut [f64]) {
+        let structure = self.outputs.model.structure();
+        let n = structure.coordinates;
+        for k in 0..n {
+            let mut by = vec![0.0; n];
+            by[k] = 1.0;
+            self.stepper.hold_back(&mut by, false);
+            // What is left of a displacement is rounding.
+            out[k] = if by[k].abs() <= HELD { 1.0 } else { 0.0 };
+        }
+        let mut place = 2 * n;
+        for (k, contact) in structure.contacts.iter().enumerate() {
+            out[place] = if self.stepper.stays_closed(k) { 1.0 } else { 0.0 };
+            place += 2 + contact.slips;
+        }
     }
 
     fn mislead(&mut self, out: &mut [f64]) -> bool {

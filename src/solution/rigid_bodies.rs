@@ -496,6 +496,12 @@ impl TimeStepped for RigidBodyRun<'_> {
         true
     }
 
+    fn hold(&mut self, out: &mut [f64]) {
+        for (held, out) in self.simulation.held_places().iter().zip(out.chunks_exact_mut(OF_BODY.len())) {
+            out.iter_mut().zip(held).for_each(|(out, held)| *out = if *held { 1.0 } else { 0.0 });
+        }
+    }
+
     fn mislead(&mut self, out: &mut [f64]) -> bool {
         let h = self.t - self.before;
         let errors = self.simulation.misdirected(&self.starts, h);

@@ -127,6 +127,29 @@ impl MoreauStepping<'_> {
         }
     }
 
+    /// For each moving body, whether its contacts with bodies that do not move, or move as given, hold its coordinates at the end
+    /// of the step.
+    pub fn held_places(&self) -> Vec<[bool; 3]> {
+        let mut held = vec![[false; 3]; self.moving.len()];
+        let rests = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed() && !contact.turns;
+        let mut of_body: Vec<Vec<&Contact>> = vec![Vec::new(); self.moving.len()];
+        for contact in self.contacts.iter().filter(rests) {
+            if let [Some(body), None] | [None, Some(body)] = contact.bodies {
+                of_body[body as usize].push(contact);
+            }
+        }
+        let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
+        for (body, contacts) in of_body.iter().enumerate().filter(|(_, contacts)| !contacts.is_empty()) {
+            for axis in 0..3 {
+                by[body].0[axis] = 1.0;
+                self.hold_back(contacts.iter().map(|contact| (*contact, 0, 0.0)), &mut by);
+                held[body][axis] = by[body].0[axis].abs() <= 2.0 * CONFINED;
+                by[body] = Default::default();
+            }
+        }
+        held
+    }
+
     /// Computes the velocities at the end of the step, and extends `pushed` to all bodies of an implicit island.
     pub(super) fn end_velocities(&mut self) {
         let gravity = self.scene.gravity;

@@ -24,8 +24,9 @@ pub struct Rubbing {
     pub begin: f64,
     /// Whether an impact may have closed it there.
     pub is_struck: bool,
-    /// The places of the contact when it is closed and at the end of the step, and that at which the step takes the coefficient.
+    /// The places of the contact when it is closed and at the end of the step.
     pub places: [Vector3<f64>; 2],
+    /// The place at which the step takes the coefficient.
     pub taken: Vector3<f64>,
     /// The speed of the slip at the end of the step.
     pub slip_speed: f64,
