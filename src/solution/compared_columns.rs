@@ -122,7 +122,10 @@ impl Columns {
         let new = |name: &str, column: usize, measure: Measure| {
             Quantity::new(format!("`{name}`"), column, kind(column), measure)
         };
-        let at_times = |of: Quantity| Quantity { is_at_times: of.measure == Measure::Values, ..of };
+        let at_times = |mut of: Quantity| {
+            of.is_at_times = of.measure == Measure::Values;
+            of
+        };
         let mut asked = Vec::new();
         for &field in plan.fields.iter().filter(|field| !is_passed_over(**field)) {
             let Some(own) = field.checked_sub(self.outputs) else {

@@ -207,10 +207,8 @@ impl Quantity {
             true => (relative(self.bent), "by impacts"),
             false => (relative(self.held / f64::from(within.max(1))), "in the mean"),
         };
-        let between = format!(
-            "and {name} is off by {} at times within steps, {how}: ask for ends of steps",
-            part(held)
-        );
+        let between =
+            format!("and {name} is off by {} at times within steps, {how}: ask for ends of steps", part(held));
         let missed = relative(self.missed);
         let unseen = format!("and data that vary within a step move {name} by {}, unseen by it", part(missed));
         [(by_impacts, impacts), (held, between), (missed, unseen), (apart, what)]
@@ -505,4 +503,20 @@ pub(super) fn part_of(error: f64, what: &str) -> String {
 /// Says that steps over impacts were not compared with longer ones, and why.
 pub(super) fn not_compared(checks: &mut Checks, why: &str) {
     checks.caveat("error_not_estimated", format!("what the steps are worth was not estimated: {why}"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_what_is_next_to_zero_are_told_in_words() {
+        let part = |error| part_of(error, "its largest change");
+        assert_eq!(part(0.02), "2.0e-2 of its largest change");
+        assert_eq!(part(3.0), "3.0 times its largest change");
+        for error in [5e14, f64::INFINITY] {
+            assert_eq!(part(error), "far more than its largest change, which is next to zero");
+        }
+        assert_eq!(part(f64::NAN), "an unknown part of its largest change");
+    }
 }

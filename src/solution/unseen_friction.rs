@@ -3,7 +3,7 @@
 
 use super::unseen_data::{InTime, OfStates, OnWay, UnseenData};
 use expression::IntervalWorkspace;
-use models::rigid_bodies::{Coefficient, Motion, MoreauStepping, MultibodySystem, Rubbing};
+use models::rigid_bodies::{Coefficient, MoreauStepping, Motion, MultibodySystem, Rubbing};
 use nalgebra::{Quaternion, Vector3};
 use numerics::Interval;
 

@@ -68,7 +68,8 @@ impl Way<'_> {
         while let Some(([from, to], [first, last])) = left.pop() {
             self.enclose([from, to], true);
             let range = self.ranges[0][row];
-            if range.lo >= least && !range.is_empty() || lowest([first, last], to - from, self.ranges[1][row]) >= least {
+            if range.lo >= least && !range.is_empty() || lowest([first, last], to - from, self.ranges[1][row]) >= least
+            {
                 continue;
             }
             let middle = 0.5 * (from + to);
@@ -125,11 +126,13 @@ impl UnseenGaps {
         let mut way = Way { problem, step: [last.t, state.t], q, rate, values, ranges };
         way.enclose([last.t, state.t], false);
         let is_apart = |range: &Interval| range.lo > 0.0 && !range.is_empty();
-        if way.ranges[0][joints..].iter().all(is_apart) {
+        let may_close = |&k: &usize| step.contacted.r[k].x == 0.0 && !is_apart(&way.ranges[0][joints + k]);
+        let near: Vec<usize> = (0..contacts).filter(may_close).collect();
+        if near.is_empty() {
             return;
         }
         way.problem.constraints(state.t, &state.q, rows);
-        for k in (0..contacts).filter(|&k| step.contacted.r[k].x == 0.0) {
+        for k in near {
             let row = joints + k;
             let ends = [0, 1].map(|end: usize| self.ends[end][row]);
             let least = -ROUNDING * rows.size(row, &state.q).max(ends[0].abs()).max(ends[1].abs());

@@ -113,7 +113,8 @@ impl MoreauStepping<'_> {
             held.push((contact, axis, along(contact, axis, &unit), way));
             contact.bodies.iter().flatten().for_each(|&body| unit[body as usize] = Default::default());
         }
-        let first = held.iter().map(|(contact, axis, _, way)| (along(contact, *axis, by) - way).abs()).fold(0.0, f64::max);
+        let first =
+            held.iter().map(|(contact, axis, _, way)| (along(contact, *axis, by) - way).abs()).fold(0.0, f64::max);
         for _ in 0..MOST_SWEEPS {
             let mut left = 0.0_f64;
             for &(contact, axis, mobility, way) in held.iter().filter(|(_, _, mobility, _)| *mobility > 0.0) {
