@@ -169,15 +169,24 @@ impl<'p> TimeStepping<'p> {
 
     /// Records the estimated energy error of the last step, with its largest kinetic energy. The forces of the step act
     /// with velocities of its end, or the reverse, whereas the exact ones change together:
-    /// `h/2 |<df, v>| + h/2 |<f, dv>|`.
+    /// `h/2 |<df, v>| + h/2 |<f, dv>|`. The forces of joints are those that `M dv/h` has beside `f`: with them a step loses the
+    /// energy `<M dv, dv>/2`, which a motor that holds a speed puts in again.
     fn explain(&mut self, h: f64, kinetic: f64) {
         let (f, v) = (&self.step.f, &self.last.v);
         let (f_before, v_before) = self.before.get_or_insert_with(|| (f.clone(), v.clone()));
         let change = |now: &[f64], before: &[f64], with: &[f64]| -> f64 {
             now.iter().zip(before).zip(with).map(|((now, before), with)| (now - before) * with).sum()
         };
-        let error = 0.5 * h * (change(f, f_before, v).abs() + change(v, v_before, f).abs());
-        self.energy.explain(error, self.step.kick * (2.0 * kinetic).sqrt());
+        let of_change = 0.5 * h * change(f, f_before, v).abs();
+        let mut of_forces = 0.5 * h * change(v, v_before, f).abs();
+        let mut kick = self.step.kick;
+        if self.step.structure.joints > 0 && self.step.contacted.r.iter().all(|r| r.x == 0.0) {
+            let dv: Vec<f64> = self.state.v.iter().zip(v).map(|(after, before)| after - before).collect();
+            let lost = self.step.problem.energies(self.last.t, &self.last.q, &dv).kinetic;
+            of_forces = of_forces.max(lost);
+            kick = kick.max((2.0 * lost).sqrt());
+        }
+        self.energy.explain(of_change + of_forces, kick * (2.0 * kinetic).sqrt());
         f_before.copy_from_slice(f);
         v_before.copy_from_slice(v);
     }

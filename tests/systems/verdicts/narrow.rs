@@ -192,3 +192,16 @@ fn values_at_rest_are_trusted_and_those_on_the_way_are_not() {
         "time": {"end": 1}, "method": {"step": 0.02}, "output": {"times": [0.5, 1], "fields": ["ground.contact_fz"]}});
     assert!(judged(&stack, "ground.contact_fz", -3.0 * G, 1e-6));
 }
+
+/// A motor at a constant speed moves a slide to and fro, and takes back what it has put in.
+#[test]
+fn a_motor_that_holds_a_speed_is_trusted() {
+    let speed = 3.0;
+    for count in [200.0, 2000.0] {
+        let crank = json!({"problem": {"mechanical": {"coordinates": {"a": {"initial": 0, "velocity": speed}, "x": {"initial": 1}},
+            "mass": [[1, 0], [0, 1]],
+            "joints": [{"name": "motor", "constraint": format!("a - {speed}*t")}, {"name": "slide", "constraint": "x - cos(a)"}]}},
+            "time": {"end": 2}, "method": {"step": 2.0 / count, "impacts": "time_stepping"}, "output": {"times": [1, 2], "fields": ["x"]}});
+        assert!(judged(&crank, "x", (2.0 * speed).cos(), 1e-9), "{count} steps");
+    }
+}
