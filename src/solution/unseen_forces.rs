@@ -67,12 +67,11 @@ struct Impulses {
 }
 
 impl UnseenForces {
-    /// Adds the last step, and returns by how much coordinates and velocities may be displaced at its end; `None` if there is
-    /// nothing that steps may not see.
+    /// Adds the last step, and returns by how much coordinates and velocities may be displaced at its end; `None` if they are not.
     pub fn step(&mut self, stepper: &mut TimeStepping<'_>, problem: &mut dyn Mechanical) -> Option<[Vec<f64>; 2]> {
         let structure = problem.structure();
         let n = structure.coordinates;
-        let is_of_place = structure.has_features_of_forces && !structure.constant_forces;
+        let is_of_place = structure.has_features_of_forces;
         let is_rough = structure.contacts.iter().any(|contact| contact.varies);
         if !(structure.depends_on_time || is_of_place || is_rough) {
             return None;
@@ -104,6 +103,10 @@ impl UnseenForces {
             for [places, velocities] in [&mut self.displaced, &mut self.unknown] {
                 places.iter_mut().zip(velocities).for_each(|(place, velocity)| *place += h * *velocity);
             }
+        }
+        let none = |parts: &[Vec<f64>; 2]| parts.iter().flatten().all(|by| *by == 0.0);
+        if none(&self.displaced) && none(&self.unknown) {
+            return None;
         }
         for (k, is_of_velocities) in [(0, false), (1, true)] {
             stepper.hold_back(&mut self.displaced[k], is_of_velocities);

@@ -196,7 +196,7 @@ fn values_at_rest_are_trusted_and_those_on_the_way_are_not() {
 /// A motor at a constant speed moves a slide to and fro, and takes back what it has put in.
 #[test]
 fn a_motor_that_holds_a_speed_is_trusted() {
-    let speed = 3.0;
+    let speed = 3.0_f64;
     for count in [200.0, 2000.0] {
         let crank = json!({"problem": {"mechanical": {"coordinates": {"a": {"initial": 0, "velocity": speed}, "x": {"initial": 1}},
             "mass": [[1, 0], [0, 1]],
