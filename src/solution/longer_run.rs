@@ -195,7 +195,7 @@ impl<S: TimeStepped> LongerRun<S> {
         let mut row = self.free.pop().unwrap_or_else(|| Row { t, h, y: vec![0.0; self.y.len()] });
         (row.t, row.h) = (t, h);
         self.read(run, t, &mut row.y);
-        self.comparison.count(self.counts(t));
+        self.comparison.count(self.counts([run.begin(), t]));
         self.comparison.meet(&row.y, h);
         let outputs = self.columns.outputs();
         self.changes.fill(0.0);
@@ -262,11 +262,11 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
-    /// Whether values at the output times depend on a time: it is in the latter half of the time up to one of them, or there are
-    /// outputs at all steps.
-    fn counts(&self, t: f64) -> bool {
-        let next = self.times.get(self.times.partition_point(|time| *time < t));
-        self.times.is_empty() || next.is_some_and(|next| t - self.start >= 0.5 * (next - self.start))
+    /// Whether values at the output times depend on a step: it reaches into the latter half of the time up to one of them, or there
+    /// are outputs at all steps.
+    fn counts(&self, [begin, end]: [f64; 2]) -> bool {
+        let next = self.times.get(self.times.partition_point(|time| *time <= begin));
+        self.times.is_empty() || next.is_some_and(|next| end - self.start >= 0.5 * (next - self.start))
     }
 
     /// Writes the columns of a run at a time within its last step.
@@ -305,11 +305,11 @@ impl<S: TimeStepped> LongerRun<S> {
         let is_bent = self.stepper.bend(&mut self.changes[..self.columns.outputs()]);
         let mut y = std::mem::take(&mut self.y);
         let rows: Vec<Row> = self.open.drain(..count).collect();
+        self.comparison.count(self.counts([self.stepper.begin(), self.stepper.t()]));
         for (k, row) in rows.iter().enumerate() {
             let values = &mut y[..self.columns.outputs()];
             self.stepper.values(row.t, values);
             self.columns.evaluate(row.t, &mut y);
-            self.comparison.count(self.counts(row.t));
             self.comparison.differ([&row.y, &y], [row.t, row.h], (length, k + 1 == count), is_bent);
         }
         self.y = y;
