@@ -7,9 +7,6 @@ use models::rigid_bodies::{Coefficient, MoreauStepping, Motion, MultibodySystem,
 use nalgebra::{Quaternion, Vector3};
 use numerics::Interval;
 
-/// Friction this close to its bound is that of a slip, relative to the bound.
-const SLIPS: f64 = 1e-6;
-
 /// By what a body is changed in its place or velocity, and in its orientation or angular velocity.
 type Change = (Vector3<f64>, Vector3<f64>);
 
@@ -58,7 +55,7 @@ impl UnseenFriction {
         let h = to - from;
         let mut changes = [0, 1].map(|part: usize| vec![Change::default(); self.displaced[part][1].len()]);
         for rubbing in simulation.rubbing(h) {
-            let by = self.missed([from, to], &rubbing, simulation.is_located());
+            let by = self.missed([from, to], &rubbing);
             for (changes, by) in changes.iter_mut().zip(by) {
                 for (body, velocity, omega) in &rubbing.pushes {
                     changes[*body].0 += velocity * by;
@@ -81,12 +78,10 @@ impl UnseenFriction {
     }
 
     /// By how much the mean coefficient of a contact in a step is above that of the step, and a bound on the error of that.
-    fn missed(&mut self, [from, to]: [f64; 2], rubbing: &Rubbing, is_located: bool) -> [f64; 2] {
-        let Rubbing { places, taken, slip_speed, used, .. } = rubbing;
+    fn missed(&mut self, [from, to]: [f64; 2], rubbing: &Rubbing) -> [f64; 2] {
+        let Rubbing { places, slip_speed, used, .. } = rubbing;
         let (coefficient, boxes, data) = &mut self.coefficients[rubbing.coefficient];
-        let bound = coefficient.at(to, taken, *slip_speed).unwrap_or(f64::INFINITY);
-        let is_stuck = *used < bound * (1.0 - SLIPS);
-        let most = if is_stuck { *used } else { f64::INFINITY };
+        let most = if rubbing.is_stuck { *used } else { f64::INFINITY };
         let mut of_place = FrictionOfPlace { coefficient, boxes, slip_speed: *slip_speed, most };
         let closed = [from + rubbing.begin * (to - from), to];
         let mut on_way = OnWay::new(&mut of_place, closed, [places[0].as_slice(), places[1].as_slice()]);
@@ -96,8 +91,12 @@ impl UnseenFriction {
             value[0]
         };
         let (first, last) = (at(closed[0]), at(to));
-        // Located steps are of second order, as is the rule of trapezoids.
-        let seen = if is_located && !is_stuck { 0.5 * (first + last) } else { *used };
+        let seen = match rubbing.stages {
+            Some(stages) if !rubbing.is_stuck => {
+                stages.iter().map(|(part, weight)| weight * at(from + part * (to - from))).sum()
+            }
+            _ => *used,
+        };
         let [mean, left] = if closed[0] < to && data.integrate(1, closed, &mut on_way) {
             data.integrals[0].map(|integral| integral / (to - closed[0]))
         } else {
