@@ -92,7 +92,7 @@ impl UnseenData {
         Self { is_of_way: true, ..Self::default() }
     }
 
-    /// Integrates `count` functions over a step; returns false if none varies in it.
+    /// Integrates `count` functions over a step; returns false if none varies in it by what counts.
     pub fn integrate(&mut self, count: usize, step: [f64; 2], of: &mut impl InTime) -> bool {
         let Self { largest, integrals, left, ranges, samples, is_of_way } = self;
         largest.resize(count, 0.0);
@@ -101,7 +101,15 @@ impl UnseenData {
         integrals.clear();
         integrals.resize(count, [0.0; 2]);
         of.enclose(Interval::new(step[0], step[1]), ranges);
-        if ranges.iter().all(|range| range.width() == 0.0) {
+        // What varies by less than rules of quadrature need to agree hides nothing.
+        let hides = |(range, largest): (&Interval, &mut f64)| {
+            if !range.is_empty() {
+                *largest = largest.max(range.magnitudes().0);
+            }
+            let is_narrow = range.width() <= AGREE * *largest;
+            !is_narrow
+        };
+        if !ranges.iter().zip(largest.iter_mut()).fold(false, |any, each| hides(each) || any) {
             return false;
         }
         left.clear();

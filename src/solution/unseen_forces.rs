@@ -94,9 +94,9 @@ impl UnseenForces {
             let mut left = DVector::zeros(n);
             made.unknown.iter().for_each(|impulse| left += mass.solve(impulse).abs());
             for ([places, velocities], change) in [(&mut self.displaced, change), (&mut self.unknown, left)] {
-                for i in 0..n {
-                    places[i] += h * (velocities[i] + 0.5 * change[i]);
-                    velocities[i] += change[i];
+                for ((place, velocity), change) in places.iter_mut().zip(velocities).zip(&change) {
+                    *place += h * (*velocity + 0.5 * change);
+                    *velocity += change;
                 }
             }
         } else {
