@@ -102,14 +102,15 @@ impl UnseenData {
         integrals.resize(count, [0.0; 2]);
         of.enclose(Interval::new(step[0], step[1]), ranges);
         // What varies by less than rules of quadrature need to agree hides nothing.
-        let hides = |(range, largest): (&Interval, &mut f64)| {
+        let mut may_hide = false;
+        for (range, largest) in ranges.iter().zip(largest.iter_mut()) {
             if !range.is_empty() {
                 *largest = largest.max(range.magnitudes().0);
             }
             let is_narrow = range.width() <= AGREE * *largest;
-            !is_narrow
-        };
-        if !ranges.iter().zip(largest.iter_mut()).fold(false, |any, each| hides(each) || any) {
+            may_hide |= !is_narrow || range.is_empty();
+        }
+        if !may_hide {
             return false;
         }
         left.clear();

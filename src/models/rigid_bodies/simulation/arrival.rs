@@ -141,10 +141,10 @@ impl MoreauStepping<'_> {
         }
         let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
         for (body, contacts) in of_body.iter().enumerate().filter(|(_, contacts)| !contacts.is_empty()) {
-            for axis in 0..3 {
+            for (axis, held) in held[body].iter_mut().enumerate() {
                 by[body].0[axis] = 1.0;
                 self.hold_back(contacts.iter().map(|contact| (*contact, 0, 0.0)), &mut by);
-                held[body][axis] = by[body].0[axis].abs() <= 2.0 * CONFINED;
+                *held = by[body].0[axis].abs() <= 2.0 * CONFINED;
                 by[body] = Default::default();
             }
         }
