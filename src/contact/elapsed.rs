@@ -57,6 +57,10 @@ impl Mechanical for Elapsed {
         self.problem.enclose_in_time(Interval::point(self.start) + t, q, v, values);
     }
 
+    fn enclose_forces(&mut self, t: Interval, q: &[Interval], v: &[Interval], f: &mut [Interval]) {
+        self.problem.enclose_forces(Interval::point(self.start) + t, q, v, f);
+    }
+
     fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange) {
         self.problem.enclose_dynamics(Interval::point(self.start) + t, q, v, range);
     }

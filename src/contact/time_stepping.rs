@@ -2,6 +2,7 @@
 //! impacts, so that any number of impacts, even infinitely many, costs nothing. First order.
 
 use super::contact_event::ContactEvent;
+use super::delassus::dot;
 use super::energy::Energy;
 use super::settings::{ContactError, Settings};
 use super::velocity_step::{Forces, State, VelocityStep};
@@ -130,17 +131,62 @@ impl<'p> TimeStepping<'p> {
         Ok(())
     }
 
+    /// The gap below which contact `k` is closed.
+    pub fn closed(&self, k: usize) -> f64 {
+        self.step.closed(self.step.structure.normal(k))
+    }
+
+    /// Whether contact `k` is closed after the last step, and stays so.
+    pub fn stays_closed(&self, k: usize) -> bool {
+        let contacted = &self.step.contacted;
+        let terms = self.step.constraints.terms(self.step.structure.normal(k), &self.state.v) + contacted.change[k];
+        self.touching[k] != Touch::Open && contacted.after[k].x <= ZERO_TOL * terms
+    }
+
+    /// Whether contact `k` is closed after the last step, and sticks.
+    pub fn sticks(&self, k: usize) -> bool {
+        matches!(self.touching[k], Touch::Struck { slips: false, .. }) && self.stays_closed(k)
+    }
+
+    /// Takes from a change of coordinates, or of velocities, at the end of the last step what joints and closed contacts do not
+    /// allow; from one of velocities also the slips of contacts that stick.
+    pub fn hold_back(&mut self, change: &mut [f64], is_of_velocities: bool) {
+        let structure = &self.step.structure;
+        let mut rows: Vec<usize> = (0..structure.joints).collect();
+        for k in (0..structure.contacts.len()).filter(|&k| self.stays_closed(k)) {
+            rows.push(structure.normal(k));
+            if is_of_velocities && self.sticks(k) {
+                rows.extend(structure.tangents(k));
+            }
+        }
+        let constraints = &self.step.constraints;
+        let off: Vec<f64> = rows.iter().map(|&row| dot(constraints.row(row), change)).collect();
+        let mut held = change.to_vec();
+        if off.iter().any(|off| *off != 0.0) && self.step.delassus.remove(constraints, &rows, &off, &mut held) {
+            change.copy_from_slice(&held);
+        }
+    }
+
     /// Records the estimated energy error of the last step, with its largest kinetic energy. The forces of the step act
     /// with velocities of its end, or the reverse, whereas the exact ones change together:
-    /// `h/2 |<df, v>| + h/2 |<f, dv>|`.
+    /// `h/2 |<df, v>| + h/2 |<f, dv>|`. The forces of joints are those that `M dv/h` has beside `f`: with them a step loses the
+    /// energy `<M dv, dv>/2`, which a motor that holds a speed puts in again.
     fn explain(&mut self, h: f64, kinetic: f64) {
         let (f, v) = (&self.step.f, &self.last.v);
         let (f_before, v_before) = self.before.get_or_insert_with(|| (f.clone(), v.clone()));
         let change = |now: &[f64], before: &[f64], with: &[f64]| -> f64 {
             now.iter().zip(before).zip(with).map(|((now, before), with)| (now - before) * with).sum()
         };
-        let error = 0.5 * h * (change(f, f_before, v).abs() + change(v, v_before, f).abs());
-        self.energy.explain(error, self.step.kick * (2.0 * kinetic).sqrt());
+        let of_change = 0.5 * h * change(f, f_before, v).abs();
+        let mut of_forces = 0.5 * h * change(v, v_before, f).abs();
+        let mut kick = self.step.kick;
+        if self.step.structure.joints > 0 && self.step.contacted.r.iter().all(|r| r.x == 0.0) {
+            let dv: Vec<f64> = self.state.v.iter().zip(v).map(|(after, before)| after - before).collect();
+            let lost = self.step.problem.energies(self.last.t, &self.last.q, &dv).kinetic;
+            of_forces = of_forces.max(lost);
+            kick = kick.max((2.0 * lost).sqrt());
+        }
+        self.energy.explain(of_change + of_forces, kick * (2.0 * kinetic).sqrt());
         f_before.copy_from_slice(f);
         v_before.copy_from_slice(v);
     }

@@ -281,6 +281,7 @@ impl SymbolicMechanics {
             constant_forces: stiffness.places.is_empty(),
             depends_on_time: [&rows.mass, &forces, &velocities, &holonomic, &varying].into_iter().any(|of| in_time(of)),
             has_features: [&all, &velocities].into_iter().any(|of| !graph.beyond_degree(of, PLAIN_DEGREE).is_empty()),
+            has_features_of_forces: !graph.beyond_degree(&forces, PLAIN_DEGREE).is_empty(),
             affine_constraints: constant(&straight) && !in_time(&holonomic),
         };
         let values = Tape::compile(graph, &holonomic);
@@ -493,6 +494,13 @@ impl Mechanical for SymbolicMechanics {
         self.forces.enclose(t, inputs, forces, of_forces);
         self.drift.enclose(t, inputs, drift, of_drift);
         self.bias.enclose(t, inputs, bias, of_bias);
+    }
+
+    fn enclose_forces(&mut self, t: Interval, q: &[Interval], v: &[Interval], f: &mut [Interval]) {
+        let Enclosures { forces, inputs, .. } = &mut self.enclosures;
+        inputs.clear();
+        inputs.extend(q.iter().chain(v).copied());
+        self.forces.enclose(t, inputs, forces, f);
     }
 
     fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange) {

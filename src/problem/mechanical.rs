@@ -64,6 +64,8 @@ pub struct MechanicalStructure {
     pub depends_on_time: bool,
     /// Whether forces, masses, joints, gaps or slips are other than polynomials of low degree in `q` and `v`.
     pub has_features: bool,
+    /// Whether forces are other than polynomials of low degree in `q` and `v`.
+    pub has_features_of_forces: bool,
     /// Whether joints and gaps are affine functions of `q` alone: along a straight line their minimum is at an end.
     pub affine_constraints: bool,
 }
@@ -236,6 +238,9 @@ pub trait Mechanical: Send {
 
     /// Encloses `f`, then `b`, then `gamma`, at fixed `q` and `v` over an interval of `t`.
     fn enclose_in_time(&mut self, t: Interval, q: &[f64], v: &[f64], values: &mut [Interval]);
+
+    /// Encloses `f` over a box of `t`, `q` and `v`.
+    fn enclose_forces(&mut self, t: Interval, q: &[Interval], v: &[Interval], f: &mut [Interval]);
 
     /// Encloses masses, forces, bias, drift and `J` over a box of `t`, `q` and `v`.
     fn enclose_dynamics(&mut self, t: Interval, q: &[Interval], v: &[Interval], range: &mut DynamicsRange);

@@ -68,6 +68,14 @@ impl Columns {
         self.changed = changed;
     }
 
+    /// Completes which outputs are held, with a number other than zero, by the other columns: those whose outputs are all held.
+    pub fn hold(&self, held: &mut [f64]) {
+        for (place, inputs) in self.inputs.iter().enumerate() {
+            let is_held = inputs.iter().all(|&k| held[k] != 0.0);
+            held[self.outputs + place] = if is_held { 1.0 } else { 0.0 };
+        }
+    }
+
     /// Completes bounds on small changes of outputs in `by` by bounds on those of the other columns, where `y` are all: the sum
     /// of what each of the outputs makes.
     pub fn spread(&mut self, t: f64, y: &[f64], by: &mut [f64]) {
@@ -114,16 +122,20 @@ impl Columns {
         let new = |name: &str, column: usize, measure: Measure| {
             Quantity::new(format!("`{name}`"), column, kind(column), measure)
         };
+        let at_times = |mut of: Quantity| {
+            of.is_at_times = of.measure == Measure::Values;
+            of
+        };
         let mut asked = Vec::new();
         for &field in plan.fields.iter().filter(|field| !is_passed_over(**field)) {
             let Some(own) = field.checked_sub(self.outputs) else {
-                asked.push(new(&plan.names[field], field, Measure::Values));
+                asked.push(at_times(new(&plan.names[field], field, Measure::Values)));
                 continue;
             };
             let Some(name) = of.names.get(own) else { continue };
             let is_integral = own >= of.definitions();
             let measure = if is_integral { Measure::Integral { is_squared: false } } else { Measure::Values };
-            asked.push(new(name, field, measure));
+            asked.push(at_times(new(name, field, measure)));
         }
         for (k, monitor) in of.monitors.iter().enumerate() {
             let name = format!("the time at which {}", monitor.label);

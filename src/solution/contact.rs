@@ -7,7 +7,8 @@ use super::mechanical_checks::{Accuracy, check_energy, check_grazed, check_passe
 use super::misdirection::Misdirection;
 use super::run::{Ended, Plan, Run, Stepper, run_to_end};
 use super::sensitivities::{self, FollowedMotion};
-use super::unseen_data::{InTime, UnseenData};
+use super::unseen_forces::UnseenForces;
+use super::unseen_gaps::UnseenGaps;
 use super::{
     CheckCode, Diagnostics, Evaluations, Event, Failure, Screening, Solution, Status, Steps, ViCounts, Warning,
 };
@@ -22,6 +23,9 @@ use models::{ENERGIES, MechanicalModel};
 use nalgebra::{DMatrix, DVector, Vector3};
 use numerics::Interval;
 use problem::{Constraints, Control, Mechanical};
+
+/// The part of a displacement that is rounding, once contacts and joints have taken away what they do not allow.
+const HELD: f64 = 1e-9;
 
 /// The plan for the integration of a mechanical system.
 #[derive(Clone, Debug)]
@@ -70,6 +74,7 @@ pub(super) fn integrate_contact_once(
                 longer: None,
                 outputs: Outputs::new(model, control, plan),
                 unseen: UnseenForces::default(),
+                gaps: UnseenGaps::default(),
                 misdirection: Misdirection::default(),
             };
             let longer = LongerRun::new(longer, plan, contact.settings.default_step);
@@ -79,6 +84,7 @@ pub(super) fn integrate_contact_once(
                 longer: Some(Box::new(longer)),
                 outputs,
                 unseen: UnseenForces::default(),
+                gaps: UnseenGaps::default(),
                 misdirection: Misdirection::default(),
             })
         });
@@ -270,35 +276,8 @@ struct TimeSteppingRun<'p> {
     longer: Option<Box<LongerRun<Self>>>,
     outputs: Outputs<'p>,
     unseen: UnseenForces,
+    gaps: UnseenGaps,
     misdirection: Misdirection,
-}
-
-/// What forces that depend on time do between the beginnings of steps.
-#[derive(Default)]
-struct UnseenForces {
-    data: UnseenData,
-    /// For each coordinate what they displace it and its velocity by, and bounds on the error of that.
-    displaced: Vec<[f64; 2]>,
-    unknown: Vec<[f64; 2]>,
-}
-
-/// The forces at one state, as functions of time.
-struct ForcesInTime<'s> {
-    problem: &'s mut dyn Mechanical,
-    state: &'s State,
-    ranges: Vec<Interval>,
-}
-
-impl InTime for ForcesInTime<'_> {
-    fn at(&mut self, t: f64, out: &mut [f64]) {
-        self.problem.forces(t, &self.state.q, &self.state.v, out);
-    }
-
-    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
-        self.problem.enclose_in_time(t, &self.state.q, &self.state.v, &mut self.ranges);
-        let forces = out.len();
-        out.copy_from_slice(&self.ranges[..forces]);
-    }
 }
 
 impl TimeSteppingRun<'_> {
@@ -413,6 +392,23 @@ impl TimeStepped for TimeSteppingRun<'_> {
         true
     }
 
+    fn hold(&mut self, out: &mut [f64]) {
+        let structure = self.outputs.model.structure();
+        let n = structure.coordinates;
+        for k in 0..n {
+            let mut by = vec![0.0; n];
+            by[k] = 1.0;
+            self.stepper.hold_back(&mut by, false);
+            // What is left of a displacement is rounding.
+            out[k] = if by[k].abs() <= HELD { 1.0 } else { 0.0 };
+        }
+        let mut place = 2 * n;
+        for (k, contact) in structure.contacts.iter().enumerate() {
+            out[place] = if self.stepper.stays_closed(k) { 1.0 } else { 0.0 };
+            place += 2 + contact.slips;
+        }
+    }
+
     fn mislead(&mut self, out: &mut [f64]) -> bool {
         let structure = self.outputs.model.structure();
         if structure.affine_constraints || structure.contacts.is_empty() {
@@ -431,48 +427,15 @@ impl TimeStepped for TimeSteppingRun<'_> {
     }
 
     fn miss(&mut self, out: &mut [f64]) -> bool {
-        let structure = self.outputs.model.structure();
-        let TimeStepping { state, last, .. } = &self.stepper;
-        let (n, rows, h) = (structure.coordinates, structure.rows(), state.t - last.t);
-        if !structure.depends_on_time {
+        let n = self.stepper.state.q.len();
+        let Some([by, of_velocities]) = self.unseen.step(&mut self.stepper, &mut *self.outputs.problem) else {
             return false;
-        }
-        let UnseenForces { data, displaced, unknown } = &mut self.unseen;
-        displaced.resize(n, [0.0; 2]);
-        unknown.resize(n, [0.0; 2]);
-        let problem = &mut *self.outputs.problem;
-        let mut in_time = ForcesInTime { problem, state: last, ranges: vec![Interval::LINE; n + 2 * rows] };
-        let (mut missed, mut left) = (vec![0.0; n], vec![0.0; n]);
-        if data.integrate(n, [last.t, state.t], &mut in_time) {
-            // Steps take the forces at their beginnings, for velocities that are those of the middle: the rule of trapezoids.
-            let [mut used, mut at_end] = [vec![0.0; n], vec![0.0; n]];
-            in_time.at(last.t, &mut used);
-            in_time.at(state.t, &mut at_end);
-            used.iter_mut().zip(at_end).for_each(|(used, at_end)| *used = 0.5 * (*used + at_end));
-            let mut mass = DMatrix::zeros(n, n);
-            self.outputs.problem.mass(last.t, &last.q, &mut mass);
-            let Some(mass) = mass.cholesky().map(|mass| mass.inverse()) else { return false };
-            for (j, [sum, unknown]) in data.integrals.iter().enumerate() {
-                let impulse = sum - h * used[j];
-                for i in 0..n {
-                    missed[i] += mass[(i, j)] * impulse;
-                    left[i] += (mass[(i, j)] * unknown).abs();
-                }
-            }
-        }
-        for i in 0..n {
-            for (sums, change) in [(&mut displaced[i], missed[i]), (&mut unknown[i], left[i])] {
-                sums[0] += h * (sums[1] + 0.5 * change);
-                sums[1] += change;
-            }
-        }
-        let at = |k: usize, i: usize| displaced[i][k].abs() + unknown[i][k];
-        let by: [Vec<f64>; 2] = [0, 1].map(|k| (0..n).map(|i| at(k, i)).collect());
+        };
         let mut now = vec![0.0; out.len()];
         self.write_displaced(|_| 0.0, &mut now);
-        self.write_displaced(|i| by[0][i], out);
+        self.write_displaced(|i| by[i], out);
         out.iter_mut().zip(&now).for_each(|(out, now)| *out -= now);
-        out[n..2 * n].copy_from_slice(&by[1]);
+        out[n..2 * n].copy_from_slice(&of_velocities);
         true
     }
 
@@ -508,6 +471,7 @@ impl Stepper for TimeSteppingRun<'_> {
             longer.follow(self);
             self.longer = Some(longer);
         }
+        self.gaps.step(&self.stepper, &mut *self.outputs.problem);
         Ok(())
     }
 
@@ -546,6 +510,7 @@ impl Stepper for TimeSteppingRun<'_> {
             longer.judge(GIVEN_STEPS, &mut diagnostics.checks);
         }
         let checks = &mut diagnostics.checks;
+        self.gaps.judge(&self.outputs.model.contacts, checks);
         check_energy(&self.stepper.energy, Accuracy::Fixed, checks);
         check_violations(&self.stepper.violations, &self.outputs.model.contacts, Accuracy::Fixed, checks);
     }

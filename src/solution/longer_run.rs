@@ -3,7 +3,7 @@
 //! A single step is compared with two steps of half its length.
 
 use super::compared_columns::Columns;
-use super::longer_steps::{Comparison, Kind};
+use super::longer_steps::{Comparison, Kind, part_of};
 use super::reducers::{Reduction, Selected};
 use super::run::{Plan, Stepper};
 use super::{Checks, Event, Failure};
@@ -36,6 +36,10 @@ pub(super) trait TimeStepped: Stepper + Sized {
     /// Writes for each output by what it is displaced if the impacts in the last step are off by the step; returns false if
     /// there are none.
     fn strike(&mut self, out: &mut [f64]) -> bool;
+
+    /// Writes a number other than zero for each output that contacts hold at the end of the last step, whatever earlier impacts
+    /// were off by.
+    fn hold(&mut self, _out: &mut [f64]) {}
 
     /// Writes for each output the displacement at the end of the last step by all impacts so far, each in the direction at the
     /// beginning of its step; returns false without such impacts.
@@ -159,7 +163,8 @@ impl SelectedEvents {
             (false, [None, None]) => 0.0,
             (false, _) => 1.0,
         };
-        (error, format!("and `{name}` is estimated to be off by {error:.1e} of its value, beside steps twice as long"))
+        let part = part_of(error, "its value");
+        (error, format!("and `{name}` is estimated to be off by {part}, beside steps twice as long"))
     }
 }
 
@@ -190,6 +195,7 @@ impl<S: TimeStepped> LongerRun<S> {
         let mut row = self.free.pop().unwrap_or_else(|| Row { t, h, y: vec![0.0; self.y.len()] });
         (row.t, row.h) = (t, h);
         self.read(run, t, &mut row.y);
+        self.comparison.count(self.counts([run.begin(), t]));
         self.comparison.meet(&row.y, h);
         let outputs = self.columns.outputs();
         self.changes.fill(0.0);
@@ -203,6 +209,12 @@ impl<S: TimeStepped> LongerRun<S> {
         if run.strike(&mut self.changes[..outputs]) {
             self.columns.displace(t, &row.y, &mut self.changes);
             self.comparison.strike(&self.changes, self.end - t);
+        }
+        self.changes.fill(0.0);
+        if self.comparison.carries() {
+            run.hold(&mut self.changes[..outputs]);
+            self.columns.hold(&mut self.changes);
+            self.comparison.carry(&self.changes);
         }
         self.changes.fill(0.0);
         if run.mislead(&mut self.changes[..outputs]) {
@@ -250,6 +262,13 @@ impl<S: TimeStepped> LongerRun<S> {
         }
     }
 
+    /// Whether values at the output times depend on a step: it reaches into the latter half of the time up to one of them, or there
+    /// are outputs at all steps.
+    fn counts(&self, [begin, end]: [f64; 2]) -> bool {
+        let next = self.times.get(self.times.partition_point(|time| *time <= begin));
+        self.times.is_empty() || next.is_some_and(|next| end - self.start >= 0.5 * (next - self.start))
+    }
+
     /// Writes the columns of a run at a time within its last step.
     fn read(&mut self, run: &mut S, t: f64, y: &mut [f64]) {
         run.values(t, &mut y[..self.columns.outputs()]);
@@ -286,6 +305,7 @@ impl<S: TimeStepped> LongerRun<S> {
         let is_bent = self.stepper.bend(&mut self.changes[..self.columns.outputs()]);
         let mut y = std::mem::take(&mut self.y);
         let rows: Vec<Row> = self.open.drain(..count).collect();
+        self.comparison.count(self.counts([self.stepper.begin(), self.stepper.t()]));
         for (k, row) in rows.iter().enumerate() {
             let values = &mut y[..self.columns.outputs()];
             self.stepper.values(row.t, values);

@@ -78,7 +78,12 @@ pub(super) struct Quantity {
     distance: f64,
     /// The integral over time, and how far the integrals are apart.
     integrals: [f64; 2],
-    /// The sum of the squares of what impacts, each off by a step, change of it.
+    /// Whether nothing but its values at the output times is asked for.
+    pub is_at_times: bool,
+    /// The time over which it was compared.
+    compared: f64,
+    /// The sum of the squares of what impacts so far, each off by a step, change of it, and the largest such sum.
+    carried: f64,
     impacts: f64,
     /// The largest displacement by impacts in a wrong direction; for what jumps, its integral over time.
     misled: f64,
@@ -110,6 +115,9 @@ impl Quantity {
             least: 0.0,
             distance: 0.0,
             integrals: [0.0; 2],
+            is_at_times: false,
+            compared: 0.0,
+            carried: 0.0,
             impacts: 0.0,
             misled: 0.0,
             missed: 0.0,
@@ -175,9 +183,9 @@ impl Quantity {
         }
     }
 
-    /// The error relative to its size, and how it is told. Velocities were compared over the time `compared`.
-    fn errors(&self, compared: f64, repeated: f64, within: u32) -> [(f64, String); 4] {
-        let over = if self.is_continuous() { 1.0 } else { compared };
+    /// The error relative to its size, and how it is told.
+    fn errors(&self, repeated: f64, within: u32) -> [(f64, String); 4] {
+        let over = if self.is_continuous() || self.compared == 0.0 { 1.0 } else { self.compared };
         let size = self.size.max(self.least).max(ROUNDING * self.largest);
         let relative = |error: f64| if error == 0.0 { 0.0 } else { error / size };
         let by_impacts = relative(self.impacts.sqrt().hypot(self.misled / over));
@@ -186,25 +194,23 @@ impl Quantity {
             Kind::Continuous => ("change", "by up to"),
             _ => ("value", "in the mean over time by"),
         };
-        let impacts =
-            format!("and impacts, each misplaced within its step, move {name} by {by_impacts:.1e} of its largest {of}");
+        let part = |error: f64| part_of(error, &format!("its largest {of}"));
+        let impacts = format!("and impacts, each misplaced within its step, move {name} by {}", part(by_impacts));
         // Where both runs have the same steps they do not differ, whatever their error.
         let apart = relative(self.distance / over) / (1.0 - repeated);
         let apart = if self.measure == Measure::Crossings { self.late } else { apart };
         let what = format!(
-            "and {name} is estimated to be off {when} {apart:.1e} of its largest {of}, by which it differs with steps twice \
-             as long"
+            "and {name} is estimated to be off {when} {}, by which it differs with steps twice as long",
+            part(apart)
         );
         let (held, how) = match self.is_continuous() {
             true => (relative(self.bent), "by impacts"),
             false => (relative(self.held / f64::from(within.max(1))), "in the mean"),
         };
-        let between = format!(
-            "and {name} is off by {held:.1e} of its largest {of} at times within steps, {how}: ask for ends of steps"
-        );
+        let between =
+            format!("and {name} is off by {} at times within steps, {how}: ask for ends of steps", part(held));
         let missed = relative(self.missed);
-        let unseen =
-            format!("and data that vary within a step move {name} by {missed:.1e} of its largest {of}, unseen by it");
+        let unseen = format!("and data that vary within a step move {name} by {}, unseen by it", part(missed));
         [(by_impacts, impacts), (held, between), (missed, unseen), (apart, what)]
     }
 }
@@ -226,6 +232,8 @@ pub(super) struct Comparison {
     share: f64,
     /// The number of output times within steps.
     within: u32,
+    /// Whether what is asked for at the output times depends on the present time.
+    counts: bool,
     /// Errors of other kinds, relative, with what they are errors of.
     others: Vec<(f64, String)>,
     /// Why the other run came to an end.
@@ -237,7 +245,19 @@ impl Comparison {
     pub fn new(quantities: Vec<Quantity>, start: f64, is_default: bool) -> Self {
         let (compared, repeated, share) = (0.0, 0.0, 1.0);
         let (others, remedy) = (Vec::new(), "give a smaller `step`");
-        Self { quantities, is_default, remedy, start, compared, repeated, share, within: 0, others, failed: None }
+        Self {
+            quantities,
+            is_default,
+            remedy,
+            start,
+            compared,
+            repeated,
+            share,
+            within: 0,
+            counts: true,
+            others,
+            failed: None,
+        }
     }
 
     /// Notes the columns of the run at the end of a step of length `h`, or at the start.
@@ -297,13 +317,37 @@ impl Comparison {
     pub fn strike(&mut self, displaced: &[f64], remaining: f64) {
         for quantity in &mut self.quantities {
             let by = displaced[quantity.column];
-            quantity.impacts += match quantity.measure {
+            quantity.carried += match quantity.measure {
                 Measure::Values if quantity.kind == Kind::Continuous => by * by,
                 Measure::Integral { is_squared: false } => (by * remaining).powi(2),
                 Measure::Integral { is_squared: true } => (2.0 * quantity.largest * by * remaining).powi(2),
                 Measure::Values | Measure::Crossings => 0.0,
             };
         }
+    }
+
+    /// Whether impacts have displaced anything.
+    pub fn carries(&self) -> bool {
+        self.quantities.iter().any(|of| of.carried != 0.0)
+    }
+
+    /// Completes what impacts displace: of columns that contacts hold, earlier impacts displace nothing any more.
+    pub fn carry(&mut self, held: &[f64]) {
+        let counts = self.counts;
+        for quantity in &mut self.quantities {
+            if held[quantity.column] != 0.0 && quantity.measure == Measure::Values {
+                quantity.carried = 0.0;
+            }
+            if counts || !quantity.is_at_times {
+                quantity.impacts = quantity.impacts.max(quantity.carried);
+            }
+        }
+    }
+
+    /// Notes whether the present time counts for values at the output times. Where runs differ they may agree at a single time, and
+    /// so the latter half of the time up to each output counts.
+    pub fn count(&mut self, counts: bool) {
+        self.counts = counts;
     }
 
     /// Compares columns at a time within a step with those on the line between its ends, for what is not continuous: of what is
@@ -328,7 +372,9 @@ impl Comparison {
 
     /// Notes by how much impacts in a wrong direction displace the columns, at the end of a step of length `h`.
     pub fn mislead(&mut self, displaced: &[f64], h: f64) {
-        for quantity in self.quantities.iter_mut().filter(|of| of.measure == Measure::Values) {
+        let counts = self.counts;
+        let is_compared = |of: &&mut Quantity| of.measure == Measure::Values && (counts || !of.is_at_times);
+        for quantity in self.quantities.iter_mut().filter(is_compared) {
             let by = displaced[quantity.column].abs();
             if quantity.kind != Kind::Continuous {
                 quantity.misled += h * by;
@@ -340,7 +386,9 @@ impl Comparison {
 
     /// Notes by how much data that vary within steps displace the columns, beyond what the steps see of them.
     pub fn miss(&mut self, displaced: &[f64]) {
-        for quantity in self.quantities.iter_mut().filter(|of| of.measure == Measure::Values) {
+        let counts = self.counts;
+        let is_compared = |of: &&mut Quantity| of.measure == Measure::Values && (counts || !of.is_at_times);
+        for quantity in self.quantities.iter_mut().filter(is_compared) {
             let by = displaced[quantity.column].abs();
             if is_worse(by, quantity.missed) {
                 quantity.missed = by;
@@ -352,10 +400,12 @@ impl Comparison {
     /// other run of length `length`. Within a step that impacts bend, the longer step knows less of what is continuous than the
     /// shorter ones, which end there.
     pub fn differ(&mut self, [run, other]: [&[f64]; 2], [t, h]: [f64; 2], (length, ends): (f64, bool), is_bent: bool) {
+        let counts = self.counts;
         let over = ends.then_some(length);
         self.compared += over.unwrap_or(0.0);
         let times = [h, t - self.start];
-        for quantity in &mut self.quantities {
+        for quantity in self.quantities.iter_mut().filter(|of| counts || !of.is_at_times) {
+            quantity.compared += over.unwrap_or(0.0);
             let values = [quantity.value(run, h), quantity.value(other, length)];
             quantity.differ(values, times, over, !is_bent || ends);
         }
@@ -422,7 +472,7 @@ impl Comparison {
         let repeated = repeated.min(MOST_REPEATED);
         let judged = self.quantities.iter().filter(|of| of.kind != Kind::Residual);
         let errors = judged.flat_map(|of| {
-            let [impacts, held, missed, (apart, what)] = of.errors(self.compared, repeated, self.within);
+            let [impacts, held, missed, (apart, what)] = of.errors(repeated, self.within);
             [impacts, held, missed, (self.share * apart, what)]
         });
         for (error, what) in errors.chain(self.others.iter().cloned()) {
@@ -434,7 +484,39 @@ impl Comparison {
     }
 }
 
+/// The largest error that is told as a number: larger ones are errors of what is zero, but for rounding.
+const MOST_TOLD: f64 = 1e3;
+
+/// An error relative to the size of something, in words.
+pub(super) fn part_of(error: f64, what: &str) -> String {
+    if error.is_nan() {
+        format!("an unknown part of {what}")
+    } else if error <= 1.0 {
+        format!("{error:.1e} of {what}")
+    } else if error <= MOST_TOLD {
+        format!("{error:.1} times {what}")
+    } else {
+        format!("far more than {what}, which is next to zero")
+    }
+}
+
 /// Says that steps over impacts were not compared with longer ones, and why.
 pub(super) fn not_compared(checks: &mut Checks, why: &str) {
     checks.caveat("error_not_estimated", format!("what the steps are worth was not estimated: {why}"));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_of_what_is_next_to_zero_are_told_in_words() {
+        let part = |error| part_of(error, "its largest change");
+        assert_eq!(part(0.02), "2.0e-2 of its largest change");
+        assert_eq!(part(3.0), "3.0 times its largest change");
+        for error in [5e14, f64::INFINITY] {
+            assert_eq!(part(error), "far more than its largest change, which is next to zero");
+        }
+        assert_eq!(part(f64::NAN), "an unknown part of its largest change");
+    }
 }

@@ -6,6 +6,7 @@ use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::misdirection::Misdirection;
 use super::run::{Plan, Stepper, run};
 use super::unseen_actions::UnseenAction;
+use super::unseen_friction::UnseenFriction;
 use super::unseen_motion::UnseenMotion;
 use super::{CheckCode, Checks, Diagnostics, Event, Failure, Solution, ViCounts, Warning};
 use analysis::Analysis;
@@ -126,6 +127,8 @@ struct RigidBodyRun<'a> {
     unseen: Vec<UnseenAction>,
     /// What bodies whose motion is given do between the ends of steps.
     unseen_motion: Option<UnseenMotion>,
+    /// What coefficients of friction that vary do between the ends of steps.
+    unseen_friction: Option<UnseenFriction>,
     /// For each moving body, the errors of the directions of its velocity and its angular velocity by impacts.
     misdirections: Vec<[Misdirection; 2]>,
     /// Joint outputs at the end of the step before the last one.
@@ -178,6 +181,7 @@ impl<'a> RigidBodyRun<'a> {
             }
             course.unseen = UnseenAction::all(scene);
             course.unseen_motion = UnseenMotion::of(scene);
+            course.unseen_friction = UnseenFriction::of(scene);
             course.misdirections = vec![Default::default(); course.starts.len()];
             let mut longer = LongerRun::new(longer, plan, settings.default_step);
             if impacts.can_be_located && !impacts.are_located {
@@ -225,6 +229,7 @@ impl<'a> RigidBodyRun<'a> {
             forces_before: Vec::new(),
             unseen: Vec::new(),
             unseen_motion: None,
+            unseen_friction: None,
             misdirections: Vec::new(),
             is_compared: false,
             arcs: Vec::new(),
@@ -493,6 +498,12 @@ impl TimeStepped for RigidBodyRun<'_> {
         true
     }
 
+    fn hold(&mut self, out: &mut [f64]) {
+        for (held, out) in self.simulation.held_places().iter().zip(out.chunks_exact_mut(OF_BODY.len())) {
+            out.iter_mut().zip(held).for_each(|(out, held)| *out = if *held { 1.0 } else { 0.0 });
+        }
+    }
+
     fn mislead(&mut self, out: &mut [f64]) -> bool {
         let h = self.t - self.before;
         let errors = self.simulation.misdirected(&self.starts, h);
@@ -534,7 +545,14 @@ impl TimeStepped for RigidBodyRun<'_> {
                 out[7..10].iter_mut().for_each(|out| *out += velocity);
             }
         }
-        !self.unseen.is_empty() || self.unseen_motion.is_some()
+        if let Some(friction) = &mut self.unseen_friction {
+            friction.step(step, &self.simulation);
+            let bodies = self.simulation.ends.iter().enumerate();
+            for ((body, motion), out) in bodies.zip(out.chunks_exact_mut(OF_BODY.len())) {
+                friction.displace(body, motion, out);
+            }
+        }
+        !self.unseen.is_empty() || self.unseen_motion.is_some() || self.unseen_friction.is_some()
     }
 
     fn events(&self) -> Vec<Event> {

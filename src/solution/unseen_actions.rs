@@ -1,7 +1,7 @@
 //! What forces on bodies do between the times at which steps look at them: in time, with all bodies as at the end of a step, and along
 //! the way of a step.
 
-use super::unseen_data::{InTime, UnseenData};
+use super::unseen_data::{InTime, OfStates, OnWay, UnseenData};
 use expression::{IntervalWorkspace, Tape};
 use models::rigid_bodies::{Action, Motion, MultibodySystem, OF_BODY, OUTPUTS, state};
 use nalgebra::{Quaternion, Vector3};
@@ -15,10 +15,9 @@ pub(super) struct UnseenAction {
     of_way: UnseenData,
     /// The moving body that it acts on, by its index.
     pub own: usize,
-    /// The states of its bodies at the end and at the beginning of a step, and on the way.
+    /// The states of its bodies at the end and at the beginning of a step.
     inputs: Vec<f64>,
     before: Vec<f64>,
-    between: (Vec<f64>, Vec<Interval>),
     out: Vec<f64>,
     ranges: Vec<Interval>,
     /// By what the body is displaced in space and in its velocity, and turned; and bounds on the error of that.
@@ -26,62 +25,22 @@ pub(super) struct UnseenAction {
     unknown: [[f64; 2]; 2],
 }
 
-/// The functions of time of an action.
-struct ActionInTime<'s> {
+/// Force and torque of an action as functions of the states of its bodies.
+struct ActionOfStates<'s> {
     program: &'s mut Tape,
     boxes: &'s mut IntervalWorkspace,
-    inputs: &'s [f64],
     out: &'s mut [f64],
     ranges: &'s mut [Interval],
 }
 
-impl InTime for ActionInTime<'_> {
-    fn at(&mut self, t: f64, out: &mut [f64]) {
-        self.program.evaluate(t, self.inputs, self.out);
+impl OfStates for ActionOfStates<'_> {
+    fn at(&mut self, t: f64, states: &[f64], out: &mut [f64]) {
+        self.program.evaluate(t, states, self.out);
         out.copy_from_slice(&self.out[..out.len()]);
     }
 
-    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
-        let inputs: Vec<Interval> = self.inputs.iter().map(|value| Interval::point(*value)).collect();
-        self.program.enclose(t, &inputs, self.boxes, self.ranges);
-        out.copy_from_slice(&self.ranges[..out.len()]);
-    }
-}
-
-/// An action along the straight way of its bodies over a step.
-struct ActionOnWay<'s> {
-    program: &'s mut Tape,
-    boxes: &'s mut IntervalWorkspace,
-    step: [f64; 2],
-    states: [&'s [f64]; 2],
-    between: &'s mut (Vec<f64>, Vec<Interval>),
-    out: &'s mut [f64],
-    ranges: &'s mut [Interval],
-}
-
-impl ActionOnWay<'_> {
-    /// A state at a time.
-    fn state(&self, k: usize, t: f64) -> f64 {
-        let [from, to] = self.states.map(|state| state[k]);
-        from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
-    }
-}
-
-impl InTime for ActionOnWay<'_> {
-    fn at(&mut self, t: f64, out: &mut [f64]) {
-        for k in 0..self.states[0].len() {
-            self.between.0[k] = self.state(k, t);
-        }
-        self.program.evaluate(t, &self.between.0, self.out);
-        out.copy_from_slice(&self.out[..out.len()]);
-    }
-
-    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
-        for k in 0..self.states[0].len() {
-            let [a, b] = [self.state(k, t.lo), self.state(k, t.hi)];
-            self.between.1[k] = Interval::new(a.min(b), a.max(b));
-        }
-        self.program.enclose(t, &self.between.1, self.boxes, self.ranges);
+    fn enclose(&mut self, t: Interval, states: &[Interval], out: &mut [Interval]) {
+        self.program.enclose(t, states, self.boxes, self.ranges);
         out.copy_from_slice(&self.ranges[..out.len()]);
     }
 }
@@ -104,7 +63,6 @@ impl UnseenAction {
                 of_way: UnseenData::of_way(),
                 own,
                 before: inputs.clone(),
-                between: (inputs.clone(), vec![Interval::LINE; inputs.len()]),
                 inputs,
                 out: vec![0.0; OUTPUTS],
                 ranges: vec![Interval::LINE; OUTPUTS],
@@ -118,17 +76,17 @@ impl UnseenAction {
     /// Adds a step in which the body has the given motion at its end.
     pub fn step(&mut self, [from, to]: [f64; 2], motion: &Motion, (is_local, at): (bool, &Vector3<f64>)) {
         let h = to - from;
-        let Self { program, boxes, data, of_way, inputs, before, between, out, ranges, displaced, unknown, .. } = self;
+        let Self { program, boxes, data, of_way, inputs, before, out, ranges, displaced, unknown, .. } = self;
         let (mut missed, mut left) = ([Vector3::zeros(); 2], [0.0; 2]);
         let turn = |of: Vector3<f64>| if is_local { motion.pose.rotation * of } else { of };
         let arm = motion.pose.rotation * at;
-        let mut in_time = ActionInTime { program, boxes, inputs, out, ranges };
+        let mut of_states = ActionOfStates { program, boxes, out, ranges };
+        let mut in_time = OnWay::new(&mut of_states, [from, to], [inputs, inputs]);
         if data.integrate(6, [from, to], &mut in_time) {
             let bound = |k: usize| (0..3).map(|i| data.integrals[3 * k + i][1]).sum::<f64>();
             left = [bound(0) / motion.mass, motion.mobility.norm() * (bound(1) + arm.norm() * bound(0))];
         }
-        let states = [before.as_slice(), inputs.as_slice()];
-        let mut on_way = ActionOnWay { program, boxes, step: [from, to], states, between, out, ranges };
+        let mut on_way = OnWay::new(&mut of_states, [from, to], [before, inputs]);
         if of_way.integrate(6, [from, to], &mut on_way) {
             // A step takes the forces at its midpoint.
             let mut used = [0.0; 6];

@@ -24,6 +24,54 @@ pub(super) trait InTime {
     fn enclose(&mut self, t: Interval, out: &mut [Interval]);
 }
 
+/// Functions of time and of states.
+pub(super) trait OfStates {
+    /// Writes the values at a time and at states.
+    fn at(&mut self, t: f64, states: &[f64], out: &mut [f64]);
+
+    /// Encloses the values over an interval of time and a box of states.
+    fn enclose(&mut self, t: Interval, states: &[Interval], out: &mut [Interval]);
+}
+
+/// Functions along the straight way of a step through the states; at fixed states, if these are the same at both ends.
+pub(super) struct OnWay<'s, F> {
+    of: &'s mut F,
+    step: [f64; 2],
+    states: [&'s [f64]; 2],
+    between: (Vec<f64>, Vec<Interval>),
+}
+
+impl<'s, F> OnWay<'s, F> {
+    /// The way over a step, from the states at its beginning to those at its end.
+    pub fn new(of: &'s mut F, step: [f64; 2], states: [&'s [f64]; 2]) -> Self {
+        let between = (states[0].to_vec(), states[0].iter().map(|state| Interval::point(*state)).collect());
+        Self { of, step, states, between }
+    }
+
+    /// State `k` at a time.
+    fn state(&self, k: usize, t: f64) -> f64 {
+        let [from, to] = self.states.map(|state| state[k]);
+        from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
+    }
+}
+
+impl<F: OfStates> InTime for OnWay<'_, F> {
+    fn at(&mut self, t: f64, out: &mut [f64]) {
+        for k in 0..self.states[0].len() {
+            self.between.0[k] = self.state(k, t);
+        }
+        self.of.at(t, &self.between.0, out);
+    }
+
+    fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
+        for k in 0..self.states[0].len() {
+            let [a, b] = [self.state(k, t.lo), self.state(k, t.hi)];
+            self.between.1[k] = Interval::new(a.min(b), a.max(b));
+        }
+        self.of.enclose(t, &self.between.1, out);
+    }
+}
+
 /// The integrals of functions over steps.
 #[derive(Clone, Debug, Default)]
 pub(super) struct UnseenData {
@@ -44,7 +92,7 @@ impl UnseenData {
         Self { is_of_way: true, ..Self::default() }
     }
 
-    /// Integrates `count` functions over a step; returns false if none varies in it.
+    /// Integrates `count` functions over a step; returns false if none varies in it by what counts.
     pub fn integrate(&mut self, count: usize, step: [f64; 2], of: &mut impl InTime) -> bool {
         let Self { largest, integrals, left, ranges, samples, is_of_way } = self;
         largest.resize(count, 0.0);
@@ -53,7 +101,16 @@ impl UnseenData {
         integrals.clear();
         integrals.resize(count, [0.0; 2]);
         of.enclose(Interval::new(step[0], step[1]), ranges);
-        if ranges.iter().all(|range| range.width() == 0.0) {
+        // What varies by less than rules of quadrature need to agree hides nothing.
+        let mut may_hide = false;
+        for (range, largest) in ranges.iter().zip(largest.iter_mut()) {
+            if !range.is_empty() {
+                *largest = largest.max(range.magnitudes().0);
+            }
+            let is_narrow = range.width() <= AGREE * *largest;
+            may_hide |= !is_narrow || range.is_empty();
+        }
+        if !may_hide {
             return false;
         }
         left.clear();

@@ -12,8 +12,9 @@
 
 use super::contact::frame;
 use contact::law::admissible;
-use expression::Tape;
+use expression::{IntervalWorkspace, Tape};
 use nalgebra::{Isometry3, Matrix3, Vector3};
+use numerics::Interval;
 
 /// The number of inputs of a coefficient that varies, after the time: the place of the contact, and the speed of the slip.
 pub const INPUTS: usize = 4;
@@ -41,6 +42,15 @@ impl Coefficient {
         let of = |mu: f64| admissible(mu).ok_or(mu);
         let first = of(out[0])?;
         if self.is_mean { Ok((first * of(out[1])?).sqrt()) } else { Ok(first) }
+    }
+
+    /// Encloses the coefficient over an interval of time and a box of places.
+    pub fn enclose(&self, t: Interval, place: &[Interval], slip_speed: f64, boxes: &mut IntervalWorkspace) -> Interval {
+        let inputs = [place[0], place[1], place[2], Interval::point(slip_speed)];
+        let mut out = [Interval::LINE; 2];
+        let outputs = if self.is_mean { 2 } else { 1 };
+        self.program.enclose(t, &inputs, boxes, &mut out[..outputs]);
+        if self.is_mean { (out[0] * out[1]).sqrt() } else { out[0] }
     }
 }
 

@@ -24,11 +24,13 @@ mod misdirected;
 mod overlaps;
 mod partition;
 mod report;
+mod rubbing;
 mod stops;
 
 pub(super) use detection::NEAR;
 pub use located::Arc;
 pub use report::{ContactReport, StepFailure};
+pub use rubbing::Rubbing;
 
 use super::collision::{BroadPhase, ContactPoint};
 use super::contact::Contact;
@@ -93,6 +95,8 @@ pub struct MoreauStepping<'a> {
     given: Vec<Option<u32>>,
     /// The contacts of the step.
     pub contacts: Vec<Contact>,
+    /// Those with impulses of the law that was solved last, if coefficients of friction vary.
+    rubbing: Vec<Contact>,
     /// The events of the last step.
     pub new_events: Vec<NewEvent>,
     /// What located impacts need; `None` for time stepping.
@@ -161,6 +165,7 @@ impl<'a> MoreauStepping<'a> {
             prescribed,
             given,
             contacts: Vec::new(),
+            rubbing: Vec::new(),
             new_events: Vec::new(),
             located: None,
             touches: Touches::default(),

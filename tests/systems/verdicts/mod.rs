@@ -5,6 +5,7 @@ mod bodies;
 mod compared;
 mod given_steps;
 mod impacts;
+mod narrow;
 mod obstacle;
 
 use super::harness::{last, solve};

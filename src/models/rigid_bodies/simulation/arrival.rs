@@ -81,21 +81,25 @@ impl MoreauStepping<'_> {
         let way = |contact: &Contact| {
             h * contact.velocity(|body| (self.ends[body as usize].velocity, self.ends[body as usize].omega)).x.max(0.0)
         };
-        self.hold_back(self.contacts.iter().filter(closed).map(|contact| (contact, way(contact))), by);
+        self.hold_back(self.contacts.iter().filter(closed).map(|contact| (contact, 0, way(contact))), by);
     }
 
-    /// Takes from changes of the moving bodies what contacts do not allow beyond a way along the normal that each leaves: by
-    /// impulses along the normals, one after the other.
+    /// Takes from changes of the moving bodies what contacts do not allow beyond a way that each leaves, along the normal or a
+    /// tangent by the index of its axis: by impulses along the axes, one after the other.
     pub(super) fn hold_back<'c>(
         &self,
-        contacts: impl Iterator<Item = (&'c Contact, f64)>,
+        contacts: impl Iterator<Item = (&'c Contact, usize, f64)>,
         by: &mut [(Vector3<f64>, Vector3<f64>)],
     ) {
-        let along = |contact: &Contact, by: &[(Vector3<f64>, Vector3<f64>)]| contact.change(|body| by[body as usize]).x;
-        let push = |contact: &Contact, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]| {
+        let along = |contact: &Contact, axis: usize, by: &[(Vector3<f64>, Vector3<f64>)]| {
+            contact.change(|body| by[body as usize])[axis]
+        };
+        let push = |contact: &Contact, axis: usize, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]| {
+            let mut unit = Vector3::zeros();
+            unit[axis] = amount;
             for side in [0, 1] {
                 let Some(body) = contact.bodies[side] else { continue };
-                let (impulse, angular) = contact.wrench(side, &(Vector3::x() * amount));
+                let (impulse, angular) = contact.wrench(side, &unit);
                 let motion = &self.moving[body as usize];
                 let (place, turn) = &mut by[body as usize];
                 *place += impulse / motion.mass;
@@ -104,23 +108,47 @@ impl MoreauStepping<'_> {
         };
         let mut unit = vec![(Vector3::zeros(), Vector3::zeros()); by.len()];
         let mut held = Vec::new();
-        for (contact, way) in contacts {
-            push(contact, 1.0, &mut unit);
-            held.push((contact, along(contact, &unit), way));
+        for (contact, axis, way) in contacts {
+            push(contact, axis, 1.0, &mut unit);
+            held.push((contact, axis, along(contact, axis, &unit), way));
             contact.bodies.iter().flatten().for_each(|&body| unit[body as usize] = Default::default());
         }
-        let first = held.iter().map(|(contact, _, way)| (along(contact, by) - way).abs()).fold(0.0, f64::max);
+        let first =
+            held.iter().map(|(contact, axis, _, way)| (along(contact, *axis, by) - way).abs()).fold(0.0, f64::max);
         for _ in 0..MOST_SWEEPS {
             let mut left = 0.0_f64;
-            for &(contact, mobility, way) in held.iter().filter(|(_, mobility, _)| *mobility > 0.0) {
-                let beyond = along(contact, by) - way;
+            for &(contact, axis, mobility, way) in held.iter().filter(|(_, _, mobility, _)| *mobility > 0.0) {
+                let beyond = along(contact, axis, by) - way;
                 left = left.max(beyond.abs());
-                push(contact, -beyond / mobility, by);
+                push(contact, axis, -beyond / mobility, by);
             }
             if left <= CONFINED * first {
                 break;
             }
         }
+    }
+
+    /// For each moving body, whether its contacts with bodies that do not move, or move as given, hold its coordinates at the end
+    /// of the step.
+    pub fn held_places(&self) -> Vec<[bool; 3]> {
+        let mut held = vec![[false; 3]; self.moving.len()];
+        let rests = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed() && !contact.turns;
+        let mut of_body: Vec<Vec<&Contact>> = vec![Vec::new(); self.moving.len()];
+        for contact in self.contacts.iter().filter(rests) {
+            if let [Some(body), None] | [None, Some(body)] = contact.bodies {
+                of_body[body as usize].push(contact);
+            }
+        }
+        let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
+        for (body, contacts) in of_body.iter().enumerate().filter(|(_, contacts)| !contacts.is_empty()) {
+            for (axis, held) in held[body].iter_mut().enumerate() {
+                by[body].0[axis] = 1.0;
+                self.hold_back(contacts.iter().map(|contact| (*contact, 0, 0.0)), &mut by);
+                *held = by[body].0[axis].abs() <= 2.0 * CONFINED;
+                by[body] = Default::default();
+            }
+        }
+        held
     }
 
     /// Computes the velocities at the end of the step, and extends `pushed` to all bodies of an implicit island.

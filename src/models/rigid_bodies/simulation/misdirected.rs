@@ -40,7 +40,7 @@ impl MoreauStepping<'_> {
         // Where bodies stay together, the next steps know along which normal.
         let stays =
             |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed() && contact.law.restitution == 0.0;
-        self.hold_back(self.contacts.iter().filter(stays).map(|contact| (contact, 0.0)), &mut by);
+        self.hold_back(self.contacts.iter().filter(stays).map(|contact| (contact, 0, 0.0)), &mut by);
         by
     }
 

@@ -39,6 +39,7 @@ impl MoreauStepping<'_> {
             self.report.done += island.done;
             self.report.newton += island.newton;
         }
+        self.keep_rubbing();
         Ok(())
     }
 

@@ -1,0 +1,121 @@
+//! What coefficients of friction between bodies that vary do between the times at which steps look at them, along the way of the
+//! contacts in a step.
+
+use super::unseen_data::{InTime, OfStates, OnWay, UnseenData};
+use expression::IntervalWorkspace;
+use models::rigid_bodies::{Coefficient, MoreauStepping, Motion, MultibodySystem, Rubbing};
+use nalgebra::{Quaternion, Vector3};
+use numerics::Interval;
+
+/// By what a body is changed in its place or velocity, and in its orientation or angular velocity.
+type Change = (Vector3<f64>, Vector3<f64>);
+
+/// What friction makes of the bodies, unseen by the steps.
+pub(super) struct UnseenFriction {
+    coefficients: Vec<(Coefficient, IntervalWorkspace, UnseenData)>,
+    /// For each moving body, by what it is displaced, with a bound on the error of that along the friction: in its place and
+    /// orientation, and in its velocities.
+    displaced: [[Vec<Change>; 2]; 2],
+}
+
+/// The coefficient of a contact as a function of its place; of a contact that sticks, no more than it needs.
+struct FrictionOfPlace<'s> {
+    coefficient: &'s mut Coefficient,
+    boxes: &'s mut IntervalWorkspace,
+    slip_speed: f64,
+    most: f64,
+}
+
+impl OfStates for FrictionOfPlace<'_> {
+    fn at(&mut self, t: f64, place: &[f64], out: &mut [f64]) {
+        let found = self.coefficient.at(t, &Vector3::from_column_slice(place), self.slip_speed);
+        out[0] = found.unwrap_or_else(|value| value).min(self.most);
+    }
+
+    fn enclose(&mut self, t: Interval, place: &[Interval], out: &mut [Interval]) {
+        let range = self.coefficient.enclose(t, place, self.slip_speed, self.boxes);
+        out[0] = Interval { lo: range.lo.min(self.most), hi: range.hi.min(self.most), ..range };
+    }
+}
+
+impl UnseenFriction {
+    /// The friction of a scene; `None` if no coefficient varies.
+    pub fn of(scene: &MultibodySystem) -> Option<Self> {
+        let new = |coefficient: &Coefficient| {
+            (coefficient.clone(), IntervalWorkspace::new(&coefficient.program), UnseenData::default())
+        };
+        let coefficients: Vec<_> = scene.laws.coefficients.iter().map(new).collect();
+        let still = || vec![Change::default(); scene.bodies.iter().filter(|body| !body.fixed).count()];
+        let displaced = [[still(), still()], [still(), still()]];
+        (!coefficients.is_empty()).then_some(Self { coefficients, displaced })
+    }
+
+    /// Adds the last step of a run.
+    pub fn step(&mut self, [from, to]: [f64; 2], simulation: &MoreauStepping<'_>) {
+        let h = to - from;
+        let mut changes = [0, 1].map(|part: usize| vec![Change::default(); self.displaced[part][1].len()]);
+        for rubbing in simulation.rubbing(h) {
+            let by = self.missed([from, to], &rubbing);
+            for (changes, by) in changes.iter_mut().zip(by) {
+                for (body, velocity, omega) in &rubbing.pushes {
+                    changes[*body].0 += velocity * by;
+                    changes[*body].1 += omega * by;
+                }
+            }
+        }
+        for ([places, velocities], changes) in self.displaced.iter_mut().zip(changes) {
+            for ((place, velocity), change) in places.iter_mut().zip(&mut *velocities).zip(changes) {
+                place.0 += (velocity.0 + change.0 * 0.5) * h;
+                place.1 += (velocity.1 + change.1 * 0.5) * h;
+                *velocity = (velocity.0 + change.0, velocity.1 + change.1);
+            }
+            let moves = |by: &[Change]| by.iter().any(|by| *by != Change::default());
+            if moves(places) || moves(velocities) {
+                simulation.restrain(h, false, places);
+                simulation.restrain(h, true, velocities);
+            }
+        }
+    }
+
+    /// By how much the mean coefficient of a contact in a step is above that of the step, and a bound on the error of that.
+    fn missed(&mut self, [from, to]: [f64; 2], rubbing: &Rubbing) -> [f64; 2] {
+        let Rubbing { places, slip_speed, used, .. } = rubbing;
+        let (coefficient, boxes, data) = &mut self.coefficients[rubbing.coefficient];
+        let most = if rubbing.is_stuck { *used } else { f64::INFINITY };
+        let mut of_place = FrictionOfPlace { coefficient, boxes, slip_speed: *slip_speed, most };
+        let closed = [from + rubbing.begin * (to - from), to];
+        let mut on_way = OnWay::new(&mut of_place, closed, [places[0].as_slice(), places[1].as_slice()]);
+        let mut at = |t: f64| {
+            let mut value = [0.0];
+            on_way.at(t, &mut value);
+            value[0]
+        };
+        let (first, last) = (at(closed[0]), at(to));
+        let seen = match rubbing.stages {
+            Some(stages) if !rubbing.is_stuck => {
+                stages.iter().map(|(part, weight)| weight * at(from + part * (to - from))).sum()
+            }
+            _ => *used,
+        };
+        let [mean, left] = if closed[0] < to && data.integrate(1, closed, &mut on_way) {
+            data.integrals[0].map(|integral| integral / (to - closed[0]))
+        } else {
+            [last, 0.0]
+        };
+        // The impulse may be that of an impact where the gap closes.
+        let struck = if rubbing.is_struck { (first - mean).abs() } else { 0.0 };
+        [mean - seen, left + struck]
+    }
+
+    /// Adds by what a body is displaced, and bounds on the error of that, to the outputs of the body.
+    pub fn displace(&self, body: usize, motion: &Motion, out: &mut [f64]) {
+        for [places, velocities] in &self.displaced {
+            let ((place, turn), (velocity, omega)) = (places[body], velocities[body]);
+            let turned = Quaternion::from_parts(0.0, 0.5 * turn) * motion.pose.rotation.into_inner();
+            let all = place.iter().copied().chain([turned.w, turned.i, turned.j, turned.k]);
+            let all = all.chain(velocity.iter().copied()).chain(omega.iter().copied());
+            // What is not known may have either sign.
+            out.iter_mut().zip(all).for_each(|(out, by)| *out += if *out * by < 0.0 { -by } else { by });
+        }
+    }
+}

@@ -1,0 +1,182 @@
+//! Gaps that close and open again within a step, while they are open at both its ends: a wall that is thinner than the way of a
+//! step, an obstacle that is there for less than its time. Gaps along the straight way of a step are bounded from below by
+//! bisection, with enclosures of their values and of their rates.
+
+use super::{CheckCode, Checks};
+use contact::TimeStepping;
+use numerics::Interval;
+use problem::{Constraints, Mechanical};
+
+/// Most parts of a step.
+const MOST_PARTS: usize = 64;
+
+/// Relative rounding error of gaps after corrections.
+const ROUNDING: f64 = 1e-9;
+
+/// The steps of a run in which a gap may close unseen.
+#[derive(Default)]
+pub(super) struct UnseenGaps {
+    /// For each contact the number of steps in which its gap closes or may close, the time of the first one, and whether it was
+    /// seen to close in one of them.
+    pub closing: Vec<(u32, f64, bool)>,
+    ends: [Vec<f64>; 2],
+    rows: Option<Constraints>,
+}
+
+/// The straight way of a step, with the gaps along it.
+struct Way<'s> {
+    problem: &'s mut dyn Mechanical,
+    step: [f64; 2],
+    q: [&'s [f64]; 2],
+    rate: Vec<Interval>,
+    values: Vec<f64>,
+    ranges: [Vec<Interval>; 2],
+}
+
+impl Way<'_> {
+    fn place(&self, k: usize, t: f64) -> f64 {
+        let [from, to] = self.q.map(|q| q[k]);
+        from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
+    }
+
+    /// The value of a row at a time.
+    fn at(&mut self, row: usize, t: f64) -> f64 {
+        let q: Vec<f64> = (0..self.rate.len()).map(|k| self.place(k, t)).collect();
+        self.problem.positions(t, &q, &mut self.values);
+        self.values[row]
+    }
+
+    /// Encloses all rows over a part of the step, and their rates if these are asked for.
+    fn enclose(&mut self, [from, to]: [f64; 2], with_rates: bool) {
+        let between = |k: usize| {
+            let [a, b] = [self.place(k, from), self.place(k, to)];
+            Interval::new(a.min(b), a.max(b))
+        };
+        let q: Vec<Interval> = (0..self.rate.len()).map(between).collect();
+        let t = Interval::new(from, to);
+        self.problem.enclose_positions(t, &q, &mut self.ranges[0]);
+        if with_rates {
+            self.problem.enclose_velocities(t, &q, &self.rate, &mut self.ranges[1]);
+        }
+    }
+
+    /// Whether the value of a row, at least `least` at both ends of the step, is so throughout; `None` if that is not known.
+    fn stays(&mut self, row: usize, ends: [f64; 2], least: f64) -> Option<bool> {
+        let mut left = vec![(self.step, ends)];
+        let mut parts = 1;
+        let mut is_known = true;
+        while let Some(([from, to], [first, last])) = left.pop() {
+            self.enclose([from, to], true);
+            let range = self.ranges[0][row];
+            if range.lo >= least && !range.is_empty() || lowest([first, last], to - from, self.ranges[1][row]) >= least
+            {
+                continue;
+            }
+            let middle = 0.5 * (from + to);
+            let value = self.at(row, middle);
+            if value < least {
+                return Some(false);
+            }
+            if parts >= MOST_PARTS || !(from < middle && middle < to) {
+                is_known = false;
+                continue;
+            }
+            parts += 1;
+            left.extend([([middle, to], [value, last]), ([from, middle], [first, value])]);
+        }
+        is_known.then_some(true)
+    }
+}
+
+/// The least value over a time `length` between two values, at a rate that is within `rate`.
+fn lowest([first, last]: [f64; 2], length: f64, rate: Interval) -> f64 {
+    let (falls, rises) = (rate.lo.min(0.0), rate.hi.max(0.0));
+    if rate.is_empty() || !rate.defined || !(falls.is_finite() && rises.is_finite()) {
+        return f64::NEG_INFINITY;
+    }
+    if falls == 0.0 || rises == 0.0 {
+        return first.min(last);
+    }
+    // The lines from both ends, as steep as can be, meet at the lowest value.
+    let until = (first - last + rises * length) / (rises - falls);
+    (first + falls * until.clamp(0.0, length)).min(last - rises * (length - until).clamp(0.0, length))
+}
+
+impl UnseenGaps {
+    /// Adds the last step of a run.
+    pub fn step(&mut self, stepper: &TimeStepping<'_>, problem: &mut dyn Mechanical) {
+        let structure = problem.structure();
+        let contacts = structure.contacts.len();
+        if contacts == 0 || structure.affine_constraints {
+            return;
+        }
+        let (joints, n) = (structure.joints, structure.coordinates);
+        let rows = self.rows.get_or_insert_with(|| Constraints::new(structure));
+        self.closing.resize(contacts, (0, 0.0, false));
+        let TimeStepping { state, last, step, .. } = stepper;
+        let h = state.t - last.t;
+        let q = [last.q.as_slice(), state.q.as_slice()];
+        for (end, state) in self.ends.iter_mut().zip([last, state]) {
+            end.resize(joints + contacts, 0.0);
+            problem.positions(state.t, &state.q, end);
+        }
+        let rate = (0..n).map(|k| Interval::point((q[1][k] - q[0][k]) / h)).collect();
+        let values = vec![0.0; joints + contacts];
+        let ranges = [vec![Interval::LINE; joints + contacts], vec![Interval::LINE; joints + contacts]];
+        let mut way = Way { problem, step: [last.t, state.t], q, rate, values, ranges };
+        way.enclose([last.t, state.t], false);
+        let is_apart = |range: &Interval| range.lo > 0.0 && !range.is_empty();
+        let may_close = |&k: &usize| step.contacted.r[k].x == 0.0 && !is_apart(&way.ranges[0][joints + k]);
+        let near: Vec<usize> = (0..contacts).filter(may_close).collect();
+        if near.is_empty() {
+            return;
+        }
+        way.problem.constraints(state.t, &state.q, rows);
+        for k in near {
+            let row = joints + k;
+            let ends = [0, 1].map(|end: usize| self.ends[end][row]);
+            let least = -ROUNDING * rows.size(row, &state.q).max(ends[0].abs()).max(ends[1].abs());
+            if !(ends[0] >= least && ends[1] >= least) {
+                continue;
+            }
+            let stays = way.stays(row, ends, least);
+            if stays != Some(true) {
+                let (count, first, is_seen) = &mut self.closing[k];
+                if *count == 0 {
+                    *first = last.t;
+                }
+                *count += 1;
+                *is_seen |= stays == Some(false);
+            }
+        }
+    }
+
+    /// Records the steps in which gaps close unseen, or may do so; `names` are those of the contacts.
+    pub fn judge(&self, names: &[String], checks: &mut Checks) {
+        for ((steps, first, is_seen), name) in self.closing.iter().zip(names) {
+            checks.record(CheckCode::EventsUnproven, f64::from(*steps), 0.0, || {
+                let (closes, why) = match is_seen {
+                    true => ("closes and opens again", "the step passes through"),
+                    false => ("may close and open again", "the step may pass through"),
+                };
+                format!(
+                    "within {steps} steps, first after t = {first:?}, the gap of `{name}` {closes} while it is open at both ends: \
+                     {why} what is narrower than its way or its time; give a smaller `step`"
+                )
+            });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lowest_value_is_where_the_steepest_lines_meet() {
+        // From 1 down at 2 and up at 1 to 1 again: a third of the time down.
+        assert!((lowest([1.0, 1.0], 3.0, Interval::new(-2.0, 1.0)) + 1.0).abs() < 1e-15);
+        assert_eq!(lowest([1.0, 3.0], 1.0, Interval::new(0.5, 4.0)), 1.0);
+        assert_eq!(lowest([1.0, 1.0], 1.0, Interval::LINE), f64::NEG_INFINITY);
+    }
+}
