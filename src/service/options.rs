@@ -197,7 +197,7 @@ impl Default for Options {
 impl Options {
     /// The folder of durable jobs, if there is one.
     pub fn jobs_folder(&self) -> Option<&Path> {
-        self.data.as_deref().filter(|_| !self.ephemeral)
+        self.data.as_deref().filter(|_| !self.ephemeral && !self.nats.is_used())
     }
 
     /// The path prefix: empty, or a path that begins with a slash and ends without one.

@@ -26,6 +26,7 @@ mod messages;
 mod metrics;
 #[path = "../bench/fuzz/mutation.rs"]
 mod mutation;
+mod nats;
 mod openapi;
 mod process;
 mod program;

@@ -52,6 +52,7 @@ const OTHERS: Duration = Duration::from_secs(10);
 /// The options of a worker.
 #[derive(Args, Clone, Debug)]
 pub struct WorkOptions {
+    /// The servers over which jobs are shared with other machines
     #[command(flatten)]
     pub nats: Nats,
 
@@ -72,7 +73,7 @@ pub struct WorkOptions {
     pub result_mib: NonZeroUsize,
 
     /// Leave when there has been nothing to do for so long, such as `10m`
-    #[arg(long, env = "DVI_UNTIL_IDLE", value_name = "TIME", value_parser = duration)]
+    #[arg(long, env = "DVI_UNTIL_IDLE", value_name = "TIME", value_parser = duration, requires = "servers")]
     pub until_idle: Option<Duration>,
 
     /// Time for running jobs to end after SIGTERM or SIGINT, in seconds; then they are left to other workers
