@@ -11,6 +11,8 @@ mod connections;
 mod door;
 mod durable;
 mod events;
+mod exchange;
+mod exchange_kills;
 mod explanations;
 mod full_disk;
 mod fuzzed;
