@@ -205,6 +205,7 @@ async fn without_its_servers_a_gateway_refuses_and_loses_nothing() {
         assert!(start.elapsed() < LONGEST, "the gateway does not notice");
         sleep(Duration::from_millis(5)).await;
     }
+    get(&site, "/readyz").await.problem(503, "store-away");
     let refused = post(&site, "c", DECAY).await;
     refused.problem(503, "store-away");
     assert!(refused.header("retry-after").parse::<u64>().unwrap() >= 1);

@@ -10,14 +10,15 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// The number of jobs, and of workers.
+/// The number of jobs; `DVI_EXCHANGE_JOBS` sets a larger one.
 const JOBS: usize = 2000;
 const WORKERS: usize = 2;
 
-/// The number of kills of workers; the server is killed half-way through, too.
+/// The least number of kills of workers, and that from one kill of the server to the next.
 const KILLS: usize = 12;
+const BETWEEN: usize = 6;
 
-/// Longer than all jobs take on a busy machine.
+/// Longer than all jobs take on a busy machine, for each of the usual number of jobs.
 const SETTLED: Duration = Duration::from_secs(240);
 
 /// A running `dvi worker`, killed when it is dropped.
@@ -86,6 +87,8 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
     if !is_installed() {
         return;
     }
+    let jobs = std::env::var("DVI_EXCHANGE_JOBS").map_or(JOBS, |text| text.parse().unwrap());
+    let settled = SETTLED * u32::try_from(jobs.div_ceil(JOBS)).unwrap();
     let (folder, start) = (Folder::new(), Instant::now());
     let mut nats = NatsServer::start(folder.path());
     let url = nats.url();
@@ -94,16 +97,19 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
     let is_posted = AtomicBool::new(false);
     let paths = thread::scope(|scope| {
         let posting = scope.spawn(|| {
-            let paths: Vec<String> = (0..JOBS).map(|k| post(&gateways[k % 2].address, k)).collect();
+            let paths: Vec<String> = (0..jobs).map(|k| post(&gateways[k % 2].address, k)).collect();
             is_posted.store(true, Relaxed);
             paths
         });
         let mut random = fastrand::Rng::with_seed(std::process::id().into());
-        for kill in 0..KILLS {
+        for kill in 1.. {
+            if kill > KILLS && is_posted.load(Relaxed) {
+                break;
+            }
             thread::sleep(Duration::from_millis(random.u64(100..600)));
             let victim = random.usize(..WORKERS);
             workers[victim] = Worker::start(&url, &[]);
-            if kill == KILLS / 2 {
+            if kill % BETWEEN == 0 {
                 nats.kill();
                 thread::sleep(Duration::from_millis(random.u64(..500)));
                 nats.restart();
@@ -121,7 +127,7 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
             if !["accepted", "running"].contains(&status["status"].as_str().unwrap()) {
                 break status;
             }
-            assert!(start.elapsed() < SETTLED, "{path}: {status}");
+            assert!(start.elapsed() < settled, "{path}: {status}");
             thread::sleep(Duration::from_millis(5));
         };
         assert_eq!(status["status"], "successful", "{status}");
@@ -131,7 +137,7 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
         let alone: Value = serde_json::to_value(&alone.trajectory).unwrap();
         assert_eq!(results["trajectory"], alone, "{path}");
     }
-    println!("{JOBS} jobs, {again} of them again, posted in {posted:?} and done in {:?}", start.elapsed());
+    println!("{jobs} jobs, {again} of them again, posted in {posted:?} and done in {:?}", start.elapsed());
     let leaves = Worker::start(&url, &["--until-idle", "1s"]).0.wait().unwrap();
     assert_eq!(leaves.code(), Some(0));
 }

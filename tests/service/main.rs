@@ -29,6 +29,7 @@ mod metrics;
 #[path = "../bench/fuzz/mutation.rs"]
 mod mutation;
 mod nats;
+mod nats_server;
 mod openapi;
 mod process;
 mod program;

@@ -119,8 +119,8 @@ problems! {
         "A different specification was posted with the same `Idempotency-Key`; use a separate key for each \
          specification.";
     Poisoned, "poisoned", INTERNAL_SERVER_ERROR, "The job was set aside",
-        "The service ended several times while only this job was running, so that it is not started again; please \
-         report its specification, or try it once more with `POST /jobs/{id}/retry`.";
+        "The service ended several times while only this job was running, or two workers on other machines were lost, so \
+         that it is not started again; please report its specification, or try it once more with `POST /jobs/{id}/retry`.";
     Unreadable, "unreadable", INTERNAL_SERVER_ERROR, "The store could not be read",
         "The stored job is missing or of another version; the log has details under the id of the job.";
     Damaged, "damaged", INTERNAL_SERVER_ERROR, "The stored job is damaged",

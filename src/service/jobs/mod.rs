@@ -442,9 +442,17 @@ impl Jobs {
         self.lock().draining
     }
 
+    /// Whether the servers that jobs are shared over, if there are any, are connected.
+    ///
+    /// # Errors
+    /// They are not.
+    pub fn near(&self) -> Result<(), Away> {
+        self.far.as_ref().map_or(Ok(()), |far| far.exchange.near())
+    }
+
     /// Whether the disk, if the service has a folder, accepts writes, and the servers that jobs are shared over are connected.
     pub fn is_writable(&self) -> bool {
-        self.store.is_writable() && self.far.as_ref().is_none_or(|far| far.exchange.is_near())
+        self.store.is_writable() && self.near().is_ok()
     }
 
     /// Wakes a relief worker if a job needs relief.
