@@ -379,6 +379,9 @@ impl Job {
         let all = self.estimate.as_ref()?.sweep?.members;
         let done = match &self.lock().state {
             State::Ended(ended) => ended.rows.unwrap_or(0),
+            State::Running { control, .. } if self.chunks.is_none() => {
+                (control.fraction() * all as f64).round() as usize
+            }
             State::Accepted(_) | State::Running { .. } => self.chunks.as_ref().map_or(0, |chunks| chunks.rows()),
         };
         Some((done, all))

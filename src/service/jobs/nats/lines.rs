@@ -64,6 +64,11 @@ impl Lines {
         self.arrival.notify_one();
     }
 
+    /// Has who waits look again whether it is over.
+    pub fn look(&self) {
+        self.arrival.notify_one();
+    }
+
     /// The message of the next job, with the time in which its consumer has to hear of it; `None` if `is_over` says so
     /// while there is none.
     pub async fn next(&self, exchange: &Exchange, is_over: impl Fn() -> bool) -> Option<(Message, Duration)> {
@@ -116,7 +121,8 @@ async fn ask(
         consumers.insert(client.to_owned(), exchange.messages.get_consumer(client).await?);
     }
     let Some(consumer) = consumers.get(client) else { return Ok(None) };
-    let mut messages = consumer.fetch().max_messages(1).expires(ANSWER).messages().await?;
+    // With a time of its own, the request would wait for a message.
+    let mut messages = consumer.fetch().max_messages(1).messages().await?;
     match timeout(ANSWER, messages.next()).await {
         Ok(Some(message)) => message.map(Some),
         Ok(None) => Ok(None),

@@ -175,6 +175,7 @@ pub async fn work(
         () = &mut all => {}
         _ = stop.recv() => {
             worker.is_stopping.store(true, Relaxed);
+            worker.lines.look();
             tracing::info!(grace_seconds, "stopping: no more jobs are taken");
             tokio::select! {
                 () = &mut all => {}
