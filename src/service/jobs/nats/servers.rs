@@ -9,7 +9,7 @@ use async_nats::jetstream::consumer::{AckPolicy, pull};
 use async_nats::jetstream::context::ContextBuilder;
 use async_nats::jetstream::kv::{self, CreateErrorKind, UpdateErrorKind};
 use async_nats::jetstream::object_store::{self, ObjectStore};
-use async_nats::jetstream::stream::{LastRawMessageErrorKind, RetentionPolicy, StorageType, Stream};
+use async_nats::jetstream::stream::{DiscardPolicy, LastRawMessageErrorKind, RetentionPolicy, StorageType, Stream};
 use async_nats::jetstream::{Context, message, stream};
 use std::collections::HashSet;
 use std::fmt;
@@ -407,9 +407,22 @@ async fn bucket(
     match jetstream.get_key_value(&bucket).await {
         Ok(bucket) => Ok(bucket),
         Err(_) => {
-            let description = description.to_owned();
-            let config = kv::Config { bucket, description, history: 1, num_replicas, ..kv::Config::default() };
-            Ok(jetstream.create_key_value(config).await?)
+            // What the library makes of a bucket (ADR-8 of NATS): by itself, it asks servers before 2.10 what they do not know.
+            let config = stream::Config {
+                name: format!("KV_{bucket}"),
+                description: Some(description.to_owned()),
+                subjects: vec![format!("$KV.{bucket}.>")],
+                storage: StorageType::File,
+                num_replicas,
+                max_messages_per_subject: 1,
+                discard: DiscardPolicy::New,
+                allow_rollup: true,
+                deny_delete: true,
+                allow_direct: true,
+                ..stream::Config::default()
+            };
+            jetstream.create_stream(config).await?;
+            Ok(jetstream.get_key_value(&bucket).await?)
         }
     }
 }
