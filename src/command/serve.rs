@@ -142,7 +142,7 @@ fn serve(options: Options, log: &Log) -> io::Result<()> {
     runtime.block_on(async {
         let listener = bind(options.listen).await?;
         let (address, workers) = (listener.local_addr()?, options.workers);
-        let stop = signals()?;
+        let mut stop = signals()?;
         let nats = options.nats.clone();
         let data = match options.jobs_folder() {
             Some(folder) => folder.display().to_string(),
@@ -152,7 +152,10 @@ fn serve(options: Options, log: &Log) -> io::Result<()> {
         let asks_tokens = options.asks_tokens();
         let launcher = worker::program(None, options.memory_mib.get());
         let service = if nats.is_used() {
-            Service::join(options, Arc::new(dvi::solve), &launcher).await?
+            tokio::select! {
+                service = Service::join(options, Arc::new(dvi::solve), &launcher) => service?,
+                _ = stop.recv() => return Ok(()),
+            }
         } else {
             Service::start(options, Arc::new(dvi::solve), &launcher)?
         };

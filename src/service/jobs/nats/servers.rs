@@ -3,7 +3,6 @@
 use super::entry::{Entry, FORMAT};
 use super::options::Nats;
 use crate::jobs::{Client, JobId};
-use async_nats::ConnectOptions;
 use async_nats::connection::State;
 use async_nats::jetstream::consumer::{AckPolicy, pull};
 use async_nats::jetstream::context::ContextBuilder;
@@ -11,6 +10,7 @@ use async_nats::jetstream::kv::{self, CreateErrorKind, UpdateErrorKind};
 use async_nats::jetstream::object_store::{self, ObjectStore};
 use async_nats::jetstream::stream::{DiscardPolicy, LastRawMessageErrorKind, RetentionPolicy, StorageType, Stream};
 use async_nats::jetstream::{Context, message, stream};
+use async_nats::{ConnectErrorKind, ConnectOptions};
 use std::collections::HashSet;
 use std::fmt;
 use std::io;
@@ -339,7 +339,7 @@ async fn connect(options: &Nats, role: &str, connected: &Arc<Mutex<Instant>>) ->
         }
         match connection.connect(options.servers.as_slice()).await {
             Ok(client) => return Ok(client),
-            Err(error) if begun.elapsed() > PATIENCE => {
+            Err(error) if begun.elapsed() > PATIENCE || is_final(error.kind()) => {
                 return Err(io::Error::new(io::ErrorKind::NotConnected, format!("the NATS servers: {error}")));
             }
             Err(error) => {
@@ -349,6 +349,12 @@ async fn connect(options: &Nats, role: &str, connected: &Arc<Mutex<Instant>>) ->
             }
         }
     }
+}
+
+/// Whether it is no use to try again.
+fn is_final(kind: ConnectErrorKind) -> bool {
+    use ConnectErrorKind::{Authentication, AuthorizationViolation, ServerParse, Tls};
+    matches!(kind, Authentication | AuthorizationViolation | ServerParse | Tls)
 }
 
 /// Reads a file with a secret, without the white space around it.

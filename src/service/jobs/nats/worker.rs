@@ -143,7 +143,10 @@ pub async fn work(
     let WorkOptions { nats, workers, wall_seconds, steps, result_mib, until_idle, grace_seconds } = options;
     let options = Options { workers, wall_seconds, steps, result_mib, memory_mib, ..Options::default() };
     let bounds: Bounds = options.bounds();
-    let exchange = Exchange::join(&nats, "worker").await?;
+    let exchange = tokio::select! {
+        exchange = Exchange::join(&nats, "worker") => exchange?,
+        _ = stop.recv() => return Ok(()),
+    };
     let jobs = Arc::new(Jobs::open(bounds, solver, None, None, Arc::new(Metrics::default()))?);
     let pool = Pool::start(&jobs, workers, 0, launcher)?;
     let worker = Arc::new(Worker {
