@@ -278,15 +278,14 @@ impl Worker {
     }
 
     /// What has become of the worker that has claimed a job.
-    async fn ask(&self, holder: &str, id: JobId) -> Holder {
+    async fn ask(&self, holder: &str, id: JobId, lost_after: Duration) -> Holder {
         let question = self.exchange.client.request(self.exchange.subject("worker", holder), id.to_string().into());
         match timeout(ANSWER, question).await {
             Ok(Ok(answer)) if &*answer.payload == b"yes" => Holder::HasIt,
             Ok(Ok(_)) => Holder::LeftIt,
             // It may be connecting again, as this one has just done.
             Ok(Err(error))
-                if error.kind() == RequestErrorKind::NoResponders
-                    && self.exchange.connected_for() > self.exchange.lost_after =>
+                if error.kind() == RequestErrorKind::NoResponders && self.exchange.connected_for() > lost_after =>
             {
                 Holder::Lost
             }
@@ -383,7 +382,7 @@ impl Worker {
             };
             let holder = match &entry.claim {
                 Some(claim) if entry.record.ended.is_none() && claim.worker == self.name => Holder::LeftIt,
-                Some(claim) if entry.record.ended.is_none() => self.ask(&claim.worker, id).await,
+                Some(claim) if entry.record.ended.is_none() => self.ask(&claim.worker, id, lost_after).await,
                 Some(_) | None => Holder::Unknown,
             };
             let (next, is_over) = match decide(&entry, &self.name, holder, lost_after) {
