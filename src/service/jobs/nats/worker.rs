@@ -43,6 +43,9 @@ const BEATS: u32 = 4;
 /// The time that another worker has to say whether it has a job.
 const ANSWER: Duration = Duration::from_secs(2);
 
+/// The time for solves that are left to reach their next step.
+const LAST_CALL: Duration = Duration::from_secs(10);
+
 /// The pause before something is tried again, and before a job is looked at again whose entry is not there yet.
 const PAUSE: Duration = Duration::from_millis(500);
 
@@ -180,13 +183,16 @@ pub async fn work(
             worker.is_stopping.store(true, Relaxed);
             worker.lines.look();
             tracing::info!(grace_seconds, "stopping: no more jobs are taken");
-            tokio::select! {
-                () = &mut all => {}
-                () = sleep(Duration::from_secs(grace_seconds)) => worker.leave_jobs(),
-                Some(()) = stop.recv() => worker.leave_jobs(),
+            let have_ended = tokio::select! {
+                () = &mut all => true,
+                () = sleep(Duration::from_secs(grace_seconds)) => false,
+                Some(()) = stop.recv() => false,
+            };
+            if !have_ended {
+                worker.leave_jobs();
+                // A solve that does not stop is given to another worker when this one is not heard any more.
+                let _ = timeout(LAST_CALL, &mut all).await;
             }
-            // A solve that does not stop is given to another worker when this one is not heard any more.
-            let _ = timeout(Duration::from_secs(10), &mut all).await;
         }
     }
     // What has been written to the connection leaves with it.
