@@ -11,7 +11,6 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 on_both! {
-    a_job_that_failed_is_tried_again_as_another,
     one_key_makes_one_new_job,
     what_has_not_ended_is_neither_tried_again_nor_continued,
     an_end_that_makes_no_sense_is_refused_with_the_reason,
@@ -33,6 +32,7 @@ async fn solved(site: &Site, document: &Value) -> (String, Value) {
     accepted(site, &Call::solve(document.to_string()).header("prefer", "respond-async").send(site).await).await
 }
 
+#[tokio::test]
 async fn a_job_that_failed_is_tried_again_as_another() {
     // Fails twice: in the inline solve and in the worker.
     let calls = AtomicUsize::new(0);

@@ -14,6 +14,9 @@ use std::time::{Duration, Instant};
 const JOBS: usize = 2000;
 const WORKERS: usize = 2;
 
+/// The number of clients that post at a time.
+const POSTING: usize = 4;
+
 /// The least number of kills of workers, and that from one kill of the server to the next.
 const KILLS: usize = 12;
 const BETWEEN: usize = 6;
@@ -96,9 +99,18 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
     let mut workers: Vec<Worker> = (0..WORKERS).map(|_| Worker::start(&url, &[])).collect();
     let is_posted = AtomicBool::new(false);
     let paths = thread::scope(|scope| {
+        // Several clients of each gateway, each of which waits for the answer before its next job.
+        let gateways = &gateways;
+        let post_from = move |first: usize| -> Vec<(usize, String)> {
+            (first..jobs).step_by(POSTING).map(|k| (k, post(&gateways[k % 2].address, k))).collect()
+        };
         let posting = scope.spawn(|| {
-            let paths: Vec<String> = (0..jobs).map(|k| post(&gateways[k % 2].address, k)).collect();
+            let mut paths: Vec<(usize, String)> = thread::scope(|scope| {
+                let posting: Vec<_> = (0..POSTING).map(|first| scope.spawn(move || post_from(first))).collect();
+                posting.into_iter().flat_map(|posting| posting.join().unwrap()).collect()
+            });
             is_posted.store(true, Relaxed);
+            paths.sort_unstable();
             paths
         });
         let mut random = fastrand::Rng::with_seed(std::process::id().into());
@@ -120,7 +132,8 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
     let posted = start.elapsed();
     // Each is asked for at the gateway that did not admit it.
     let mut again = 0;
-    for (k, path) in paths.iter().enumerate() {
+    for (k, path) in &paths {
+        let k = *k;
         let gateway = &gateways[(k + 1) % 2];
         let status = loop {
             let status: Value = serde_json::from_str(&gateway.get(path).body).unwrap();

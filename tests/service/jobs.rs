@@ -17,7 +17,6 @@ on_both! {
     a_running_job_that_is_cancelled_keeps_its_trajectory_so_far,
     cancelling_an_ended_job_changes_nothing,
     a_deleted_job_is_stopped_and_forgotten,
-    a_panic_fails_its_job_and_the_worker_lives_on,
     the_oldest_ending_is_forgotten_first,
     results_are_forgotten_by_their_size_but_never_the_latest,
     a_result_over_the_bound_is_not_kept,
@@ -119,6 +118,7 @@ async fn a_deleted_job_is_stopped_and_forgotten() {
     assert_eq!(site.ended(&next).await["status"], "successful");
 }
 
+#[tokio::test]
 async fn a_panic_fails_its_job_and_the_worker_lives_on() {
     // Panics twice: in the inline solve and in the worker.
     let calls = AtomicUsize::new(0);
