@@ -2,8 +2,10 @@
 //! job that is waited for, one at a time, and the jobs a second of several clients; and, over NATS, the share of each client
 //! while all have jobs that wait. `JOBS=N` sets the number of jobs, `WORKERS=N` that of worker processes.
 
+#[expect(dead_code, reason = "tests use the rest")]
 #[path = "../service/nats_server.rs"]
 mod nats_server;
+#[expect(dead_code, reason = "tests use the rest")]
 #[path = "../service/process.rs"]
 mod process;
 
@@ -87,7 +89,9 @@ fn measure(name: &str, server: &Server, tokens: &[String], jobs: usize) {
         assert_eq!(answer.status, 200, "{}", answer.body);
         begun.elapsed()
     };
-    (0..20).for_each(|k| drop(wait(k)));
+    for k in 0..20 {
+        wait(k);
+    }
     let mut latencies: Vec<Duration> = (20..520).map(wait).collect();
     latencies.sort_unstable();
     println!("{name}: a job that is waited for: p50 {:?}, p99 {:?}", latencies[250], latencies[495]);

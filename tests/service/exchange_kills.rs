@@ -85,6 +85,21 @@ fn post(address: &str, k: usize) -> String {
     }
 }
 
+/// Posts all jobs from several clients of each gateway, each of which waits for the answer before its next job; returns
+/// their paths.
+fn post_all(gateways: &[Server; 2], jobs: usize) -> Vec<String> {
+    let from = |first: usize| -> Vec<(usize, String)> {
+        (first..jobs).step_by(POSTING).map(|k| (k, post(&gateways[k % 2].address, k))).collect()
+    };
+    let from = &from;
+    let mut paths: Vec<(usize, String)> = thread::scope(|scope| {
+        let posting: Vec<_> = (0..POSTING).map(|first| scope.spawn(move || from(first))).collect();
+        posting.into_iter().flat_map(|posting| posting.join().unwrap()).collect()
+    });
+    paths.sort_unstable();
+    paths.into_iter().map(|(_, path)| path).collect()
+}
+
 #[test]
 fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
     if !is_installed() {
@@ -99,18 +114,9 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
     let mut workers: Vec<Worker> = (0..WORKERS).map(|_| Worker::start(&url, &[])).collect();
     let is_posted = AtomicBool::new(false);
     let paths = thread::scope(|scope| {
-        // Several clients of each gateway, each of which waits for the answer before its next job.
-        let gateways = &gateways;
-        let post_from = move |first: usize| -> Vec<(usize, String)> {
-            (first..jobs).step_by(POSTING).map(|k| (k, post(&gateways[k % 2].address, k))).collect()
-        };
         let posting = scope.spawn(|| {
-            let mut paths: Vec<(usize, String)> = thread::scope(|scope| {
-                let posting: Vec<_> = (0..POSTING).map(|first| scope.spawn(move || post_from(first))).collect();
-                posting.into_iter().flat_map(|posting| posting.join().unwrap()).collect()
-            });
+            let paths = post_all(&gateways, jobs);
             is_posted.store(true, Relaxed);
-            paths.sort_unstable();
             paths
         });
         let mut random = fastrand::Rng::with_seed(std::process::id().into());
@@ -132,8 +138,7 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
     let posted = start.elapsed();
     // Each is asked for at the gateway that did not admit it.
     let mut again = 0;
-    for (k, path) in &paths {
-        let k = *k;
+    for (k, path) in paths.iter().enumerate() {
         let gateway = &gateways[(k + 1) % 2];
         let status = loop {
             let status: Value = serde_json::from_str(&gateway.get(path).body).unwrap();
