@@ -8,7 +8,7 @@ use super::entry::Entry;
 use super::lines::Lines;
 use super::mirror::Told;
 use super::options::Nats;
-use super::servers::{Away, Exchange, Trouble, job_key};
+use super::servers::{Exchange, Trouble, job_key};
 use crate::jobs::chunks::Chunks;
 use crate::jobs::{Bounds, Ended, Halt, Held, Job, JobId, Jobs, Pool, Record, Solver};
 use crate::metrics::Metrics;
@@ -549,10 +549,7 @@ impl Worker {
                     return Reply::Acknowledge;
                 }
                 Err(Trouble::OtherVersion) => return Reply::Nothing,
-                Err(Trouble::Away) => {
-                    let Away = Away;
-                    sleep(PAUSE).await;
-                }
+                Err(Trouble::Away) => sleep(PAUSE).await,
             }
         }
     }
