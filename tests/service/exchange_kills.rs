@@ -140,8 +140,20 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
     let mut again = 0;
     for (k, path) in paths.iter().enumerate() {
         let gateway = &gateways[(k + 1) % 2];
+        // The server may just have been killed.
+        let found = |path: &str| -> Value {
+            loop {
+                let answer = gateway.get(path);
+                match answer.status {
+                    200 => return serde_json::from_str(&answer.body).unwrap(),
+                    503 => assert!(start.elapsed() < settled, "{path}: {}", answer.body),
+                    other => panic!("{path}: {other} {}", answer.body),
+                }
+                thread::sleep(Duration::from_millis(20));
+            }
+        };
         let status = loop {
-            let status: Value = serde_json::from_str(&gateway.get(path).body).unwrap();
+            let status = found(path);
             if !["accepted", "running"].contains(&status["status"].as_str().unwrap()) {
                 break status;
             }
@@ -150,7 +162,7 @@ fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
         };
         assert_eq!(status["status"], "successful", "{status}");
         again += usize::from(status["attempt"] != 1);
-        let results: Value = serde_json::from_str(&gateway.get(&format!("{path}/results")).body).unwrap();
+        let results = found(&format!("{path}/results"));
         let alone = dvi::solve(&Specification::from_json(document(k).as_bytes()).unwrap(), &Default::default());
         let alone: Value = serde_json::to_value(&alone.trajectory).unwrap();
         assert_eq!(results["trajectory"], alone, "{path}");

@@ -68,6 +68,27 @@ impl Drop for Gateway {
     }
 }
 
+/// A job on its way to the servers; one that does not get there, or whose client goes away meanwhile, leaves no trace.
+struct Posting<'a> {
+    jobs: &'a Jobs,
+    far: &'a Far,
+    job: &'a Arc<Job>,
+    is_posted: bool,
+}
+
+impl Drop for Posting<'_> {
+    fn drop(&mut self) {
+        if self.is_posted {
+            return;
+        }
+        self.jobs.drop_from_mirror(self.far, self.job);
+        // A client that has no key does not know the job, and one that has a key comes again.
+        if self.job.key.is_none() {
+            self.jobs.store.let_go(self.job);
+        }
+    }
+}
+
 /// The value of an idempotency key.
 #[derive(Debug, Serialize, Deserialize)]
 struct Reserved {
@@ -136,14 +157,10 @@ impl Jobs {
             mirror.admitted(id);
             intake.queue.push(client, Arc::clone(&job));
         }
-        if let Err(away) = far.post(&job, &document).await {
-            self.drop_from_mirror(far, &job);
-            // A client that has no key does not know the job, and one that has a key comes again.
-            if job.key.is_none() {
-                self.store.let_go(&job);
-            }
-            return Err(away.into());
-        }
+        let mut posting = Posting { jobs: self, far, job: &job, is_posted: false };
+        far.post(&job, &document).await?;
+        posting.is_posted = true;
+        drop(posting);
         Ok(job)
     }
 
@@ -249,6 +266,8 @@ impl Jobs {
 
     /// Cancels a job and deletes it.
     pub(in crate::jobs) async fn forget_far(&self, far: &Far, job: &Arc<Job>) -> Result<(), Unwritable> {
+        // Its place in the queue is free at once.
+        self.take_out(job);
         self.erase_far(far, job).await.map_err(|Away| Unwritable)?;
         self.take_away(far, job.id, 0, Timestamp::now());
         Ok(())
