@@ -45,6 +45,7 @@ Examples:
   dvi serve --data /var/lib/dvi
   dvi serve --listen 127.0.0.1:9000 --workers 2 --wall-seconds 60
   dvi serve --listen 0.0.0.0:8080                     asks for tokens: dvi token create
+  dvi serve --nats nats://host:4222                   a gateway: jobs are solved by dvi worker --nats nats://host:4222
   DVI_QUEUE=100 dvi serve --log-format json
 
   curl -d @api/examples/diode_bridge.json localhost:8080/solve
@@ -68,6 +69,11 @@ A job that was accepted with 202 is on the disk. The next start of the service r
 a job that was the only one running when the service ended, twice for lack of memory or sixteen times for any reason,
 is set aside. Jobs that were running when it ended run alone for their first 10 s.
 
+With --nats the jobs are on the NATS servers, and not in a folder: any number of gateways may serve them, and any number
+of `dvi worker --nats` solve them, on other machines. --workers, --express and --relief have no meaning then; --queue and
+--client-share bound the jobs of all gateways together. A gateway that is stopped answers who waits with 202 and the
+address of the job, at which any other answers.
+
 SIGTERM or Ctrl-C: no more jobs are accepted; running jobs have the grace time to end,
 then they are stopped, and the next start runs them again. A second signal stops them at once.
 
@@ -77,7 +83,7 @@ Exit codes:
   64  the command line or RUST_LOG is invalid";
 
 /// The time limit for writing the last log lines.
-const LAST_LINES: Duration = Duration::from_secs(1);
+pub const LAST_LINES: Duration = Duration::from_secs(1);
 
 /// The time for which an address in use is tried again, and the time between two attempts.
 const REBINDING: Duration = Duration::from_secs(1);
@@ -85,7 +91,7 @@ const BETWEEN_BINDINGS: Duration = Duration::from_millis(5);
 
 /// A format of the log.
 #[derive(Clone, Copy, ValueEnum)]
-enum LogFormat {
+pub enum LogFormat {
     /// For people
     Text,
     /// For programs, one JSON object per line
@@ -110,7 +116,8 @@ pub fn run(arguments: Arguments) -> ExitCode {
     };
     let listen = arguments.options.listen;
     let data = arguments.data.folder();
-    if data.is_none() && (!arguments.options.ephemeral || arguments.options.asks_tokens()) {
+    let keeps_jobs = !arguments.options.ephemeral && !arguments.options.nats.is_used();
+    if data.is_none() && (keeps_jobs || arguments.options.asks_tokens()) {
         eprintln!("dvi: there is no home directory to keep jobs in: give --data DIR, or --ephemeral");
         return ExitCode::from(USAGE);
     }
@@ -135,11 +142,23 @@ fn serve(options: Options, log: &Log) -> io::Result<()> {
     runtime.block_on(async {
         let listener = bind(options.listen).await?;
         let (address, workers) = (listener.local_addr()?, options.workers);
-        let stop = signals()?;
-        let data = options.jobs_folder().map_or("memory".to_owned(), |folder| folder.display().to_string());
+        let mut stop = signals()?;
+        let nats = options.nats.clone();
+        let data = match options.jobs_folder() {
+            Some(folder) => folder.display().to_string(),
+            None if nats.is_used() => nats.servers.join(", "),
+            None => "memory".to_owned(),
+        };
         let asks_tokens = options.asks_tokens();
         let launcher = worker::program(None, options.memory_mib.get());
-        let service = Service::start(options, Arc::new(dvi::solve), &launcher)?;
+        let service = if nats.is_used() {
+            tokio::select! {
+                service = Service::join(options, Arc::new(dvi::solve), &launcher) => service?,
+                _ = stop.recv() => return Ok(()),
+            }
+        } else {
+            Service::start(options, Arc::new(dvi::solve), &launcher)?
+        };
         service.count_lost_lines(log);
         let confined_to = service.confinement();
         tracing::info!(%address, workers, %confined_to, data, asks_tokens, "serving on http://{address}");
@@ -173,7 +192,7 @@ async fn bind(address: SocketAddr) -> io::Result<TcpListener> {
 }
 
 /// A channel that receives a message for every SIGTERM and SIGINT.
-fn signals() -> io::Result<Receiver<()>> {
+pub fn signals() -> io::Result<Receiver<()>> {
     let (mut terminate, mut interrupt) = (signal(SignalKind::terminate())?, signal(SignalKind::interrupt())?);
     let (sender, stop) = channel(2);
     tokio::spawn(async move {
@@ -191,7 +210,7 @@ fn signals() -> io::Result<Receiver<()>> {
 }
 
 /// Starts the log, on standard error.
-fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Error>> {
+pub fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Error>> {
     let filter: Targets = match env::var("RUST_LOG") {
         Ok(chosen) if !chosen.is_empty() => chosen.parse()?,
         Ok(_) | Err(VarError::NotPresent) => Targets::new().with_default(LevelFilter::INFO),

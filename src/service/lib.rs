@@ -25,7 +25,7 @@ use access::Tokens;
 use axum::Router;
 use compiled::Compiled;
 use http::{Common, Room, Shared};
-use jobs::{Jobs, Pool, Solver, Turns};
+use jobs::{Gateway, Jobs, Pool, Solver, Turns};
 use metrics::Metrics;
 use std::io;
 use std::num::NonZeroUsize;
@@ -38,7 +38,19 @@ use worker::{Checkers, Confinement, Launcher};
 /// A service with running workers, which stop when it is dropped.
 pub struct Service {
     shared: Shared,
-    pool: Pool,
+    workers: Workers,
+}
+
+/// Who solves what is not solved inline.
+enum Workers {
+    /// Processes of this one.
+    Near(Pool),
+    /// Other processes, over NATS.
+    Far {
+        /// The limits of the workers for checks, which are processes of this one.
+        confinement: Confinement,
+        _gateway: Gateway,
+    },
 }
 
 impl Service {
@@ -50,11 +62,36 @@ impl Service {
     pub fn start(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
         options.check()?;
         let metrics = Arc::new(Metrics::default());
-        let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
         let (folder, program) = (options.jobs_folder(), options.program.as_deref());
         let jobs = Jobs::open(options.bounds(), solver, folder, program, Arc::clone(&metrics))?;
         let jobs = Arc::new(jobs);
         let pool = Pool::start(&jobs, options.supervised(), options.relief, launcher)?;
+        Self::assemble(options, jobs, Workers::Near(pool), metrics, launcher)
+    }
+
+    /// Starts a gateway, whose jobs are those on the NATS servers of `options`, and are solved by the workers there. Checks
+    /// are made by processes that `launcher` starts. Inline solves call `solver` in this process.
+    ///
+    /// # Errors
+    /// The servers do not answer, or refuse; or processes cannot be started.
+    pub async fn join(options: Options, solver: Solver, launcher: &Launcher) -> io::Result<Self> {
+        options.check()?;
+        let metrics = Arc::new(Metrics::default());
+        let (jobs, gateway) = Gateway::open(options.bounds(), solver, &options.nats, Arc::clone(&metrics)).await?;
+        let (kept, notice) = (options.bounds().kept_by_worker(), Arc::new(|_: worker::Event<'_>| {}));
+        let confinement = worker::Supervisor::new(Arc::clone(launcher), kept, notice).start().await?;
+        let workers = Workers::Far { confinement, _gateway: gateway };
+        Self::assemble(options, jobs, workers, metrics, launcher)
+    }
+
+    fn assemble(
+        options: Options,
+        jobs: Arc<Jobs>,
+        workers: Workers,
+        metrics: Arc<Metrics>,
+        launcher: &Launcher,
+    ) -> io::Result<Self> {
+        let tokens = if options.asks_tokens() { Some(Arc::new(tokens(&options)?)) } else { None };
         let (bounds, counted) = (options.bounds(), Arc::clone(&metrics));
         let turns = Turns::new(options.workers.get(), bounds.queue);
         let checks = Turns::new(options.checkers(), bounds.queue);
@@ -78,7 +115,7 @@ impl Service {
             connections,
             closing,
         });
-        Ok(Self { shared, pool })
+        Ok(Self { shared, workers })
     }
 
     /// The HTTP resources of the service.
@@ -88,7 +125,10 @@ impl Service {
 
     /// The limits in force on the workers.
     pub fn confinement(&self) -> &Confinement {
-        self.pool.confinement()
+        match &self.workers {
+            Workers::Near(pool) => pool.confinement(),
+            Workers::Far { confinement, .. } => confinement,
+        }
     }
 
     /// Includes the number of lost log lines in the metrics.

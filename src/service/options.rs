@@ -1,7 +1,7 @@
 //! The options of the service: each is a flag with an environment variable, and a default that suits one machine shared
 //! by a few people.
 
-use super::jobs::{Bounds, Retention, Room};
+use super::jobs::{Bounds, Nats, Retention, Room};
 use clap::builder::BoolishValueParser as FlagParser;
 use clap::{Args, Command};
 use serde::Serialize;
@@ -149,6 +149,11 @@ pub struct Options {
     /// Time for running jobs to end after SIGTERM or SIGINT, in seconds; then they are stopped
     #[arg(long, env = "DVI_GRACE_SECONDS", value_name = "SECONDS", default_value_t = Options::default().grace_seconds)]
     pub grace_seconds: u64,
+
+    /// The servers over which jobs are shared with other machines
+    #[command(flatten)]
+    #[serde(skip)]
+    pub nats: Nats,
 }
 
 impl Default for Options {
@@ -184,6 +189,7 @@ impl Default for Options {
             connections: count(16_384),
             streams: count(1000),
             grace_seconds: 30,
+            nats: Nats::default(),
         }
     }
 }
@@ -191,7 +197,7 @@ impl Default for Options {
 impl Options {
     /// The folder of durable jobs, if there is one.
     pub fn jobs_folder(&self) -> Option<&Path> {
-        self.data.as_deref().filter(|_| !self.ephemeral)
+        self.data.as_deref().filter(|_| !self.ephemeral && !self.nats.is_used())
     }
 
     /// The path prefix: empty, or a path that begins with a slash and ends without one.

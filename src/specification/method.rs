@@ -51,8 +51,8 @@ pub struct Method {
     #[schema(exclusive_minimum = 0.0, maximum = 0.01)]
     pub vi_tolerance: Option<f64>,
     /// Treatment of impacts of mechanical systems and rigid bodies. Default for mechanical systems: `time_stepping` if
-    /// `step` is given and `stages` is not, else `locate`; for rigid bodies: `time_stepping` if more than 100 move, or with joints,
-    /// forces besides gravity or friction on patches, else located impacts, with time stepping while they are too many.
+    /// `step` is given and `stages` is not, else `locate`; for rigid bodies: `time_stepping` if more than 100 move, or one that has
+    /// edges, or with joints, forces besides gravity or friction on patches, else located impacts, with time stepping while they are too many.
     pub impacts: Option<Impacts>,
     /// Law for simultaneous impacts of mechanical systems. Default `simultaneous`.
     pub impact_law: Option<ImpactLawName>,

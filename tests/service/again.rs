@@ -1,6 +1,7 @@
 //! Retrying and continuing jobs that have ended.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, halving, instant, one_worker};
+use crate::nats::on_both;
 use axum::http::StatusCode;
 use dvi::service::jobs::Solver;
 use dvi::solution::Status;
@@ -8,6 +9,12 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+
+on_both! {
+    one_key_makes_one_new_job,
+    what_has_not_ended_is_neither_tried_again_nor_continued,
+    an_end_that_makes_no_sense_is_refused_with_the_reason,
+}
 
 async fn post(site: &Site, path: &str, body: &str) -> Reply {
     Call::post(path, body.to_owned()).send(site).await
@@ -46,7 +53,6 @@ async fn a_job_that_failed_is_tried_again_as_another() {
     post(&site, &format!("{again}/retry"), "").await.problem(409, "already-successful");
 }
 
-#[tokio::test]
 async fn one_key_makes_one_new_job() {
     let site = Site::new(one_worker(), Arc::new(|_, _| panic!("on purpose")));
     let path = site.accept(1).await;
@@ -56,7 +62,6 @@ async fn one_key_makes_one_new_job() {
     assert_eq!(first.header("location"), second.header("location"));
 }
 
-#[tokio::test]
 async fn what_has_not_ended_is_neither_tried_again_nor_continued() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -71,7 +76,6 @@ async fn what_has_not_ended_is_neither_tried_again_nor_continued() {
     accepted(&site, &again).await;
 }
 
-#[tokio::test]
 async fn an_end_that_makes_no_sense_is_refused_with_the_reason() {
     let site = Site::new(one_worker(), instant());
     let path = site.accept(1).await;

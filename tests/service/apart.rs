@@ -76,8 +76,7 @@ async fn a_job_that_overflows_its_stack_ends_alone() {
     // The solver of the front solves nothing, so that every job gets a worker.
     let nothing: Solver = Arc::new(|_, _| crate::harness::halving(dvi::solution::Status::Stopped));
     let service = Service::start(options, nothing, &launcher(&folder)).unwrap();
-    let router = service.router();
-    let site = Site { service, router };
+    let site = Site::of(service);
     let accept = async |document: String| {
         let reply = Call::solve(document).header("prefer", "respond-async").send(&site).await;
         reply.header("location").to_owned()

@@ -292,7 +292,7 @@ async fn a_first_time_slice_is_not_over_before_the_solve_has_begun() {
     let options = Options { workers: count(1), express: 1, relief: 0, ..Options::default() };
     let stopped = Arc::new(|_: &_, _: &_| halving(Status::Stopped));
     let service = Service::start(options, stopped, &slow_readers(&early, &late)).unwrap();
-    let site = Site { router: service.router(), service };
+    let site = Site::of(service);
     let first = site.accept(1).await;
     site.runs(&first).await;
     let second = site.accept(2).await;

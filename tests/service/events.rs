@@ -1,6 +1,7 @@
 //! Streams of server-sent events.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, count, instant, one_worker};
+use crate::nats::on_both;
 use axum::body::HttpBody;
 use axum::http::StatusCode;
 use dvi::problem::{Event, EventKind};
@@ -10,6 +11,16 @@ use std::future::poll_fn;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
+
+on_both! {
+    a_stream_tells_progress_and_switches_and_the_end,
+    a_client_that_comes_back_is_told_what_it_missed_and_no_more_than_is_kept,
+    an_ended_job_is_done_at_once,
+    a_waiting_job_that_is_cancelled_is_done,
+    a_streamed_solve_ends_in_its_result,
+    a_streamed_solve_that_breaks_down_ends_in_the_problem,
+    a_client_that_leaves_its_streamed_solve_takes_it_along,
+}
 
 /// The name, id and data of every event of a stream, parsed as a browser does.
 fn parsed(text: &str) -> Vec<(String, u64, Value)> {
@@ -47,7 +58,6 @@ async fn let_through_later(gate: Arc<Gate>) {
     gate.let_through(1);
 }
 
-#[tokio::test]
 async fn a_stream_tells_progress_and_switches_and_the_end() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), sticking(2, &gate));
@@ -64,7 +74,6 @@ async fn a_stream_tells_progress_and_switches_and_the_end() {
     assert_eq!((told[2].2.get("trusted"), &told[3].2["trusted"]), (None, &true.into()));
 }
 
-#[tokio::test]
 async fn a_client_that_comes_back_is_told_what_it_missed_and_no_more_than_is_kept() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), sticking(1000, &gate));
@@ -80,7 +89,6 @@ async fn a_client_that_comes_back_is_told_what_it_missed_and_no_more_than_is_kep
     assert_eq!(nonsense, (745..=1000).collect::<Vec<_>>());
 }
 
-#[tokio::test]
 async fn an_ended_job_is_done_at_once() {
     let site = Site::new(one_worker(), instant());
     let path = site.accept(1).await;
@@ -90,7 +98,6 @@ async fn an_ended_job_is_done_at_once() {
     assert_eq!(names, ["done"]);
 }
 
-#[tokio::test]
 async fn a_waiting_job_that_is_cancelled_is_done() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -151,7 +158,6 @@ async fn a_client_that_takes_nothing_loses_its_stream_and_its_solve() {
     assert!(taken < 100, "{taken} events were held for a client that took none");
 }
 
-#[tokio::test]
 async fn a_streamed_solve_ends_in_its_result() {
     let site = Site::new(one_worker(), instant());
     let reply = Call::solve(DECAY).header("accept", "text/event-stream").send(&site).await;
@@ -163,7 +169,6 @@ async fn a_streamed_solve_ends_in_its_result() {
     assert_eq!((name.as_str(), site.get(path).await.status), ("done", StatusCode::OK));
 }
 
-#[tokio::test]
 async fn a_streamed_solve_that_breaks_down_ends_in_the_problem() {
     let site = Site::new(one_worker(), Arc::new(|_, _| panic!("on purpose")));
     let told = events(&Call::solve(DECAY).header("accept", "text/event-stream").send(&site).await);
@@ -171,7 +176,6 @@ async fn a_streamed_solve_that_breaks_down_ends_in_the_problem() {
     assert_eq!((name.as_str(), &problem["type"]), ("problem", &"/problems/defect".into()));
 }
 
-#[tokio::test]
 async fn a_client_that_leaves_its_streamed_solve_takes_it_along() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());

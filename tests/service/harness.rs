@@ -1,5 +1,6 @@
 //! Requests without a socket, and solvers controlled by a test.
 
+use crate::nats::{self, Worker};
 use axum::Router;
 use axum::body::{Body, Bytes, HttpBody};
 use axum::http::{HeaderMap, Request, StatusCode};
@@ -142,17 +143,33 @@ pub async fn within<T>(told: String, event: impl Future<Output = T>) -> T {
     }
 }
 
-/// A service and its router.
+/// A service and its router; and a worker, if it shares its jobs over NATS.
 pub struct Site {
     pub service: Service,
     pub router: Router,
+    _worker: Option<Worker>,
 }
 
 impl Site {
     pub fn new(options: Options, solver: Solver) -> Self {
+        if nats::is_shared() {
+            let options = Options { nats: nats::anew(), ..options };
+            let worker = nats::worker(&options, Arc::clone(&solver));
+            return Self { _worker: Some(worker), ..Self::gateway(options, solver) };
+        }
         let service = Service::start(options, Arc::clone(&solver), &threads(solver)).unwrap();
+        Self::of(service)
+    }
+
+    /// The site of a service.
+    pub fn of(service: Service) -> Self {
         let router = service.router();
-        Self { service, router }
+        Self { service, router, _worker: None }
+    }
+
+    /// A gateway without a worker.
+    pub fn gateway(options: Options, solver: Solver) -> Self {
+        Self::of(nats::gateway(options, solver))
     }
 
     pub async fn get(&self, path: &str) -> Reply {

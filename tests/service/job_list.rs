@@ -1,7 +1,14 @@
 //! The list of jobs.
 
 use crate::harness::{Call, DECAY, Gate, Reply, Site, instant, one_worker};
+use crate::nats::on_both;
 use axum::http::StatusCode;
+
+on_both! {
+    jobs_are_listed_newest_first_to_their_own_client,
+    pages_follow_each_other_without_gap_or_overlap,
+    jobs_are_found_by_their_status,
+}
 
 async fn labelled(site: &Site, client: u8, label: &str) -> String {
     let document = DECAY.replacen('{', &format!("{{\"label\":\"{label}\","), 1);
@@ -23,7 +30,6 @@ fn paths(reply: &Reply) -> Vec<String> {
     page["jobs"].as_array().unwrap().iter().map(|job| format!("/jobs/{}", job["id"].as_str().unwrap())).collect()
 }
 
-#[tokio::test]
 async fn jobs_are_listed_newest_first_to_their_own_client() {
     let site = Site::new(one_worker(), instant());
     let mut mine = Vec::new();
@@ -36,7 +42,6 @@ async fn jobs_are_listed_newest_first_to_their_own_client() {
     assert!(paths(&list(&site, 3, "").await).is_empty());
 }
 
-#[tokio::test]
 async fn pages_follow_each_other_without_gap_or_overlap() {
     let site = Site::new(one_worker(), instant());
     for k in 0..7 {
@@ -63,7 +68,6 @@ async fn pages_follow_each_other_without_gap_or_overlap() {
     assert_eq!((paths(&first).len(), paths(&second).len(), second.headers.contains_key("link")), (2, 1, false));
 }
 
-#[tokio::test]
 async fn jobs_are_found_by_their_status() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());

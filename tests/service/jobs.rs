@@ -1,6 +1,7 @@
 //! The life of a job, from admission to deletion.
 
 use crate::harness::{Call, DECAY, Gate, Site, count, halving, instant, one_worker};
+use crate::nats::on_both;
 use axum::http::StatusCode;
 use dvi::problem::Control;
 use dvi::service::Options;
@@ -9,13 +10,24 @@ use dvi::specification::Specification;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+on_both! {
+    the_status_follows_the_job,
+    results_that_are_not_ready_say_when_to_ask_again,
+    a_waiting_job_that_is_cancelled_never_runs,
+    a_running_job_that_is_cancelled_keeps_its_trajectory_so_far,
+    cancelling_an_ended_job_changes_nothing,
+    a_deleted_job_is_stopped_and_forgotten,
+    the_oldest_ending_is_forgotten_first,
+    results_are_forgotten_by_their_size_but_never_the_latest,
+    a_result_over_the_bound_is_not_kept,
+}
+
 async fn cancel(site: &Site, path: &str) -> serde_json::Value {
     let reply = Call::new("POST", &format!("{path}/cancel")).send(site).await;
     assert_eq!(reply.status, StatusCode::OK);
     reply.json()
 }
 
-#[tokio::test]
 async fn the_status_follows_the_job() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -41,7 +53,6 @@ async fn the_status_follows_the_job() {
     assert!(ended["links"].as_array().unwrap().iter().any(|link| link["href"] == format!("{second}/results")));
 }
 
-#[tokio::test]
 async fn results_that_are_not_ready_say_when_to_ask_again() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -55,7 +66,6 @@ async fn results_that_are_not_ready_say_when_to_ask_again() {
     assert_eq!(site.get(&format!("{path}/results")).await.status, StatusCode::OK);
 }
 
-#[tokio::test]
 async fn a_waiting_job_that_is_cancelled_never_runs() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -71,7 +81,6 @@ async fn a_waiting_job_that_is_cancelled_never_runs() {
     assert!(site.get(&second).await.json().get("started").is_none());
 }
 
-#[tokio::test]
 async fn a_running_job_that_is_cancelled_keeps_its_trajectory_so_far() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -85,7 +94,6 @@ async fn a_running_job_that_is_cancelled_keeps_its_trajectory_so_far() {
     assert_eq!((&results["status"], &results["trajectory"]["t"][1]), (&"stopped".into(), &1.0.into()));
 }
 
-#[tokio::test]
 async fn cancelling_an_ended_job_changes_nothing() {
     let site = Site::new(one_worker(), instant());
     let path = site.accept(1).await;
@@ -93,7 +101,6 @@ async fn cancelling_an_ended_job_changes_nothing() {
     assert_eq!(cancel(&site, &path).await, ended);
 }
 
-#[tokio::test]
 async fn a_deleted_job_is_stopped_and_forgotten() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -131,7 +138,6 @@ async fn a_panic_fails_its_job_and_the_worker_lives_on() {
     assert_eq!(Call::solve(DECAY).send(&site).await.status, StatusCode::OK);
 }
 
-#[tokio::test]
 async fn the_oldest_ending_is_forgotten_first() {
     let site = Site::new(Options { kept_jobs: count(2), ..one_worker() }, instant());
     let mut paths = Vec::new();
@@ -145,7 +151,6 @@ async fn the_oldest_ending_is_forgotten_first() {
     assert_eq!(site.get(&paths[2]).await.status, StatusCode::OK);
 }
 
-#[tokio::test]
 async fn results_are_forgotten_by_their_size_but_never_the_latest() {
     let site = Site::new(Options { kept_mib: count(1), ..one_worker() }, long(30_000));
     let first = site.accept(1).await;
@@ -156,7 +161,6 @@ async fn results_are_forgotten_by_their_size_but_never_the_latest() {
     assert_eq!(site.get(&format!("{second}/results")).await.status, StatusCode::OK);
 }
 
-#[tokio::test]
 async fn a_result_over_the_bound_is_not_kept() {
     let site = Site::new(Options { result_mib: count(1), ..one_worker() }, long(100_000));
     let reply = Call::solve(DECAY).send(&site).await;

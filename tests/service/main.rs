@@ -11,6 +11,8 @@ mod connections;
 mod door;
 mod durable;
 mod events;
+mod exchange;
+mod exchange_kills;
 mod explanations;
 mod full_disk;
 mod fuzzed;
@@ -26,6 +28,8 @@ mod messages;
 mod metrics;
 #[path = "../bench/fuzz/mutation.rs"]
 mod mutation;
+mod nats;
+mod nats_server;
 mod openapi;
 mod process;
 mod program;

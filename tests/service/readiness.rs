@@ -34,8 +34,7 @@ async fn a_service_that_cannot_start_workers_is_not_ready_until_it_can() {
     let launcher: Launcher =
         Arc::new(move || if refuses.load(Relaxed) { Err(io::ErrorKind::WouldBlock.into()) } else { start() });
     let service = Service::start(one_worker(), solver, &launcher).unwrap();
-    let router = service.router();
-    let site = Site { service, router };
+    let site = Site::of(service);
     becomes(&site, 200).await;
     refused.store(true, Relaxed);
     // The only worker is lost over this job.

@@ -1,6 +1,7 @@
 //! Results in every representation, in part, compressed, and with conditional requests.
 
 use crate::harness::{Call, DECAY, Reply, Site, halving, one_worker};
+use crate::nats::on_both;
 use crate::process::{Folder, Server};
 use arrow_array::cast::AsArray;
 use arrow_array::types::Float64Type;
@@ -12,6 +13,12 @@ use serde_json::{Value, json};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::sync::Arc;
+
+on_both! {
+    json_lines_have_an_object_a_time,
+    a_part_has_the_fields_and_the_times_asked_for_in_every_form,
+    a_client_that_has_the_results_is_not_sent_them_again,
+}
 
 /// A service all of whose solutions are `t = 0, 1, .., n - 1`, `x = t^2` and `i(R1,a) = -t`.
 async fn squares(n: u32) -> (Site, String) {
@@ -38,7 +45,6 @@ async fn get(site: &Site, path: &str, accept: &str) -> Reply {
     reply
 }
 
-#[tokio::test]
 async fn json_lines_have_an_object_a_time() {
     let (site, path) = squares(5000).await;
     let reply = get(&site, &path, "application/x-ndjson").await;
@@ -62,7 +68,6 @@ async fn an_arrow_stream_has_the_columns() {
     assert_eq!(rows, 5000);
 }
 
-#[tokio::test]
 async fn a_part_has_the_fields_and_the_times_asked_for_in_every_form() {
     let (site, path) = squares(10).await;
     let part = format!("{path}?fields=i(R1%2Ca)&from=1.5&to=8&every=3");
@@ -96,7 +101,6 @@ async fn what_a_query_has_wrong_is_named() {
     assert_eq!(get(&site, &every, "text/csv").await.text().lines().count(), 2);
 }
 
-#[tokio::test]
 async fn a_client_that_has_the_results_is_not_sent_them_again() {
     let (site, path) = squares(10).await;
     let first = get(&site, &path, "text/csv").await;

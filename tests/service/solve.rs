@@ -1,6 +1,7 @@
 //! `POST /solve`: results within the wait, or a monitor.
 
 use crate::harness::{Call, DECAY, Gate, Site, count, halving, instant, one_worker};
+use crate::nats::on_both;
 use axum::http::StatusCode;
 use dvi::problem::Control;
 use dvi::service::Options;
@@ -8,7 +9,18 @@ use dvi::solution::Status;
 use dvi::specification::Specification;
 use std::sync::Arc;
 
-#[tokio::test]
+on_both! {
+    a_solve_within_the_wait_answers_with_the_result,
+    what_is_transient_leaves_no_job_behind_its_results,
+    a_wait_of_zero_answers_before_the_solve_ends,
+    a_request_that_is_dropped_takes_its_job_with_it,
+    a_request_that_is_dropped_while_its_job_waits_leaves_the_queue,
+    failed_numerics_are_an_answer_with_the_trajectory_so_far,
+    a_solve_that_the_wall_time_stops_is_a_failed_job_with_its_trajectory,
+    a_long_table_is_whole,
+    server_timing_tells_waiting_and_solving_apart,
+}
+
 async fn a_solve_within_the_wait_answers_with_the_result() {
     let site = Site::new(one_worker(), instant());
     let reply = Call::solve(DECAY).header("prefer", "wait=20").send(&site).await;
@@ -24,7 +36,6 @@ async fn a_solve_within_the_wait_answers_with_the_result() {
     assert_eq!(site.get(&format!("{path}/results")).await.body, reply.body);
 }
 
-#[tokio::test]
 async fn what_is_transient_leaves_no_job_behind_its_results() {
     let site = Site::new(one_worker(), instant());
     let reply = Call::solve(DECAY).header("prefer", "wait=20, transient").send(&site).await;
@@ -42,7 +53,6 @@ async fn what_is_transient_leaves_no_job_behind_its_results() {
     panic!("the job is still there");
 }
 
-#[tokio::test]
 async fn server_timing_tells_waiting_and_solving_apart() {
     let site = Site::new(one_worker(), instant());
     let reply = Call::solve(DECAY).send(&site).await;
@@ -69,7 +79,6 @@ async fn a_wait_that_elapses_gives_a_monitor_and_the_job_lives_on() {
     assert_eq!(results.json()["trajectory"]["t"], serde_json::json!([0.0, 1.0]));
 }
 
-#[tokio::test]
 async fn a_wait_of_zero_answers_before_the_solve_ends() {
     for prefer in ["wait=0", "respond-async"] {
         let gate = Gate::new();
@@ -82,7 +91,6 @@ async fn a_wait_of_zero_answers_before_the_solve_ends() {
     }
 }
 
-#[tokio::test]
 async fn a_request_that_is_dropped_takes_its_job_with_it() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -92,7 +100,6 @@ async fn a_request_that_is_dropped_takes_its_job_with_it() {
     gate.cancelled(1).await;
 }
 
-#[tokio::test]
 async fn a_request_that_is_dropped_while_its_job_waits_leaves_the_queue() {
     let gate = Gate::new();
     let site = Site::new(Options { queue: count(1), ..one_worker() }, gate.solver());
@@ -109,7 +116,6 @@ async fn a_request_that_is_dropped_while_its_job_waits_leaves_the_queue() {
     assert_eq!(running.await.unwrap().status, StatusCode::OK);
 }
 
-#[tokio::test]
 async fn failed_numerics_are_an_answer_with_the_trajectory_so_far() {
     let site = Site::new(one_worker(), Arc::new(|_: &Specification, _: &Control| halving(Status::Failed)));
     let reply = Call::solve(DECAY).send(&site).await;
@@ -120,7 +126,6 @@ async fn failed_numerics_are_an_answer_with_the_trajectory_so_far() {
     assert_eq!(site.get(&path).await.json()["status"], "failed");
 }
 
-#[tokio::test]
 async fn a_solve_that_the_wall_time_stops_is_a_failed_job_with_its_trajectory() {
     let options = Options { wall_seconds: std::num::NonZeroU64::MIN, ..one_worker() };
     let site = Site::new(options, Gate::new().solver());
@@ -174,7 +179,6 @@ async fn a_large_picture_is_drawn_all_the_same() {
     assert!((10_000..100_000).contains(&reply.body.len()), "{} bytes", reply.body.len());
 }
 
-#[tokio::test]
 async fn a_long_table_is_whole() {
     let times: Vec<f64> = (0..50_000).map(f64::from).collect();
     let column = times.clone();

@@ -1,6 +1,7 @@
 //! Sweeps over HTTP: a table in every form, made in chunks by any number of workers, the same bytes whatever happens.
 
 use crate::harness::{Call, Site, count, one_worker};
+use crate::nats::on_both;
 use arrow_array::Array;
 use arrow_ipc::reader::StreamReader;
 use axum::http::StatusCode;
@@ -14,6 +15,14 @@ use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
+
+on_both! {
+    the_answer_is_a_table_with_a_row_a_member,
+    it_comes_in_every_form_and_is_the_same_again,
+    a_sweep_cancelled_or_deleted_at_once_leaves_nothing_running,
+    a_member_that_takes_its_worker_down_fails_as_a_row_and_no_other_does,
+    events_tell_the_rows_that_are_done,
+}
 
 const SWEEP: &str = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*sqrt(x)"}}}},
     "time": {"end": 1}, "sweep": {"over": {"k": [0, 1], "x.initial": [1, -1]}}}"#;
@@ -70,7 +79,6 @@ impl Site {
     }
 }
 
-#[tokio::test]
 async fn the_answer_is_a_table_with_a_row_a_member() {
     let reply = Call::solve(SWEEP).send(&site()).await;
     assert_eq!(reply.status, StatusCode::OK, "{}", reply.text());
@@ -84,7 +92,6 @@ async fn the_answer_is_a_table_with_a_row_a_member() {
     assert!(json["summary"]["x"]["count"].as_u64().unwrap() >= 2);
 }
 
-#[tokio::test]
 async fn it_comes_in_every_form_and_is_the_same_again() {
     let site = site();
     let form = async |accept: &str| {
@@ -151,7 +158,6 @@ async fn a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows() {
     assert_eq!(Call::solve(relays(2)).client(1).send(&site).await.status, StatusCode::OK);
 }
 
-#[tokio::test]
 async fn a_sweep_cancelled_or_deleted_at_once_leaves_nothing_running() {
     let site = Site::new(Options { workers: count(2), ..one_worker() }, solver());
     for k in 0..20 {
@@ -171,7 +177,6 @@ async fn a_sweep_cancelled_or_deleted_at_once_leaves_nothing_running() {
     assert_eq!(Call::solve(relays(2)).send(&site).await.status, StatusCode::OK);
 }
 
-#[tokio::test]
 async fn a_member_that_takes_its_worker_down_fails_as_a_row_and_no_other_does() {
     const BAD: [usize; 3] = [0, 123, 124];
     let deaths = Arc::new(AtomicUsize::new(0));
@@ -229,7 +234,6 @@ async fn a_member_that_never_ends_fails_as_a_row() {
     assert!(json["table"]["columns"]["x"].as_array().unwrap().len() > 1);
 }
 
-#[tokio::test]
 async fn events_tell_the_rows_that_are_done() {
     let site = site();
     let path = site.post(1, &relays(3000)).await;

@@ -3,6 +3,7 @@
 
 use crate::connections::Running;
 use crate::harness::{Call, DECAY, Gate, Site, halving, instant, one_worker};
+use crate::nats::on_both;
 use arrow_ipc::reader::StreamReader;
 use axum::http::StatusCode;
 use dvi::service::jobs::Solver;
@@ -11,6 +12,13 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::process::{Command, Output, Stdio};
 use std::sync::Arc;
+
+on_both! {
+    a_job_says_whether_its_answer_is_trusted_once_there_is_one,
+    a_job_that_left_no_answer_has_no_verdict,
+    what_speaks_against_an_answer_stands_in_the_job_the_list_and_the_last_event,
+    a_part_of_the_results_has_the_whole_verdict,
+}
 
 const FORMS: [&str; 5] =
     ["application/json", "text/csv", "application/x-ndjson", "application/vnd.apache.arrow.stream", "image/svg+xml"];
@@ -38,7 +46,6 @@ fn doubt() -> Value {
     })
 }
 
-#[tokio::test]
 async fn a_job_says_whether_its_answer_is_trusted_once_there_is_one() {
     let gate = Gate::new();
     let site = Site::new(one_worker(), gate.solver());
@@ -52,7 +59,6 @@ async fn a_job_says_whether_its_answer_is_trusted_once_there_is_one() {
     assert_eq!(ended["verdict"], json!({"trusted": true, "because": [], "caveats": []}));
 }
 
-#[tokio::test]
 async fn a_job_that_left_no_answer_has_no_verdict() {
     let site = Site::new(one_worker(), Arc::new(|_, _| panic!("on purpose")));
     let path = site.accept(1).await;
@@ -60,7 +66,6 @@ async fn a_job_that_left_no_answer_has_no_verdict() {
     assert_eq!((&ended["status"], ended.get("trusted"), ended.get("verdict")), (&json!("failed"), None, None));
 }
 
-#[tokio::test]
 async fn what_speaks_against_an_answer_stands_in_the_job_the_list_and_the_last_event() {
     let site = Site::new(one_worker(), doubted());
     let path = site.accept(1).await;
@@ -97,7 +102,6 @@ async fn every_form_of_the_results_comes_with_the_verdict() {
     }
 }
 
-#[tokio::test]
 async fn a_part_of_the_results_has_the_whole_verdict() {
     let site = Site::new(one_worker(), doubted());
     let path = site.accept(1).await;

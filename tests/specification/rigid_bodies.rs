@@ -155,6 +155,9 @@ fn impacts_are_located_where_that_is_possible_and_the_answer_says_what_else_ther
         let described = dvi::solve(&specification, &Control::new()).diagnostics;
         (described.built[0], described.left_out.iter().any(|line| line.starts_with("location of impacts: ")))
     };
+    // A box has edges.
+    assert_eq!(steppers(&document), ("time stepping", true));
+    document["problem"]["rigid_bodies"]["bodies"][2]["shape"] = json!({"sphere": {"radius": 0.5}});
     for (impacts, expected) in [
         (Value::Null, ("location of impacts", false)),
         (json!("locate"), ("location of impacts", false)),

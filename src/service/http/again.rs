@@ -69,7 +69,7 @@ pub async fn retry_job(
     if ended(&job)?.ending == Ending::Successful {
         return Err(Problem::plain(Kind::AlreadySuccessful).of_job(job.id));
     }
-    let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
+    let document = shared.jobs.document(&job).await.map_err(|error| unreadable(job.id, &error))?;
     successor(&shared, &job, document, key).await
 }
 
@@ -103,7 +103,7 @@ pub async fn continue_job(
     let no_end = || refused(job.id, "it has no results");
     let held = ended.held.as_ref().ok_or_else(no_end)?;
     let results = shared.jobs.results(&job, held).await.map_err(|error| unreadable(job.id, &error))?;
-    let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
+    let document = shared.jobs.document(&job).await.map_err(|error| unreadable(job.id, &error))?;
     let (id, large) = (job.id, results.bytes() + document.len() > SHORT);
     let read = run_blocking(&shared, job.client, large, move || last_row(&results)).await?;
     let (start, ends) = match read {

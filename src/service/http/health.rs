@@ -39,8 +39,8 @@ pub async fn check_health() -> Json<Well> {
 
 /// Tell whether the service takes on work.
 ///
-/// For load balancers. It is 503 while the service stops (`draining`), while the store takes nothing (`unwritable`), and while no worker can
-/// be started (`no-workers`). It needs no token and answers to any `Host`.
+/// For load balancers. It is 503 while the service stops (`draining`), while the store takes nothing (`unwritable`), while the servers of the jobs are
+/// away (`store-away`), and while no worker can be started (`no-workers`). It needs no token and answers to any `Host`.
 #[utoipa::path(
     get,
     path = "/readyz",
@@ -51,6 +51,7 @@ pub async fn check_readiness(State(shared): State<Shared>) -> HandlerResult<Json
     if shared.jobs.is_draining() {
         return Err(Problem::plain(Kind::Draining));
     }
+    shared.jobs.near()?;
     if !shared.jobs.is_writable() {
         return Err(Problem::plain(Kind::Unwritable));
     }

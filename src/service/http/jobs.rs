@@ -4,7 +4,7 @@ use super::path::JobPath;
 use super::problem::{HandlerResult, Kind, Problem};
 use super::status::StatusInfo;
 use super::{Shared, no_store};
-use crate::jobs::{JobId, is_damage};
+use crate::jobs::{Away, JobId, is_damage};
 use axum::Json;
 use axum::body::Bytes;
 use axum::extract::State;
@@ -41,13 +41,16 @@ pub async fn find_specification(
     State(shared): State<Shared>,
     JobPath(job): JobPath,
 ) -> HandlerResult<impl IntoResponse> {
-    let document = shared.jobs.document(&job).map_err(|error| unreadable(job.id, &error))?;
+    let document = shared.jobs.document(&job).await.map_err(|error| unreadable(job.id, &error))?;
     Ok(([(header::CONTENT_TYPE, HeaderValue::from_static("application/json"))], Bytes::from_owner(document)))
 }
 
 /// The problem for stored data that cannot be read; details are logged only.
 pub fn unreadable(job: JobId, error: &io::Error) -> Box<Problem> {
     tracing::error!(job.id = %job, %error, "the stored job {job} cannot be read");
+    if error.kind() == io::ErrorKind::NotConnected {
+        return Box::<Problem>::from(Away).of_job(job);
+    }
     Problem::plain(if is_damage(error) { Kind::Damaged } else { Kind::Unreadable }).of_job(job)
 }
 

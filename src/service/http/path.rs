@@ -34,7 +34,7 @@ impl FromRequestParts<Shared> for JobPath {
             return Err(Problem::new(Kind::NoSuchJob, "the id of a job must be a UUID, from `Location`"));
         };
         let Ok(visibility) = Visibility::from_request_parts(parts, shared).await;
-        let job = shared.jobs.find(id).filter(|job| visibility.reaches(job));
+        let job = shared.jobs.look_up(id).await?.filter(|job| visibility.reaches(job));
         let missing = || if shared.jobs.is_damaged(id) { Kind::Damaged } else { Kind::NoSuchJob };
         job.map(Self).ok_or_else(|| Problem::plain(missing()).of_job(id))
     }

@@ -3,7 +3,7 @@
 
 use super::retry_after;
 use crate::context::address;
-use crate::jobs::{AdmissionError, Fault, JobId, Unwritable};
+use crate::jobs::{AdmissionError, Away, Fault, JobId, Unwritable};
 use crate::worker::Finding;
 use axum::http::{HeaderValue, StatusCode, header};
 use axum::response::{IntoResponse, Response};
@@ -119,8 +119,8 @@ problems! {
         "A different specification was posted with the same `Idempotency-Key`; use a separate key for each \
          specification.";
     Poisoned, "poisoned", INTERNAL_SERVER_ERROR, "The job was set aside",
-        "The service ended several times while only this job was running, so that it is not started again; please \
-         report its specification, or try it once more with `POST /jobs/{id}/retry`.";
+        "The service ended several times while only this job was running, or two workers on other machines were lost, so \
+         that it is not started again; please report its specification, or try it once more with `POST /jobs/{id}/retry`.";
     Unreadable, "unreadable", INTERNAL_SERVER_ERROR, "The store could not be read",
         "The stored job is missing or of another version; the log has details under the id of the job.";
     Damaged, "damaged", INTERNAL_SERVER_ERROR, "The stored job is damaged",
@@ -129,6 +129,9 @@ problems! {
     Unwritable, "unwritable", SERVICE_UNAVAILABLE, "The store cannot be written",
         "The disk is full, or the data folder was removed or replaced: no jobs are accepted until there is room, or \
          the folder is restored. Meanwhile jobs can be deleted, and results are kept in memory and written afterwards.";
+    StoreAway, "store-away", SERVICE_UNAVAILABLE, "The servers of the jobs do not answer",
+        "The service shares its jobs over NATS servers, which it cannot reach now; no accepted job is lost. Ask again after \
+         the seconds in `Retry-After`.";
     NoWorkers, "no-workers", SERVICE_UNAVAILABLE, "No worker can be started",
         "The system starts no process for the solve, for lack of memory or processes; accepted jobs wait, and the \
          service tries again every few seconds.";
@@ -257,6 +260,7 @@ impl From<AdmissionError> for Box<Problem> {
             AdmissionError::KeyReused => Problem::plain(Kind::KeyReused),
             AdmissionError::KeyInUse => Problem::plain(Kind::KeyInUse).after(Duration::from_secs(1)),
             AdmissionError::Unwritable => Unwritable.into(),
+            AdmissionError::Away => Away.into(),
             AdmissionError::Draining => Problem::plain(Kind::Draining).after(Duration::from_secs(10)),
         }
     }
@@ -265,6 +269,12 @@ impl From<AdmissionError> for Box<Problem> {
 impl From<Unwritable> for Box<Problem> {
     fn from(_: Unwritable) -> Self {
         Problem::plain(Kind::Unwritable).after(Duration::from_secs(10))
+    }
+}
+
+impl From<Away> for Box<Problem> {
+    fn from(_: Away) -> Self {
+        Problem::plain(Kind::StoreAway).after(Duration::from_secs(5))
     }
 }
 

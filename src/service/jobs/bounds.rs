@@ -2,6 +2,7 @@
 
 use super::index::Mismatch;
 use super::intake::{Intake, UNMEASURED};
+use super::nats::Away;
 use super::queue::Full;
 use super::writer::Unwritable;
 use super::{Retention, Room};
@@ -65,6 +66,8 @@ pub enum AdmissionError {
     KeyInUse,
     /// The disk refuses writes.
     Unwritable,
+    /// The servers that jobs are shared over do not answer.
+    Away,
 }
 
 /// The room to wait for a check is full as well; its drain rate is not measured.
@@ -81,6 +84,12 @@ impl From<Full> for AdmissionError {
 impl From<Unwritable> for AdmissionError {
     fn from(_: Unwritable) -> Self {
         Self::Unwritable
+    }
+}
+
+impl From<Away> for AdmissionError {
+    fn from(_: Away) -> Self {
+        Self::Away
     }
 }
 

@@ -73,7 +73,7 @@ impl Jobs {
             }
             self.settle(job, chunks).await;
         };
-        self.apart(job.crashes > 0 && !chunks.has_progressed(), work.instrument(span)).await;
+        self.apart(job.crashes() > 0 && !chunks.has_progressed(), work.instrument(span)).await;
         let mut intake = self.lock();
         intake.depart(job, lane.get(), begun.elapsed());
         if intake.wait_again(job) {

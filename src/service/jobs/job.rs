@@ -30,7 +30,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::pin::pin;
 use std::str::FromStr;
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::Notify;
@@ -41,6 +41,11 @@ use uuid::{Uuid, Variant};
 pub struct JobId(Uuid);
 
 impl JobId {
+    /// A new id.
+    pub(super) fn new() -> Self {
+        Self(Uuid::now_v7())
+    }
+
     /// The id as a number, the key in the database.
     pub(super) fn number(self) -> u128 {
         self.0.as_u128()
@@ -158,8 +163,8 @@ pub struct Job {
     pub created: Moment,
     /// The idempotency key under which the client may ask for the job again.
     pub(super) key: Option<Key>,
-    /// The number of times the process died while the job ran.
-    pub(super) crashes: u32,
+    /// The number of times the process, or the worker on another machine, died while the job ran.
+    pub(super) crashes: AtomicU32,
     /// The number of those crashes in which no other job ran.
     pub(super) crashes_alone: u32,
     /// The number of those lone crashes in which the system had run out of memory.
@@ -217,18 +222,23 @@ pub struct Order {
 impl Job {
     /// A job admitted now, kept on the disk if it is `durable` and otherwise in memory.
     pub(super) fn new(order: Order, durable: bool) -> Self {
+        Self::named(JobId::new(), order, durable)
+    }
+
+    /// A job admitted now under an id that has been issued.
+    pub(super) fn named(id: JobId, order: Order, durable: bool) -> Self {
         let Order { client, facts, document, key, known, anew } = order;
         let Facts { label, horizon, problem, memory, sweep } = facts;
         let persistence = if durable { Persistence::Storing } else { Persistence::Memory };
         Self {
-            id: JobId(Uuid::now_v7()),
+            id,
             client,
             label,
             horizon,
             estimate: Some(Estimate { problem, memory, sweep }),
             created: Moment::now(),
             key,
-            crashes: 0,
+            crashes: AtomicU32::new(0),
             crashes_alone: 0,
             shortages_alone: 0,
             chunks: sweep.map(|sweep| Arc::new(Chunks::new(sweep))),
@@ -242,6 +252,21 @@ impl Job {
             settled: Notify::new(),
             halted: Notify::new(),
         }
+    }
+
+    /// A job admitted now under an id that has been issued, to be solved and kept elsewhere.
+    pub(super) fn elsewhere(id: JobId, order: Order) -> Self {
+        let job = Self::named(id, Order { known: None, ..order }, true);
+        *job.lock() = Lifecycle { state: State::Accepted(None), persistence: Persistence::Disk, parked: false };
+        Self { chunks: None, ..job }
+    }
+
+    /// A job that another process has admitted, to be solved here, with the chunks of a sweep.
+    pub(super) fn taken_on(id: JobId, record: Record, chunks: Option<Chunks>, document: Arc<[u8]>) -> Self {
+        let job = Self::recovered(id, Record { ended: None, ..record }, chunks);
+        let state = State::Accepted(Some(Arc::clone(&document)));
+        *job.lock() = Lifecycle { state, persistence: Persistence::Memory, parked: false };
+        Self { document: Some(document), ..job }
     }
 
     /// The job of a chunk of a sweep: a job of the same name and client, which no client sees.
@@ -259,7 +284,7 @@ impl Job {
             estimate: self.estimate.clone(),
             created: self.created,
             key: None,
-            crashes: self.crashes,
+            crashes: AtomicU32::new(self.crashes()),
             crashes_alone: 0,
             shortages_alone: 0,
             chunks: None,
@@ -288,7 +313,7 @@ impl Job {
             estimate,
             created: Moment { date: created, clock: Instant::now() },
             key,
-            crashes,
+            crashes: AtomicU32::new(crashes),
             crashes_alone,
             shortages_alone,
             chunks: chunks.map(Arc::new),
@@ -327,7 +352,12 @@ impl Job {
 
     /// The number of the current attempt, counted from one.
     pub fn attempt(&self) -> u32 {
-        self.crashes + 1
+        self.crashes() + 1
+    }
+
+    /// The number of times the process, or the worker on another machine, died while the job ran.
+    pub(super) fn crashes(&self) -> u32 {
+        self.crashes.load(Relaxed)
     }
 
     /// Whether the job is deleted, so that its results are not needed.
@@ -349,6 +379,9 @@ impl Job {
         let all = self.estimate.as_ref()?.sweep?.members;
         let done = match &self.lock().state {
             State::Ended(ended) => ended.rows.unwrap_or(0),
+            State::Running { control, .. } if self.chunks.is_none() => {
+                (control.fraction() * all as f64).round() as usize
+            }
             State::Accepted(_) | State::Running { .. } => self.chunks.as_ref().map_or(0, |chunks| chunks.rows()),
         };
         Some((done, all))

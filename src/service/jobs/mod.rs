@@ -7,6 +7,9 @@
 //!    sweep, it solves the next members (see `chunks`).
 //! 3. The ended job is entered in the store, which expires the oldest results, and waiting requests are woken.
 //!
+//! Where jobs are shared with other machines (see `nats`), 1. goes to the servers there, 2. is the work of other processes,
+//! and 3. comes from the servers.
+//!
 //! [`Jobs::cancel`] and [`Jobs::forget`] bypass the queue: they work when it is full. In a durable service a job that
 //! was accepted asynchronously outlives the process (see the module `store`).
 
@@ -31,6 +34,7 @@ mod intake;
 mod job;
 mod leaves;
 mod marks;
+mod nats;
 mod overlay;
 mod pool;
 mod queue;
@@ -62,6 +66,7 @@ pub use idempotency::Key;
 pub use index::{Mismatch, Retention};
 pub use inspection::Inspection;
 pub use job::{Halt, Job, JobId, Moment, Order, State};
+pub use nats::{Away, Gateway, Nats, WorkOptions, work};
 pub use pool::Pool;
 pub use queue::Room;
 pub use results::{Encoded, Opened, Results, SHORT, TooLarge};
@@ -76,6 +81,7 @@ use super::worker::Limits;
 use intake::Intake;
 use jiff::Timestamp;
 use job::Persistence;
+use nats::Far;
 use problem::Control;
 use queue::FairQueue;
 use record::Record;
@@ -88,6 +94,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use store::Store;
+use tokio::sync::mpsc::UnboundedSender;
 use tokio::sync::{Notify, RwLock};
 
 /// All jobs of a service.
@@ -101,6 +108,8 @@ pub struct Jobs {
     /// Wakes a relief worker, since a job may need relief.
     relief: Notify,
     store: Store,
+    /// The servers that jobs are shared over, and what is known of the jobs there; `None` if this process has them all.
+    far: Option<Far>,
     /// Jobs that were running when an earlier process died are suspects: see [`Jobs::apart`].
     suspects: RwLock<()>,
     idle: Notify,
@@ -132,7 +141,24 @@ impl Jobs {
         let (store, accepted) = Store::open(folder, program, bounds.retention, bounds.result_bytes, &metrics)?;
         let mut queue = FairQueue::new(bounds.queue);
         accepted.into_iter().for_each(|job| queue.push(job.client, job));
-        Ok(Self {
+        Ok(Self::of(bounds, solver, queue, store, metrics))
+    }
+
+    /// The jobs that are shared over `far`; what is forgotten here to make room is told to `forgotten`.
+    fn far(
+        bounds: Bounds,
+        solver: Solver,
+        far: Far,
+        forgotten: UnboundedSender<Arc<Job>>,
+        metrics: Arc<Metrics>,
+    ) -> io::Result<Self> {
+        let (store, _) = Store::open(None, None, bounds.retention, bounds.result_bytes, &metrics)?;
+        let queue = FairQueue::new(bounds.queue);
+        Ok(Self { far: Some(far), ..Self::of(bounds, solver, queue, store.elsewhere(forgotten), metrics) })
+    }
+
+    fn of(bounds: Bounds, solver: Solver, queue: FairQueue<Arc<Job>>, store: Store, metrics: Arc<Metrics>) -> Self {
+        Self {
             solver,
             metrics,
             bounds,
@@ -140,6 +166,7 @@ impl Jobs {
             arrival: Notify::new(),
             relief: Notify::new(),
             store,
+            far: None,
             suspects: RwLock::default(),
             idle: Notify::new(),
             dismissed: Notify::new(),
@@ -149,7 +176,7 @@ impl Jobs {
             shortage: Shortage::default(),
             living: AtomicUsize::new(0),
             unstartable: AtomicBool::new(false),
-        })
+        }
     }
 
     /// Whether a job of `client` with a document of `document_bytes` would be admitted now.
@@ -171,8 +198,12 @@ impl Jobs {
     ///
     /// # Errors
     /// The key belongs to a different document, or its job is not yet on the disk.
-    pub fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, AdmissionError> {
-        self.store.index().recall(client, key)?.map(known).transpose()
+    pub async fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, AdmissionError> {
+        let here = self.store.index().recall(client, key)?;
+        match (here, &self.far) {
+            (None, Some(far)) => self.recall_far(far, client, key).await,
+            (here, _) => here.map(known).transpose(),
+        }
     }
 
     /// The limits of one task on a worker.
@@ -201,6 +232,9 @@ impl Jobs {
         }
         if !durable && let Some(job) = self.try_inline(&order).await {
             return Ok(job);
+        }
+        if let Some(far) = &self.far {
+            return self.submit_far(far, order).await;
         }
         let place = if durable { self.store.place().await? } else { None };
         let (client, document) = (order.client, Arc::clone(&order.document));
@@ -233,7 +267,18 @@ impl Jobs {
         self.store.outlive(job).await
     }
 
-    /// The job with this id, unless it is forgotten.
+    /// The job with this id, unless it is forgotten; one that another gateway has admitted a moment ago included.
+    ///
+    /// # Errors
+    /// The servers that keep the jobs do not answer.
+    pub async fn look_up(&self, id: JobId) -> Result<Option<Arc<Job>>, Away> {
+        match &self.far {
+            Some(far) => self.look_up_far(far, id).await,
+            None => Ok(self.find(id)),
+        }
+    }
+
+    /// The job with this id in memory, unless it is forgotten.
     pub fn find(&self, id: JobId) -> Option<Arc<Job>> {
         self.store.index().find(id)
     }
@@ -247,8 +292,11 @@ impl Jobs {
     ///
     /// # Errors
     /// I/O errors of the disk.
-    pub fn document(&self, job: &Job) -> io::Result<Arc<[u8]>> {
-        self.store.document(job)
+    pub async fn document(&self, job: &Job) -> io::Result<Arc<[u8]>> {
+        match &self.far {
+            Some(far) if job.document.is_none() => self.document_far(far, job).await,
+            Some(_) | None => self.store.document(job),
+        }
     }
 
     /// The results of a job.
@@ -256,7 +304,10 @@ impl Jobs {
     /// # Errors
     /// I/O errors of the disk.
     pub async fn results(&self, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
-        let results = self.store.results(job.id, held).await;
+        let results = match (held, &self.far) {
+            (Held::Memory(_), _) | (_, None) => self.store.results(job.id, held).await,
+            (_, Some(far)) => self.results_far(far, job, held).await,
+        };
         if let Err(error) = &results {
             self.found(job, error).await;
         }
@@ -282,6 +333,9 @@ impl Jobs {
     /// # Errors
     /// The disk did not accept the change, so a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        if let Some(far) = self.far.as_ref().filter(|_| job.is_durable()) {
+            return self.cancel_far(far, job).await;
+        }
         self.take_out(job);
         let cancelled = self.store.cancel(job).await;
         self.stop_chunks(job, Halt::Dismiss).await;
@@ -293,6 +347,9 @@ impl Jobs {
     /// # Errors
     /// The disk did not accept the change, so a later process will list the job again.
     pub async fn forget(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        if let Some(far) = self.far.as_ref().filter(|_| job.is_durable()) {
+            return self.forget_far(far, job).await;
+        }
         self.take_out(job);
         let cancelled = self.store.cancel(job).await;
         let forgotten = self.store.forget(job).await;
@@ -304,6 +361,9 @@ impl Jobs {
     pub async fn expire(&self, now: Timestamp) {
         self.lock().forget();
         self.store.expire(now).await;
+        if let Some(far) = &self.far {
+            self.expire_far(far, now).await;
+        }
     }
 
     /// Retries writes that a full disk refused, and queues again the jobs whose results could not be kept in memory.
@@ -352,8 +412,9 @@ impl Jobs {
 
     /// The numbers of waiting and of running jobs.
     pub fn load(&self) -> (usize, usize) {
+        let elsewhere = self.far.as_ref().map_or(0, |far| far.mirror().running);
         let intake = self.lock();
-        (intake.queue.len(), intake.running)
+        (intake.queue.len(), intake.running + elsewhere)
     }
 
     /// The number of running jobs that may run to their end without making room for others.
@@ -381,9 +442,17 @@ impl Jobs {
         self.lock().draining
     }
 
-    /// Whether the disk, if the service has a folder, accepts writes.
+    /// Whether the servers that jobs are shared over, if there are any, are connected.
+    ///
+    /// # Errors
+    /// They are not.
+    pub fn near(&self) -> Result<(), Away> {
+        self.far.as_ref().map_or(Ok(()), |far| far.exchange.near())
+    }
+
+    /// Whether the disk, if the service has a folder, accepts writes, and the servers that jobs are shared over are connected.
     pub fn is_writable(&self) -> bool {
-        self.store.is_writable()
+        self.store.is_writable() && self.near().is_ok()
     }
 
     /// Wakes a relief worker if a job needs relief.

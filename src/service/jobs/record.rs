@@ -107,7 +107,7 @@ impl Record {
             document_bytes: job.document_bytes,
             document: job.digest.get().copied(),
             key: job.key.clone(),
-            crashes: job.crashes,
+            crashes: job.crashes(),
             crashes_alone: alone(job.crashes_alone),
             shortages_alone: alone(job.shortages_alone),
             underway,

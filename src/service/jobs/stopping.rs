@@ -9,6 +9,9 @@ impl Jobs {
     pub fn drain(&self) {
         let mut intake = self.lock();
         intake.draining = true;
+        if self.far.is_some() {
+            return;
+        }
         intake.queue.retain(|job| !job.is_durable());
         self.announce_if_idle(&intake);
     }
@@ -16,6 +19,9 @@ impl Jobs {
     /// Parks every unfinished job for the next process, asking running jobs to stop. A job that cannot be on a disk is
     /// dismissed.
     pub async fn park_all(&self) {
+        if self.far.is_some() {
+            return self.leave_far();
+        }
         for job in self.store.index().all() {
             // A job that the disk refuses is dismissed below, like one of a service without a disk.
             let _ = self.store.outlive(&job).await;
@@ -39,7 +45,8 @@ impl Jobs {
     pub async fn idle(&self) {
         loop {
             let idle = self.idle.notified();
-            if self.lock().is_idle() {
+            // What others solve goes on without this process.
+            if self.far.is_some() || self.lock().is_idle() {
                 return;
             }
             idle.await;

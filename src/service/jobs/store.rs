@@ -28,6 +28,7 @@ use std::ffi::OsStr;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use tokio::sync::mpsc::UnboundedSender;
 use tokio::task::spawn_blocking;
 
 /// The part of the bytes of ended jobs that may stand in memory where others are on a disk, as a divisor: those in memory
@@ -43,6 +44,8 @@ pub struct Store {
     damaged: HashSet<JobId>,
     /// The ends that the disk has not accepted yet.
     unsaved: Arc<Unsaved>,
+    /// Is told of durable jobs that are forgotten, if others than this process keep them.
+    elsewhere: Option<UnboundedSender<Arc<Job>>>,
 }
 
 impl Store {
@@ -63,7 +66,7 @@ impl Store {
         let index = Arc::new(Index::new(retention, most_resident));
         let unsaved = Arc::new(Unsaved::new(unsaved));
         let Some(folder) = folder else {
-            return Ok((Self { index, disk: None, damaged: HashSet::new(), unsaved }, Vec::new()));
+            return Ok((Self { index, disk: None, damaged: HashSet::new(), unsaved, elsewhere: None }, Vec::new()));
         };
         let (disk, Found { records, unreadable, damaged, orphaned }) = Disk::open(folder, program, metrics)?;
         metrics.found(unreadable, damaged.len(), orphaned);
@@ -110,7 +113,20 @@ impl Store {
         disk.remember(Box::new(move || {
             known.all().iter().filter_map(|job| job.row().map(|row| (job.id, row))).collect()
         }));
-        Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved }, waiting))
+        Ok((Self { index, disk: Some(Arc::new(disk)), damaged, unsaved, elsewhere: None }, waiting))
+    }
+
+    /// This store, which tells `elsewhere` of durable jobs that are forgotten.
+    pub fn elsewhere(self, elsewhere: UnboundedSender<Arc<Job>>) -> Self {
+        Self { elsewhere: Some(elsewhere), ..self }
+    }
+
+    /// Tells who keeps a job elsewhere that it is forgotten.
+    pub fn let_go(&self, job: &Arc<Job>) {
+        if let Some(elsewhere) = &self.elsewhere {
+            // Its receiver ends with the process.
+            let _ = elsewhere.send(Arc::clone(job));
+        }
     }
 
     /// The index.
@@ -309,17 +325,19 @@ impl Store {
         self.tidy(self.index.expire(now)).await;
     }
 
-    /// Parks a durable job for the next process.
+    /// Parks a job for the next process, if it is durable, or for who has it elsewhere.
     pub async fn park(&self, job: &Arc<Job>) {
-        let Ok(Some(place)) = self.passage().await else { return };
+        let Ok(place) = self.passage().await else { return };
         {
             let mut lifecycle = job.lock();
-            if !lifecycle.is_durable() || matches!(lifecycle.state, State::Ended(_)) {
+            if lifecycle.is_durable() != place.is_some() || matches!(lifecycle.state, State::Ended(_)) {
                 return;
             }
             lifecycle.parked = true;
             lifecycle.state = State::Accepted(None);
-            place.take(Change::record(job.id, &Record::of(job, &lifecycle)), drop);
+            if let Some(place) = place {
+                place.take(Change::record(job.id, &Record::of(job, &lifecycle)), drop);
+            }
         }
         job.wake();
     }
@@ -409,8 +427,8 @@ impl Store {
         lifecycle.state = State::Ended(Arc::new(damaged));
     }
 
-    /// Counts a job as ended, with `resident` bytes in memory.
-    fn keep(&self, job: &Job, ended: &Ended, resident: usize) -> Vec<Arc<Job>> {
+    /// Counts a job as ended, with `resident` bytes in memory; returns the jobs that are forgotten to make room.
+    pub fn keep(&self, job: &Job, ended: &Ended, resident: usize) -> Vec<Arc<Job>> {
         self.index.keep(job.id, ended.finished, Size { bytes: job.document_bytes + ended.bytes(), resident })
     }
 
@@ -422,6 +440,7 @@ impl Store {
             // From here on, the removal is the only change of the job that goes to the disk.
             if lifecycle.is_durable() {
                 stored.push(job.id);
+                self.let_go(&job);
             }
             lifecycle.persistence = Persistence::Forgotten;
         }
@@ -432,7 +451,7 @@ impl Store {
     }
 
     /// Removes jobs from the disk without waiting for the write.
-    async fn tidy(&self, jobs: Vec<Arc<Job>>) {
+    pub async fn tidy(&self, jobs: Vec<Arc<Job>>) {
         if let Err(error) = self.erase(jobs).await {
             tracing::error!(%error, "forgotten jobs stay on the disk until the next start");
         }

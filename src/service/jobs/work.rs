@@ -142,7 +142,7 @@ impl Jobs {
         let span = origin.span();
         origin.join(&span);
         let attempt = self.attempt(place, supervisor, job, &origin, &lane).instrument(span);
-        let outcome = self.apart(job.crashes > 0, attempt).await;
+        let outcome = self.apart(job.crashes() > 0, attempt).await;
         let waits = matches!(outcome, Outcome::Waits);
         match outcome {
             Outcome::Ended(ended) => {

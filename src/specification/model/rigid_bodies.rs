@@ -151,13 +151,16 @@ fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::
         (Some(Impacts::Locate), _) => by(true, false, "`impacts` is `locate`"),
         (Some(Impacts::TimeStepping), _) => by(false, false, "`impacts` is `time_stepping`"),
         (None, Some(reason)) => by(false, false, reason),
+        (None, None) if scene.bodies.iter().any(|body| !body.fixed && !body.collider.is_smooth()) => {
+            by(false, false, "a body that moves has edges, and `impacts` is not `locate`, which is of second order")
+        }
         (None, None) if scene.bodies.iter().filter(|body| !body.fixed).count() > LOCATED => {
             by(false, false, "more than 100 bodies move, and `impacts` is not `locate`, which is of second order")
         }
         (None, None) => by(
             true,
             true,
-            "at most 100 bodies move, without joints and forces besides gravity; it takes over while impacts are many",
+            "at most 100 bodies without edges move, without joints and forces besides gravity; it takes over while impacts are many",
         ),
     }
 }

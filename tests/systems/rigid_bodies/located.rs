@@ -669,3 +669,47 @@ fn a_heap_changes_over_to_time_stepping() {
     let taken = ["dissipated_by_friction", "lost_in_impacts"].map(|of| last(&solution, of)).iter().sum::<f64>();
     assert!((taken - lost).abs() < 1e-2 * lost, "{taken} {lost}");
 }
+
+/// Low drops that return many times, at steps longer than a bounce: an answer that is trusted has the height of the closed form.
+#[test]
+fn bounces_that_are_left_out_are_over_within_the_step() {
+    let mut trusted = 0;
+    for (height, e, step) in [
+        (0.01, 0.995, 0.1),
+        (0.02, 0.99, 0.1),
+        (2e-4, 0.99, 0.03),
+        (3e-7, 0.99, 1e-3),
+        (0.05, 0.8, 0.1),
+        (2e-3, 0.9, 0.03),
+    ] {
+        let end = 5.0 * (2.0 * height / G).sqrt();
+        let mut drop =
+            on_the_ground(&[ball([0.0, 0.0, 0.1 + height], [0.0; 3], [0.0; 3])], &json!({"restitution": e}), end, step);
+        drop["output"]["fields"] = json!(["ball.z"]);
+        let solution = solve(&drop);
+        let error = distance(&solution, "ball.z", |t| bounces(height, e, t).0 + 0.1) / height;
+        assert!(!solution.verdict.trusted || error < 1e-2, "{height}, {e}, {step}: {error:e}");
+        trusted += u32::from(solution.verdict.trusted);
+    }
+    assert!(trusted >= 4, "{trusted}");
+}
+
+/// Two balls in free fall meet at a small velocity, and part with `e` times that.
+#[test]
+fn balls_that_meet_in_flight_part_again_however_slowly() {
+    let (mut lower, mut upper) =
+        (ball([0.0; 3], [0.0; 3], [0.0; 3]), ball([0.0, 0.0, 0.201], [0.0, 0.0, -0.01], [0.0; 3]));
+    (lower["name"], upper["name"]) = (json!("lower"), json!("upper"));
+    for step in [0.1, 0.01] {
+        let mut fall = on_the_ground(&[lower.clone(), upper.clone()], &json!({"restitution": 0.5}), 1.0, step);
+        fall["problem"]["rigid_bodies"]["bodies"][0]["position"] = json!([0, 0, -100]);
+        let solution = solve(&fall);
+        // They meet after 0.1 s, and then have the velocities -0.0075 and -0.0025 besides that of the fall.
+        let exact = |t: f64| -0.5 * G * t * t - 0.0075 * (t - 0.1_f64).max(0.0);
+        assert!(
+            solution.verdict.trusted && distance(&solution, "lower.z", exact) < 1e-9,
+            "{step}: {:?}",
+            solution.verdict
+        );
+    }
+}

@@ -163,7 +163,8 @@ fn values_at_rest_are_trusted_and_those_on_the_way_are_not() {
         let bodies = json!([{"name": "ground", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},
             {"name": "b", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": [0, 0, 0.5]}]);
         json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -G], "bodies": bodies, "contacts": {"restitution": 0.5}}},
-            "time": {"end": 8}, "method": {"step": 8.0 / count}, "output": {"times": times, "fields": ["b.z"]}})
+            "time": {"end": 8}, "method": {"step": 8.0 / count, "impacts": "time_stepping"},
+            "output": {"times": times, "fields": ["b.z"]}})
     };
     let point = |count: f64, times: [f64; 2]| {
         json!({"problem": {"mechanical": {"coordinates": {"y": {"initial": 0.4}}, "mass": [[1]], "forces": {"y": -G},

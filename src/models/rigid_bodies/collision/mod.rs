@@ -107,6 +107,11 @@ impl Collider {
         })
     }
 
+    /// Whether the surface has no edges.
+    pub fn is_smooth(&self) -> bool {
+        self.parts.iter().all(|part| matches!(part.shape, Shape::Sphere { .. } | Shape::Capsule { .. }))
+    }
+
     /// Whether contact points with another body stay while both move: those of spheres, and of vertices and rims on a half space.
     /// Others come and go as features of the surfaces pass each other.
     pub fn keeps_points_with(&self, other: &Self) -> bool {

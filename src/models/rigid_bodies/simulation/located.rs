@@ -13,9 +13,9 @@
 //! which is exact for the centre of mass, and of second order for the rotation.
 //!
 //! Impacts of a contact may accumulate (Zeno). A ball that returns with velocity `e v` bounces on for the time
-//! `2 e v / (1 - e) / g`. An approach `v` of at most `(g h)^2 / sqrt(g d)`, for a step `h` and a body of size `d`, is ended
-//! without restitution, so that the contact lasts from there on: the bounces that are left out are over within a time of order
-//! `h^2`. With restitution 1 impacts do not accumulate, and only rounding is ended so. Where impacts accumulate between several
+//! `2 e v / (1 - e) / g`. An approach `v` after which that is at most `h^2 sqrt(g/d)`, for a step `h` and a body of size `d`, is
+//! ended without restitution, so that the contact lasts from there on: the bounces that are left out are over within a time of
+//! order `h^2`. Bodies that meet in flight are not pressed together by their weight, and bounce whatever their approach. With restitution 1 impacts do not accumulate, and only rounding is ended so. Where impacts accumulate between several
 //! bodies, their number in a step is limited, and time stepping takes the rest of the step. A run that is free to choose
 //! [changes over](self::budget) to time stepping for many steps, where arcs are too many.
 
@@ -277,15 +277,19 @@ impl MoreauStepping<'_> {
     fn least_approach(&self, located: &Located, contact: &Contact) -> f64 {
         let normal = contact.frame.row(0).transpose();
         let gravity = self.scene.gravity.dot(&normal).abs();
-        let fall = located.step * gravity;
-        if contact.law.restitution == 1.0 {
+        let (fall, e) = (located.step * gravity, contact.law.restitution);
+        // Bodies that both fly have the same weight per mass, which does not bring them together again.
+        let flies = |body: Option<u32>| body.is_some_and(|body| !self.held[body as usize]);
+        if e == 1.0 || contact.bodies.into_iter().all(flies) {
             return ROUNDING * fall;
         }
-        // A step that has no room for all of them ends those that return within about a step.
+        // All bounces are over after `2 e v / ((1 - e) g)`: within a step for this approach.
+        let within_step = fall * ((1.0 - e) / (2.0 * e)).min(1.0);
+        // A step that has no room for all of them ends those.
         if 2 * located.arcs.len() > self.most_arcs() || fall == 0.0 {
-            return fall;
+            return within_step;
         }
-        fall * (fall / (gravity * contact.size).sqrt()).min(1.0)
+        within_step * (fall / (gravity * contact.size).sqrt()).min(1.0)
     }
 
     /// The rounding error of the velocity of a contact.

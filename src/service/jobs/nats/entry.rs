@@ -1,0 +1,101 @@
+//! The entry of a job in the bucket of states: a JSON object, changed by compare-and-set alone.
+
+use crate::jobs::{Client, Record};
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+use std::net::IpAddr;
+
+/// The version of entries and of what they refer to. Who does not know it leaves the job to others.
+pub const FORMAT: u32 = 1;
+
+/// The entry of a job.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Entry {
+    /// [`FORMAT`].
+    pub format: u32,
+    /// The row of the job. A job that has neither ended nor a claim waits.
+    pub record: Record,
+    /// The worker that has the job.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub claim: Option<Claim>,
+}
+
+/// The claim of a worker to a job.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Claim {
+    /// The name of the worker.
+    pub worker: String,
+    /// When it took the job.
+    pub started: Timestamp,
+    /// Whether the job runs alone on it, as one does that has lost a worker before: the loss of this one is then evidence
+    /// against the job.
+    pub alone: bool,
+}
+
+/// Only the version of an entry.
+#[derive(Deserialize)]
+struct Versioned {
+    format: u32,
+}
+
+impl Entry {
+    /// The entry of a waiting job.
+    pub fn waiting(record: Record) -> Self {
+        Self { format: FORMAT, record, claim: None }
+    }
+
+    /// Reads an entry; `None` if another version wrote it.
+    pub fn read(text: &[u8]) -> Option<Self> {
+        let Versioned { format } = serde_json::from_slice(text).ok()?;
+        if format == FORMAT { serde_json::from_slice(text).ok() } else { None }
+    }
+
+    /// The entry as JSON.
+    pub fn text(&self) -> Vec<u8> {
+        // Strings and finite numbers can always be encoded.
+        serde_json::to_vec(self).unwrap_or_default()
+    }
+}
+
+impl Client {
+    /// The client as one token of a subject.
+    pub(super) fn token(self) -> String {
+        let (kind, bytes) = match self {
+            Self::Token(number) => ('t', number.to_be_bytes().to_vec()),
+            Self::Address(IpAddr::V4(address)) => ('a', address.octets().to_vec()),
+            Self::Address(IpAddr::V6(address)) => ('a', address.octets().to_vec()),
+        };
+        bytes.into_iter().fold(kind.to_string(), |mut text, byte| {
+            // Writing to a string cannot fail.
+            let _ = write!(text, "{byte:02x}");
+            text
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::digest::Fingerprint;
+    use crate::jobs::Held;
+
+    #[test]
+    fn an_entry_of_another_version_is_not_read() {
+        let entry = Entry::waiting(Record::example(Held::Table(Fingerprint::of(b"{}"))));
+        assert!(Entry::read(&entry.text()).is_some());
+        let later = Entry { format: FORMAT + 1, ..entry };
+        assert!(Entry::read(&later.text()).is_none());
+        assert!(Entry::read(b"{}").is_none());
+    }
+
+    #[test]
+    fn clients_are_single_tokens_of_subjects_and_distinct() {
+        let at = |text: &str| Client::at(text.parse().unwrap()).token();
+        assert_eq!(at("10.0.0.1"), "a0a000001");
+        let all = [at("10.0.0.1"), at("::1"), at("10.0.0.2"), Client::Token(0x0a00_0001).token()];
+        for (k, one) in all.iter().enumerate() {
+            assert!(one.chars().all(|c| c.is_ascii_alphanumeric()) && !all[..k].contains(one), "{one}");
+        }
+    }
+}

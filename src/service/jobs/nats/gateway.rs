@@ -1,0 +1,513 @@
+//! A gateway: it admits jobs, and answers for all that any gateway has admitted.
+//!
+//! The order in which a job is written makes each part of it findable by what comes after: the idempotency key, which
+//! reserves the id; specification and entry; and the message. A gateway that dies in between leaves a reserved id, which a
+//! client that comes again under its key takes over, or an entry without a message, which every gateway looks for.
+
+use super::entry::{Entry, FORMAT};
+use super::mirror::{Mirror, Told};
+use super::options::Nats;
+use super::servers::{Away, Exchange, Trouble, away, job_key};
+use super::texts::document_name;
+use crate::digest::Digest;
+use crate::jobs::{
+    AdmissionError, Bounds, Client, Ended, Ending, Held, Job, JobId, Jobs, Key, Order, Record, Results, Solver, State,
+    Unwritable,
+};
+use crate::metrics::Metrics;
+use async_nats::jetstream::consumer::{DeliverPolicy, push};
+use async_nats::jetstream::message::Message;
+use futures_util::StreamExt;
+use jiff::Timestamp;
+use serde::{Deserialize, Serialize};
+use std::io;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::join;
+use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
+use tokio::task::JoinHandle;
+use tokio::time::{sleep, timeout};
+
+/// The time after which a reserved id whose job is not there belongs to who asks for it: the gateway that reserved it has
+/// died before it wrote the entry.
+const TAKE_OVER: Duration = Duration::from_secs(10);
+
+/// The interval between two searches for jobs without a message, the age at which a job is looked for, and the number of
+/// jobs of a search.
+const SWEEP: Duration = Duration::from_secs(60);
+const UNQUEUED: Duration = Duration::from_secs(60);
+
+/// The silence after which the bucket counts as read at a start.
+const SILENCE: Duration = Duration::from_secs(5);
+
+/// The pause between attempts to read or write what the servers did not take.
+const PAUSE: Duration = Duration::from_secs(1);
+
+/// The other side of a gateway.
+#[derive(Debug)]
+pub struct Far {
+    pub exchange: Exchange,
+    mirror: Mutex<Mirror>,
+}
+
+impl Far {
+    /// What was last seen of each job.
+    pub fn mirror(&self) -> MutexGuard<'_, Mirror> {
+        self.mirror.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The tasks of a gateway; dropping it ends them.
+pub struct Gateway {
+    tasks: Vec<JoinHandle<()>>,
+}
+
+impl Drop for Gateway {
+    fn drop(&mut self) {
+        self.tasks.iter().for_each(JoinHandle::abort);
+    }
+}
+
+/// A job on its way to the servers; one that does not get there, or whose client goes away meanwhile, leaves no trace.
+struct Posting<'a> {
+    jobs: &'a Jobs,
+    far: &'a Far,
+    job: &'a Arc<Job>,
+    is_posted: bool,
+}
+
+impl Drop for Posting<'_> {
+    fn drop(&mut self) {
+        if self.is_posted {
+            return;
+        }
+        self.jobs.drop_from_mirror(self.far, self.job);
+        // A client that has no key does not know the job, and one that has a key comes again.
+        if self.job.key.is_none() {
+            self.jobs.store.let_go(self.job);
+        }
+    }
+}
+
+/// The value of an idempotency key.
+#[derive(Debug, Serialize, Deserialize)]
+struct Reserved {
+    id: String,
+    key: Key,
+}
+
+/// What a key stands for.
+enum Reservation {
+    /// A job that is to be admitted, under this id.
+    Free(JobId),
+    /// A job that has been admitted.
+    Taken(Arc<Job>),
+}
+
+impl Gateway {
+    /// Joins the exchange, and reads the entries of all jobs.
+    ///
+    /// # Errors
+    /// The servers do not answer, or refuse.
+    pub async fn open(
+        bounds: Bounds,
+        solver: Solver,
+        options: &Nats,
+        metrics: Arc<Metrics>,
+    ) -> io::Result<(Arc<Jobs>, Self)> {
+        let exchange = Exchange::join(options, "gateway").await?;
+        let far = Far { exchange, mirror: Mutex::default() };
+        let (forgotten, to_forget) = unbounded_channel();
+        let jobs = Arc::new(Jobs::far(bounds, solver, far, forgotten, metrics)?);
+        let mut tasks = Vec::new();
+        let (read, is_read) = tokio::sync::oneshot::channel();
+        let mirroring = Arc::clone(&jobs);
+        tasks.push(tokio::spawn(async move { mirroring.follow_entries(read).await }));
+        // The task that reads outlives this function.
+        let _ = is_read.await;
+        let (hearing, forgetting, sweeping) = (Arc::clone(&jobs), Arc::clone(&jobs), Arc::clone(&jobs));
+        tasks.push(tokio::spawn(async move { hearing.follow_progress().await }));
+        tasks.push(tokio::spawn(async move { forgetting.forget_expired(to_forget).await }));
+        tasks.push(tokio::spawn(async move { sweeping.sweep().await }));
+        Ok((jobs, Self { tasks }))
+    }
+}
+
+impl Jobs {
+    /// Admits a job to be solved elsewhere, or returns the earlier job with the same idempotency key.
+    pub(in crate::jobs) async fn submit_far(&self, far: &Far, order: Order) -> Result<Arc<Job>, AdmissionError> {
+        far.exchange.near()?;
+        self.admits(order.client, order.document.len())?;
+        let (client, document) = (order.client, Arc::clone(&order.document));
+        let id = match &order.key {
+            None => JobId::new(),
+            Some(key) => match self.reserve(far, client, key).await? {
+                Reservation::Free(id) => id,
+                Reservation::Taken(job) => return Ok(job),
+            },
+        };
+        let job = Arc::new(Job::elsewhere(id, order));
+        {
+            let mut mirror = far.mirror();
+            let mut intake = self.lock();
+            self.admit(&intake, client, document.len())?;
+            if let Some(first) = self.store.index().insert(&job)? {
+                return Ok(first);
+            }
+            mirror.admitted(id);
+            intake.queue.push(client, Arc::clone(&job));
+        }
+        let mut posting = Posting { jobs: self, far, job: &job, is_posted: false };
+        far.post(&job, &document).await?;
+        posting.is_posted = true;
+        drop(posting);
+        Ok(job)
+    }
+
+    /// The job that the client has already posted under this key.
+    pub(in crate::jobs) async fn recall_far(
+        &self,
+        far: &Far,
+        client: Client,
+        key: &Key,
+    ) -> Result<Option<Arc<Job>>, AdmissionError> {
+        let Some(message) = far.exchange.last(&far.exchange.state, &reservation(client, key)).await? else {
+            return Ok(None);
+        };
+        match self.reserved(far, key, &message.payload, None).await? {
+            Reservation::Taken(job) => Ok(Some(job)),
+            Reservation::Free(_) => Ok(None),
+        }
+    }
+
+    async fn reserve(&self, far: &Far, client: Client, key: &Key) -> Result<Reservation, AdmissionError> {
+        let id = JobId::new();
+        let name = reservation(client, key);
+        let text = serde_json::to_vec(&Reserved { id: id.to_string(), key: key.clone() }).unwrap_or_default();
+        if far.exchange.create(&name, text).await?.is_some() {
+            return Ok(Reservation::Free(id));
+        }
+        match far.exchange.last(&far.exchange.state, &name).await? {
+            Some(message) => {
+                let age = (Timestamp::now().as_second() - message.time.unix_timestamp()).max(0).unsigned_abs();
+                self.reserved(far, key, &message.payload, Some(Duration::from_secs(age))).await
+            }
+            // Its job has been deleted in between.
+            None => Err(AdmissionError::KeyInUse),
+        }
+    }
+
+    /// What a key stands for that was reserved so long ago.
+    async fn reserved(
+        &self,
+        far: &Far,
+        key: &Key,
+        text: &[u8],
+        age: Option<Duration>,
+    ) -> Result<Reservation, AdmissionError> {
+        let reserved: Reserved = serde_json::from_slice(text).map_err(|_| AdmissionError::KeyInUse)?;
+        if reserved.key != *key {
+            return Err(AdmissionError::KeyReused);
+        }
+        let id: JobId = reserved.id.parse().map_err(|_| AdmissionError::KeyInUse)?;
+        if let Some(job) = self.look_up_far(far, id).await? {
+            if matches!(job.state(), State::Accepted(_)) && !far.exchange.is_queued(id, job.client).await? {
+                far.exchange.enqueue(id, job.client).await?;
+            }
+            return Ok(Reservation::Taken(job));
+        }
+        match age {
+            Some(age) if age < TAKE_OVER => Err(AdmissionError::KeyInUse),
+            _ => Ok(Reservation::Free(id)),
+        }
+    }
+
+    /// The job with this id, in memory or in the bucket.
+    pub(in crate::jobs) async fn look_up_far(&self, far: &Far, id: JobId) -> Result<Option<Arc<Job>>, Away> {
+        if let Some(job) = self.find(id) {
+            return Ok(Some(job));
+        }
+        match far.exchange.entry(id).await {
+            Ok(Some((entry, revision))) => Ok(self.take_over(far, id, entry, revision).await),
+            Ok(None) | Err(Trouble::OtherVersion) => Ok(None),
+            Err(Trouble::Away) => Err(Away),
+        }
+    }
+
+    /// Dismisses a waiting job, asks a running job to stop, and leaves an ended job unchanged.
+    pub(in crate::jobs) async fn cancel_far(&self, far: &Far, job: &Arc<Job>) -> Result<(), Unwritable> {
+        let id = job.id;
+        let changed = far.exchange.change(id, None, |entry| {
+            if entry.record.ended.is_some() || entry.record.dismissed {
+                return false;
+            }
+            if entry.claim.is_some() {
+                entry.record.dismissed = true;
+            } else {
+                entry.record.ended = Some(Ended::unsolved(Ending::Dismissed));
+            }
+            true
+        });
+        let Some((entry, revision)) = changed.await.map_err(|_| Unwritable)? else { return Ok(()) };
+        if entry.record.ended.is_none() {
+            self.ask_to_stop(far, id).await.map_err(|Away| Unwritable)?;
+        } else {
+            // A worker that takes it finds that it has ended.
+            let _ = far.exchange.dequeue(id, job.client).await;
+        }
+        self.take_over(far, id, entry, revision).await;
+        Ok(())
+    }
+
+    async fn ask_to_stop(&self, far: &Far, id: JobId) -> Result<(), Away> {
+        let asked = far.exchange.state.put(format!("cancel.{id}"), "".into()).await;
+        asked.map(|_| ()).map_err(|error| away(&error))
+    }
+
+    /// Cancels a job and deletes it.
+    pub(in crate::jobs) async fn forget_far(&self, far: &Far, job: &Arc<Job>) -> Result<(), Unwritable> {
+        // Its place in the queue is free at once.
+        self.take_out(job);
+        self.erase_far(far, job).await.map_err(|Away| Unwritable)?;
+        self.take_away(far, job.id, 0, Timestamp::now());
+        Ok(())
+    }
+
+    /// Removes a job from the servers: first its entry, which is what a worker needs to end it.
+    async fn erase_far(&self, far: &Far, job: &Job) -> Result<(), Away> {
+        let (exchange, id) = (&far.exchange, job.id);
+        let entry = exchange.entry(id).await.ok().flatten().map(|(entry, _)| entry);
+        exchange.near()?;
+        exchange.state.purge(job_key(id)).await.map_err(|error| away(&error))?;
+        if entry.as_ref().is_some_and(|entry| entry.claim.is_some()) {
+            self.ask_to_stop(far, id).await?;
+        }
+        let attempts = entry.map_or(0, |entry| entry.record.crashes) + 1;
+        let document = document_name(id);
+        let (dequeued, document) = join!(exchange.dequeue(id, job.client), exchange.remove(&document));
+        dequeued.and(document)?;
+        for attempt in 1..=attempts {
+            exchange.remove_results(id, attempt).await?;
+        }
+        exchange.clear(&format!("progress.{id}")).await?;
+        match &job.key {
+            Some(key) => exchange.clear(&reservation(job.client, key)).await,
+            None => Ok(()),
+        }
+    }
+
+    /// The posted document of a job.
+    pub(in crate::jobs) async fn document_far(&self, far: &Far, job: &Job) -> io::Result<Arc<[u8]>> {
+        let document = far.exchange.document(job.id).await?;
+        let damaged = || io::Error::new(io::ErrorKind::InvalidData, "its digest is not known");
+        job.digest.get().ok_or_else(damaged)?.vouch(document).map(Arc::from)
+    }
+
+    /// The results of a job.
+    pub(in crate::jobs) async fn results_far(&self, far: &Far, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
+        far.exchange.results(job.id, job.attempt(), held).await
+    }
+
+    /// Deletes what the bucket says of jobs that were deleted long ago.
+    pub(in crate::jobs) async fn expire_far(&self, far: &Far, now: Timestamp) {
+        let gone = far.mirror().forget_gone(now);
+        for id in gone {
+            if far.exchange.clear(&job_key(id)).await.is_err() {
+                return;
+            }
+        }
+    }
+
+    /// Lets the requests go that wait for the end of a job: they are answered with its address, at which another gateway
+    /// answers.
+    pub(in crate::jobs) fn leave_far(&self) {
+        for job in self.all() {
+            let mut lifecycle = job.lock();
+            if !matches!(lifecycle.state, State::Ended(_)) {
+                lifecycle.parked = true;
+                drop(lifecycle);
+                job.wake();
+            }
+        }
+    }
+
+    /// Keeps the mirror up to date; says on `read` when all that was there has been read.
+    async fn follow_entries(&self, read: tokio::sync::oneshot::Sender<()>) {
+        let Some(far) = &self.far else { return };
+        let mut read = Some(read);
+        loop {
+            match entries(&far.exchange).await {
+                Ok((mut messages, mut left)) => {
+                    if left == 0 {
+                        let _ = read.take().map(|read| read.send(()));
+                    }
+                    loop {
+                        let next = messages.next();
+                        // Entries that are changed while they are read come later, and fewer come than there were.
+                        let next = if read.is_some() { timeout(SILENCE, next).await.ok() } else { Some(next.await) };
+                        match next {
+                            None => {
+                                let _ = read.take().map(|read| read.send(()));
+                            }
+                            Some(None) => break,
+                            Some(Some(Err(error))) => tracing::debug!(%error, "entries are late"),
+                            Some(Some(Ok(message))) => {
+                                self.entry_came(far, &message).await;
+                                left = left.saturating_sub(1);
+                                if left == 0 {
+                                    let _ = read.take().map(|read| read.send(()));
+                                }
+                            }
+                        }
+                    }
+                }
+                Err(error) => {
+                    tracing::warn!(%error, "the entries of jobs cannot be followed yet");
+                    sleep(PAUSE).await;
+                }
+            }
+        }
+    }
+
+    async fn entry_came(&self, far: &Far, message: &Message) {
+        let Some(id) = message.subject.rsplit('.').next().and_then(|id| id.parse().ok()) else { return };
+        let Ok(info) = message.info() else { return };
+        let revision = info.stream_sequence;
+        let operation = message.headers.as_ref().and_then(|headers| headers.get("KV-Operation"));
+        if operation.is_some_and(|what| what.as_str() != "PUT") {
+            let when = Timestamp::from_second(info.published.unix_timestamp()).unwrap_or_default();
+            return self.take_away(far, id, revision, when);
+        }
+        match Entry::read(&message.payload) {
+            Some(entry) => {
+                self.take_over(far, id, entry, revision).await;
+            }
+            None => tracing::warn!(job.id = %id, "the entry of job {id} was written by another version than {FORMAT}"),
+        }
+    }
+
+    /// Hears the progress of jobs, that of those which ran before this gateway included.
+    async fn follow_progress(&self) {
+        let Some(far) = &self.far else { return };
+        let exchange = &far.exchange;
+        let mut progress = loop {
+            match exchange.client.subscribe(exchange.subject("progress", "*")).await {
+                Ok(progress) => break progress,
+                Err(error) => {
+                    tracing::warn!(%error, "progress cannot be heard yet");
+                    sleep(PAUSE).await;
+                }
+            }
+        };
+        let running = far.mirror().running_jobs();
+        for id in running {
+            if let Ok(Some(told)) = exchange.last(&exchange.state, &format!("progress.{id}")).await
+                && let Ok(told) = serde_json::from_slice(&told.payload)
+            {
+                self.hear(id, told);
+            }
+        }
+        while let Some(message) = progress.next().await {
+            let id = message.subject.rsplit('.').next().and_then(|id| id.parse().ok());
+            if let (Some(id), Ok(told)) = (id, serde_json::from_slice::<Told>(&message.payload)) {
+                self.hear(id, told);
+            }
+        }
+    }
+
+    /// Removes jobs from the servers that were forgotten here to make room.
+    async fn forget_expired(&self, mut forgotten: UnboundedReceiver<Arc<Job>>) {
+        let Some(far) = &self.far else { return };
+        while let Some(job) = forgotten.recv().await {
+            while self.erase_far(far, &job).await.is_err() {
+                sleep(PAUSE).await;
+            }
+            self.take_away(far, job.id, 0, Timestamp::now());
+        }
+    }
+
+    /// Looks for waiting jobs that have an entry and no message, and puts them into the queue: their gateway died before it
+    /// had. Each job is looked for once.
+    async fn sweep(&self) {
+        let Some(far) = &self.far else { return };
+        let mut looked_for = None;
+        loop {
+            sleep(SWEEP).await;
+            let mut waiting = self.all();
+            waiting.retain(|job| {
+                let age = Timestamp::now().duration_since(job.created.date).try_into().unwrap_or(Duration::ZERO);
+                let is_new = looked_for.is_none_or(|last| job.id > last);
+                is_new && age > UNQUEUED && matches!(job.lock().state, State::Accepted(_)) && job.is_durable()
+            });
+            waiting.sort_unstable_by_key(|job| job.id);
+            for job in waiting {
+                match far.exchange.is_queued(job.id, job.client).await {
+                    Ok(true) => {}
+                    // It may have been taken, and have ended, since the mirror was last told of it.
+                    Ok(false) => {
+                        if let Ok(Some((entry, _))) = far.exchange.entry(job.id).await
+                            && entry.claim.is_none()
+                            && entry.record.ended.is_none()
+                        {
+                            tracing::warn!(job.id = %job.id, "job {} is put into the queue again", job.id);
+                            if far.exchange.enqueue(job.id, job.client).await.is_err() {
+                                break;
+                            }
+                        }
+                    }
+                    Err(Away) => break,
+                }
+                looked_for = Some(job.id);
+            }
+        }
+    }
+}
+
+impl Far {
+    /// Writes specification, entry and message of a job that has been admitted.
+    async fn post(&self, job: &Arc<Job>, document: &Arc<[u8]>) -> Result<(), Away> {
+        let exchange = &self.exchange;
+        job.digest.get_or_init(|| Digest::of(document));
+        let entry = Entry::waiting(Record::of(job, &job.lock()));
+        let (name, key) = (document_name(job.id), job_key(job.id));
+        let (opened, written, created) = join!(
+            exchange.open_line(job.client),
+            exchange.put(&name, document.to_vec()),
+            exchange.create(&key, entry.text())
+        );
+        opened.and(written)?;
+        created?;
+        exchange.enqueue(job.id, job.client).await
+    }
+}
+
+impl Exchange {
+    /// Removes a key of the bucket of states, and all trace of it.
+    ///
+    /// # Errors
+    /// The servers do not answer.
+    pub async fn clear(&self, key: &str) -> Result<(), Away> {
+        self.near()?;
+        let filter = format!("{}{key}", self.state.prefix);
+        self.state.stream.purge().filter(filter).await.map(|_| ()).map_err(|error| away(&error))
+    }
+}
+
+/// The entries of all jobs, first the latest of each, and then as they come; and the number of the first.
+async fn entries(exchange: &Exchange) -> Result<(push::Ordered, u64), async_nats::Error> {
+    exchange.near()?;
+    let config = push::OrderedConfig {
+        deliver_subject: exchange.client.new_inbox(),
+        filter_subject: format!("{}job.*", exchange.state.prefix),
+        deliver_policy: DeliverPolicy::LastPerSubject,
+        ..push::OrderedConfig::default()
+    };
+    let consumer = exchange.state.stream.create_consumer(config).await?;
+    let count = consumer.cached_info().num_pending;
+    Ok((consumer.messages().await?, count))
+}
+
+/// The name of an idempotency key: its text may have characters that a subject may not.
+fn reservation(client: Client, key: &Key) -> String {
+    format!("key.{}.{}", client.token(), Digest::of(key.name.as_bytes()))
+}

@@ -1,0 +1,205 @@
+//! The mirror of a gateway: every entry of the bucket of states as a job in memory, in the index and, while it waits, in
+//! the queue, which no worker of this process takes from. What a client asks of a job is answered from there, as by a
+//! service on one machine. An entry that has just been written elsewhere may be on its way; who asks for a job that is not
+//! here is answered from the bucket.
+
+use super::entry::Entry;
+use super::gateway::Far;
+use crate::jobs::ended::Timing;
+use crate::jobs::job::{Lifecycle, Moment, Persistence};
+use crate::jobs::{Ended, Ending, Job, JobId, Jobs, State};
+use crate::worker::Progress;
+use jiff::Timestamp;
+use problem::Control;
+use serde::{Deserialize, Serialize};
+use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::{Duration, Instant};
+
+/// What was last seen of each job.
+#[derive(Debug, Default)]
+pub struct Mirror {
+    jobs: HashMap<JobId, Seen>,
+    pub running: usize,
+    /// The jobs that were deleted, and when: what is left of them in the bucket is removed after a while.
+    gone: VecDeque<(Timestamp, JobId)>,
+}
+
+/// The time for which the bucket says that a job was deleted, for gateways that are cut off meanwhile.
+const GONE: Duration = Duration::from_secs(24 * 3600);
+
+#[derive(Debug)]
+struct Seen {
+    revision: u64,
+    phase: Phase,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Waiting,
+    /// In its attempt of this number.
+    Running(u32),
+    Ended,
+    Gone,
+}
+
+/// The progress of an attempt, as workers tell it.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Told {
+    /// The number of the attempt, from one.
+    pub attempt: u32,
+    /// Its progress.
+    pub progress: Progress,
+}
+
+impl Mirror {
+    /// A job that this gateway has put into the queue.
+    pub fn admitted(&mut self, id: JobId) {
+        self.jobs.insert(id, Seen { revision: 0, phase: Phase::Waiting });
+    }
+
+    /// The deleted jobs of which nothing needs to be known any more.
+    pub fn forget_gone(&mut self, now: Timestamp) -> Vec<JobId> {
+        let mut forgotten = Vec::new();
+        while let Some((when, id)) = self.gone.front().copied()
+            && now.duration_since(when).try_into().is_ok_and(|age: Duration| age > GONE)
+        {
+            self.gone.pop_front();
+            self.jobs.remove(&id);
+            forgotten.push(id);
+        }
+        forgotten
+    }
+
+    /// The running jobs.
+    pub fn running_jobs(&self) -> Vec<JobId> {
+        let running = self.jobs.iter().filter(|(_, seen)| matches!(seen.phase, Phase::Running(_)));
+        running.map(|(id, _)| *id).collect()
+    }
+}
+
+impl Jobs {
+    /// Takes over an entry, unless a later one has been, and returns its job; `None` if the job was deleted since.
+    pub(super) async fn take_over(&self, far: &Far, id: JobId, entry: Entry, revision: u64) -> Option<Arc<Job>> {
+        let (job, forgotten) = self.mirror(far, id, entry, revision);
+        self.store.tidy(forgotten).await;
+        job
+    }
+
+    fn mirror(&self, far: &Far, id: JobId, entry: Entry, revision: u64) -> (Option<Arc<Job>>, Vec<Arc<Job>>) {
+        let mut mirror = far.mirror();
+        let before = mirror.jobs.get(&id).map(|seen| (seen.revision, seen.phase));
+        if before.is_some_and(|(known, phase)| known >= revision || phase == Phase::Gone) {
+            return (self.find(id), Vec::new());
+        }
+        let Entry { record, claim, .. } = entry;
+        let (crashes, ended) = (record.crashes, record.ended.clone());
+        let job = self.find(id).unwrap_or_else(|| {
+            let job = Arc::new(Job::recovered(id, crate::jobs::Record { ended: None, ..record.clone() }, None));
+            // A key that names two jobs, which the bucket does not allow, finds the first.
+            let _ = self.store.index().insert(&job);
+            job
+        });
+        job.crashes.store(crashes, Relaxed);
+        let phase = match (&ended, &claim) {
+            (Some(_), _) => Phase::Ended,
+            (None, Some(_)) => Phase::Running(crashes),
+            (None, None) => Phase::Waiting,
+        };
+        let mut forgotten = Vec::new();
+        if before.map(|(_, phase)| phase) != Some(phase) {
+            mirror.running -= usize::from(matches!(before, Some((_, Phase::Running(_)))));
+            mirror.running += usize::from(matches!(phase, Phase::Running(_)));
+            let mut intake = self.lock();
+            if matches!(before, Some((_, Phase::Waiting))) {
+                intake.queue.remove(job.client, |waiting| waiting.id == id);
+            }
+            if phase == Phase::Waiting {
+                intake.queue.push(job.client, Arc::clone(&job));
+            }
+            if phase == Phase::Ended && before.is_some() {
+                intake.drain_rate.departed(Instant::now());
+            }
+            drop(intake);
+            match (ended, claim) {
+                (Some(ended), _) => {
+                    let ended = Ended { timing: timing(&ended, record.created), ..ended };
+                    forgotten = self.store.keep(&job, &ended, 0);
+                    job.conclude(ended);
+                }
+                (None, Some(claim)) => {
+                    let date = claim.started;
+                    let ago = Timestamp::now().duration_since(date).try_into().unwrap_or_default();
+                    let clock = Instant::now().checked_sub(ago).unwrap_or_else(Instant::now);
+                    job.lock().run_elsewhere(Moment { date, clock });
+                }
+                (None, None) => job.lock().wait_elsewhere(),
+            }
+        }
+        mirror.jobs.insert(id, Seen { revision, phase });
+        (Some(job), forgotten)
+    }
+
+    /// A job was deleted, as the bucket says with this revision.
+    pub(super) fn take_away(&self, far: &Far, id: JobId, revision: u64, when: Timestamp) {
+        let mut mirror = far.mirror();
+        let before = mirror.jobs.get(&id).map(|seen| (seen.revision, seen.phase));
+        if before.is_some_and(|(known, phase)| known >= revision && phase == Phase::Gone) {
+            return;
+        }
+        mirror.running -= usize::from(matches!(before, Some((_, Phase::Running(_)))));
+        mirror.jobs.insert(id, Seen { revision, phase: Phase::Gone });
+        mirror.gone.push_back((when, id));
+        if let Some(job) = self.find(id) {
+            self.lock().queue.remove(job.client, |waiting| waiting.id == id);
+            self.store.index().forget(id);
+            let mut lifecycle = job.lock();
+            lifecycle.persistence = Persistence::Forgotten;
+            lifecycle.finish(Ended::unsolved(Ending::Dismissed));
+            drop(lifecycle);
+            job.wake();
+        }
+    }
+
+    /// A job that could not be put into the queue, or that this gateway has forgotten.
+    pub(super) fn drop_from_mirror(&self, far: &Far, job: &Job) {
+        let mut mirror = far.mirror();
+        if let Some(seen) = mirror.jobs.remove(&job.id) {
+            mirror.running -= usize::from(matches!(seen.phase, Phase::Running(_)));
+        }
+        self.lock().queue.remove(job.client, |waiting| waiting.id == job.id);
+        self.store.index().forget(job.id);
+    }
+
+    /// Passes progress on to who follows a job.
+    pub(super) fn hear(&self, id: JobId, told: Told) {
+        let Some(job) = self.find(id).filter(|job| job.attempt() == told.attempt) else { return };
+        if let Some(control) = job.control() {
+            told.progress.relay(&control);
+        }
+    }
+}
+
+impl Lifecycle {
+    /// The job runs on a worker elsewhere.
+    fn run_elsewhere(&mut self, started: Moment) {
+        if !matches!(self.state, State::Ended(_)) {
+            self.state = State::Running { started, control: Arc::new(Control::new()), halt: None, on_trial: false };
+        }
+    }
+
+    /// The job waits for a worker elsewhere.
+    fn wait_elsewhere(&mut self) {
+        if !matches!(self.state, State::Ended(_)) {
+            self.state = State::Accepted(None);
+        }
+    }
+}
+
+/// The waiting and the running time of a job that ended elsewhere.
+fn timing(ended: &Ended, created: Timestamp) -> Option<Timing> {
+    let started = ended.started?;
+    let between = |from: Timestamp, to: Timestamp| to.duration_since(from).try_into().unwrap_or_default();
+    Some(Timing { queue: between(created, started), solve: between(started, ended.finished) })
+}

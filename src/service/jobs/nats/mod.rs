@@ -1,0 +1,41 @@
+//! Jobs beyond one machine: gateways and workers that share them over NATS JetStream, where a service on one machine has
+//! a queue in memory and a folder.
+//!
+//! ```text
+//! stream  NAME_jobs     NAME.jobs.CLIENT.JOB   a message per job that no worker has ended; work-queue retention
+//! bucket  NAME_state    job.JOB                its entry: the row of the job, and the claim of the worker that has it
+//!                       key.CLIENT.DIGEST      the job of an idempotency key
+//!                       client.CLIENT          a client whose subject has a consumer
+//!                       cancel.JOB             a running job that is to stop
+//!                       progress.JOB           the progress and the latest switches of a long solve
+//! bucket  NAME_data     document.JOB           the specification
+//!                       results.JOB.ATTEMPT    the results
+//! objects NAME_objects                         those that are longer than a message may be
+//! core    NAME.progress.JOB                    progress and switches, as they come
+//!         NAME.arrival.CLIENT                  wakes workers that have nothing to do
+//!         NAME.worker.WORKER                   asks a worker whether it still has a job
+//! ```
+//!
+//! 1. A gateway writes specification and entry, and then the message, which is what a job in the queue is; then it answers
+//!    202. It holds all entries in memory, as a mirror of the bucket, so that what reads a job does not know of NATS
+//!    (see `mirror`); nothing in it is not in NATS.
+//! 2. A worker takes a message of the next client in turn (`lines`), and claims the job by a compare-and-set of the entry.
+//!    As long as it has the job it tells JetStream, which gives the message to another otherwise (`worker`).
+//! 3. The results are complete before the entry says that the job has ended, by a compare-and-set that fails if another
+//!    worker has claimed the job since; the message is acknowledged last. So a message that comes twice, at whatever
+//!    moment its worker died, does no harm: its job has ended, or begins again.
+
+mod claims;
+mod entry;
+mod gateway;
+mod lines;
+mod mirror;
+mod options;
+mod servers;
+mod texts;
+mod worker;
+
+pub use gateway::{Far, Gateway};
+pub use options::Nats;
+pub use servers::Away;
+pub use worker::{WorkOptions, work};

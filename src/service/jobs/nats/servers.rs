@@ -1,0 +1,442 @@
+//! The connection to the NATS servers, and the stream and the buckets there.
+
+use super::entry::{Entry, FORMAT};
+use super::options::Nats;
+use crate::jobs::{Client, JobId};
+use async_nats::connection::State;
+use async_nats::jetstream::consumer::{AckPolicy, pull};
+use async_nats::jetstream::context::ContextBuilder;
+use async_nats::jetstream::kv::{self, CreateErrorKind, UpdateErrorKind};
+use async_nats::jetstream::object_store::{self, ObjectStore};
+use async_nats::jetstream::stream::{DiscardPolicy, LastRawMessageErrorKind, RetentionPolicy, StorageType, Stream};
+use async_nats::jetstream::{Context, message, stream};
+use async_nats::{ConnectErrorKind, ConnectOptions};
+use std::collections::HashSet;
+use std::fmt;
+use std::io;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use thiserror::Error;
+use tokio::time::{Instant, sleep};
+
+/// The NATS servers do not answer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[error("the NATS servers do not answer")]
+pub struct Away;
+
+impl From<Away> for io::Error {
+    fn from(away: Away) -> Self {
+        Self::new(io::ErrorKind::NotConnected, away)
+    }
+}
+
+/// Why an entry is not at hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Trouble {
+    /// The servers do not answer.
+    Away,
+    /// Another version wrote it.
+    OtherVersion,
+}
+
+impl From<Away> for Trouble {
+    fn from(_: Away) -> Self {
+        Self::Away
+    }
+}
+
+impl From<Trouble> for Away {
+    fn from(_: Trouble) -> Self {
+        Self
+    }
+}
+
+/// The time that the servers have to answer, and the time for which a start waits for them.
+const ANSWER: Duration = Duration::from_secs(5);
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The interval of pings, after two of which without an answer a connection counts as lost.
+const PING: Duration = Duration::from_secs(10);
+
+/// The first and the longest pause between attempts to connect.
+const FIRST_PAUSE: Duration = Duration::from_millis(50);
+const LONGEST_PAUSE: Duration = Duration::from_secs(4);
+
+/// The time for which JetStream knows the ids of messages that it has, and takes none twice.
+const REMEMBERED: Duration = Duration::from_secs(120);
+
+/// The largest number of jobs of one client that run at a time: beyond what any pool of workers has.
+const MOST_RUNNING: i64 = 100_000;
+
+/// The largest text that is one message, in bytes. The largest message that servers take by default is 1 MiB, with its
+/// headers.
+pub const ONE_MESSAGE: usize = (1 << 20) - (4 << 10);
+
+/// The stream and the buckets.
+pub struct Exchange {
+    pub name: String,
+    pub client: async_nats::Client,
+    pub jetstream: Context,
+    pub messages: Stream,
+    pub state: kv::Store,
+    pub data: kv::Store,
+    pub objects: ObjectStore,
+    /// The time without a sign of life after which a worker counts as lost.
+    pub lost_after: Duration,
+    /// When the connection was last made: what is learned of others soon after says little.
+    connected: Arc<Mutex<Instant>>,
+    /// The clients whose subjects are known to have a consumer.
+    lines: Mutex<HashSet<String>>,
+}
+
+impl fmt::Debug for Exchange {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("Exchange").field("name", &self.name).finish_non_exhaustive()
+    }
+}
+
+impl Exchange {
+    /// Connects to the servers, and creates the stream and the buckets if they do not exist. `role` names the connection
+    /// for who looks after the servers.
+    ///
+    /// # Errors
+    /// The options are invalid, or the servers do not answer within a minute, or refuse.
+    pub async fn join(options: &Nats, role: &str) -> io::Result<Self> {
+        options.check()?;
+        let connected = Arc::new(Mutex::new(Instant::now()));
+        let client = connect(options, role, &connected).await?;
+        let jetstream = ContextBuilder::new().timeout(ANSWER).ack_timeout(ANSWER).build(client.clone());
+        let begun = Instant::now();
+        // The servers of a cluster that has just been started have to choose a leader first.
+        let (messages, state, data, objects) = loop {
+            match create(&jetstream, options).await {
+                Ok(created) => break created,
+                Err(error) if begun.elapsed() > PATIENCE => {
+                    return Err(io::Error::other(format!("JetStream of the NATS servers: {error}")));
+                }
+                Err(error) => {
+                    tracing::warn!(%error, "the streams are not there yet");
+                    sleep(Duration::from_secs(1)).await;
+                }
+            }
+        };
+        let (name, lost_after) = (options.name.clone(), options.lost_after());
+        Ok(Self {
+            name,
+            client,
+            jetstream,
+            messages,
+            state,
+            data,
+            objects,
+            lost_after,
+            connected,
+            lines: Mutex::default(),
+        })
+    }
+
+    /// Whether the servers are connected.
+    pub fn is_near(&self) -> bool {
+        self.client.connection_state() == State::Connected
+    }
+
+    /// For how long the connection has been up.
+    pub fn connected_for(&self) -> Duration {
+        if self.is_near() {
+            self.connected.lock().unwrap_or_else(PoisonError::into_inner).elapsed()
+        } else {
+            Duration::ZERO
+        }
+    }
+
+    /// Returns at once if the servers are not connected: a request would wait until its time is over.
+    ///
+    /// # Errors
+    /// They are not.
+    pub fn near(&self) -> Result<(), Away> {
+        if self.is_near() { Ok(()) } else { Err(Away) }
+    }
+
+    /// A core subject of this exchange.
+    pub fn subject(&self, kind: &str, of: impl fmt::Display) -> String {
+        format!("{}.{kind}.{of}", self.name)
+    }
+
+    /// The entry of a job, and its revision, as the leader of its servers has it; `None` if there is none.
+    ///
+    /// # Errors
+    /// See [`Trouble`].
+    pub async fn entry(&self, id: JobId) -> Result<Option<(Entry, u64)>, Trouble> {
+        let Some(message) = self.last(&self.state, &job_key(id)).await? else { return Ok(None) };
+        let entry = Entry::read(&message.payload).ok_or(Trouble::OtherVersion)?;
+        Ok(Some((entry, message.sequence)))
+    }
+
+    /// The latest value of a key, as the leader has it: what was written before is there, whichever server is asked.
+    ///
+    /// # Errors
+    /// The servers do not answer.
+    pub async fn last(&self, bucket: &kv::Store, key: &str) -> Result<Option<message::StreamMessage>, Away> {
+        self.near()?;
+        match bucket.stream.get_last_raw_message_by_subject(&format!("{}{key}", bucket.prefix)).await {
+            Ok(message) if message.headers.get("KV-Operation").is_some_and(|what| what.as_str() != "PUT") => Ok(None),
+            Ok(message) => Ok(Some(message)),
+            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(None),
+            Err(error) => Err(away(&error)),
+        }
+    }
+
+    /// Creates an entry; returns its revision, or `None` if there is one already.
+    ///
+    /// # Errors
+    /// The servers do not answer.
+    pub async fn create(&self, key: &str, text: Vec<u8>) -> Result<Option<u64>, Away> {
+        self.near()?;
+        match self.state.create(key, text.into()).await {
+            Ok(revision) => Ok(Some(revision)),
+            Err(error) if error.kind() == CreateErrorKind::AlreadyExists => Ok(None),
+            Err(error) => Err(away(&error)),
+        }
+    }
+
+    /// Changes an entry as `change` does, if it returns true, and returns it as it is then, with its revision; `None` if there
+    /// is none. `known` is the entry as it was last seen, and its revision.
+    ///
+    /// # Errors
+    /// See [`Trouble`].
+    pub async fn change(
+        &self,
+        id: JobId,
+        mut known: Option<(Entry, u64)>,
+        mut change: impl FnMut(&mut Entry) -> bool,
+    ) -> Result<Option<(Entry, u64)>, Trouble> {
+        loop {
+            let found = match known.take() {
+                Some(known) => Some(known),
+                None => self.entry(id).await?,
+            };
+            let Some((mut entry, revision)) = found else { return Ok(None) };
+            if !change(&mut entry) {
+                return Ok(Some((entry, revision)));
+            }
+            self.near()?;
+            match self.state.update(job_key(id), entry.text().into(), revision).await {
+                Ok(revision) => return Ok(Some((entry, revision))),
+                Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => {}
+                Err(error) => return Err(away(&error).into()),
+            }
+        }
+    }
+
+    /// Makes sure that the jobs of a client have a consumer, and that workers know of it.
+    ///
+    /// # Errors
+    /// The servers do not answer.
+    pub async fn open_line(&self, client: Client) -> Result<(), Away> {
+        let token = client.token();
+        if self.lines().contains(&token) {
+            return Ok(());
+        }
+        self.near()?;
+        let config = pull::Config {
+            durable_name: Some(token.clone()),
+            filter_subject: format!("{}.jobs.{token}.*", self.name),
+            ack_policy: AckPolicy::Explicit,
+            ack_wait: self.lost_after,
+            max_ack_pending: MOST_RUNNING,
+            ..pull::Config::default()
+        };
+        self.messages.get_or_create_consumer(&token, config).await.map_err(|error| away(&error))?;
+        self.create(&format!("client.{token}"), Vec::new()).await?;
+        self.lines().insert(token);
+        Ok(())
+    }
+
+    /// Whether the message of a job is in the stream: it has not been acknowledged.
+    ///
+    /// # Errors
+    /// The servers do not answer.
+    pub async fn is_queued(&self, id: JobId, client: Client) -> Result<bool, Away> {
+        self.near()?;
+        match self.messages.get_last_raw_message_by_subject(&self.job_subject(id, client)).await {
+            Ok(_) => Ok(true),
+            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(false),
+            Err(error) => Err(away(&error)),
+        }
+    }
+
+    /// Puts the message of a job in the stream, once, and wakes workers.
+    ///
+    /// # Errors
+    /// The servers do not answer, so that it may be there or not.
+    pub async fn enqueue(&self, id: JobId, client: Client) -> Result<(), Away> {
+        self.near()?;
+        let message = message::PublishMessage::build().message_id(id.to_string()).payload(FORMAT.to_string().into());
+        let sent = self.jetstream.send_publish(self.job_subject(id, client), message).await;
+        sent.map_err(|error| away(&error))?.await.map_err(|error| away(&error))?;
+        // Workers that do not hear of it look by themselves after a while.
+        let _ = self.client.publish(self.subject("arrival", client.token()), "".into()).await;
+        Ok(())
+    }
+
+    /// Removes the message of a job that waits.
+    ///
+    /// # Errors
+    /// The servers do not answer.
+    pub async fn dequeue(&self, id: JobId, client: Client) -> Result<(), Away> {
+        self.near()?;
+        // By its number: a consumer of Debian's server counts wrongly what is left after a purge by subject.
+        match self.messages.get_last_raw_message_by_subject(&self.job_subject(id, client)).await {
+            Ok(message) => {
+                // One that has been acknowledged in between is not there any more.
+                let _ = self.messages.delete_message(message.sequence).await;
+                Ok(())
+            }
+            Err(error) if error.kind() == LastRawMessageErrorKind::NoMessageFound => Ok(()),
+            Err(error) => Err(away(&error)),
+        }
+    }
+
+    fn job_subject(&self, id: JobId, client: Client) -> String {
+        format!("{}.jobs.{}.{id}", self.name, client.token())
+    }
+
+    fn lines(&self) -> std::sync::MutexGuard<'_, HashSet<String>> {
+        self.lines.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The key of the entry of a job.
+pub fn job_key(id: JobId) -> String {
+    format!("job.{id}")
+}
+
+/// Logs why a request failed.
+pub fn away(error: &dyn fmt::Display) -> Away {
+    tracing::warn!(%error, "the NATS servers do not answer");
+    Away
+}
+
+async fn connect(options: &Nats, role: &str, connected: &Arc<Mutex<Instant>>) -> io::Result<async_nats::Client> {
+    let begun = Instant::now();
+    let mut pause = FIRST_PAUSE;
+    loop {
+        let since = Arc::clone(connected);
+        let mut connection = ConnectOptions::new()
+            .name(format!("dvi {role}"))
+            .ping_interval(PING)
+            .reconnect_delay_callback(pause_before)
+            .event_callback(move |event| {
+                let since = Arc::clone(&since);
+                async move {
+                    if event == async_nats::Event::Connected {
+                        *since.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+                    }
+                    tracing::info!("NATS: {event}");
+                }
+            });
+        if let Some(authority) = &options.authority {
+            connection = connection.add_root_certificates(authority.clone());
+        }
+        if let Some(nkey) = &options.nkey {
+            connection = connection.nkey(secret(nkey)?);
+        }
+        if let Some(credentials) = &options.credentials {
+            connection = connection.credentials(&secret(credentials)?)?;
+        }
+        match connection.connect(options.servers.as_slice()).await {
+            Ok(client) => return Ok(client),
+            Err(error) if begun.elapsed() > PATIENCE || is_final(error.kind()) => {
+                return Err(io::Error::new(io::ErrorKind::NotConnected, format!("the NATS servers: {error}")));
+            }
+            Err(error) => {
+                tracing::warn!(%error, "the NATS servers do not answer yet");
+                sleep(pause).await;
+                pause = (2 * pause).min(LONGEST_PAUSE);
+            }
+        }
+    }
+}
+
+/// Whether it is no use to try again.
+fn is_final(kind: ConnectErrorKind) -> bool {
+    use ConnectErrorKind::{Authentication, AuthorizationViolation, ServerParse, Tls};
+    matches!(kind, Authentication | AuthorizationViolation | ServerParse | Tls)
+}
+
+/// Reads a file with a secret, without the white space around it.
+fn secret(path: &Path) -> io::Result<String> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| io::Error::new(error.kind(), format!("{}: {error}", path.display())))?;
+    Ok(text.trim().to_owned())
+}
+
+/// The pause before an attempt to connect again.
+fn pause_before(attempts: usize) -> Duration {
+    let doublings = u32::try_from(attempts.saturating_sub(1)).unwrap_or(u32::MAX);
+    FIRST_PAUSE.saturating_mul(2_u32.saturating_pow(doublings)).min(LONGEST_PAUSE)
+}
+
+async fn create(
+    jetstream: &Context,
+    options: &Nats,
+) -> Result<(Stream, kv::Store, kv::Store, ObjectStore), async_nats::Error> {
+    let (name, replicas) = (&options.name, options.replicas.get());
+    let messages = stream::Config {
+        name: format!("{name}_jobs"),
+        description: Some("the jobs of dvi that have not ended".to_owned()),
+        subjects: vec![format!("{name}.jobs.*.*")],
+        retention: RetentionPolicy::WorkQueue,
+        storage: StorageType::File,
+        num_replicas: replicas,
+        duplicate_window: REMEMBERED,
+        ..stream::Config::default()
+    };
+    let messages = jetstream.get_or_create_stream(messages).await?;
+    let state = bucket(jetstream, format!("{name}_state"), "the states of the jobs of dvi", replicas).await?;
+    let data = bucket(jetstream, format!("{name}_data"), "the specifications and results of dvi", replicas).await?;
+    let objects = format!("{name}_objects");
+    let objects = match jetstream.get_object_store(&objects).await {
+        Ok(objects) => objects,
+        Err(_) => {
+            let config = object_store::Config {
+                bucket: objects,
+                description: Some("the long specifications and results of dvi".to_owned()),
+                num_replicas: replicas,
+                ..object_store::Config::default()
+            };
+            jetstream.create_object_store(config).await?
+        }
+    };
+    Ok((messages, state, data, objects))
+}
+
+async fn bucket(
+    jetstream: &Context,
+    bucket: String,
+    description: &str,
+    num_replicas: usize,
+) -> Result<kv::Store, async_nats::Error> {
+    match jetstream.get_key_value(&bucket).await {
+        Ok(bucket) => Ok(bucket),
+        Err(_) => {
+            // What the library makes of a bucket (ADR-8 of NATS): by itself, it asks servers before 2.10 what they do not know.
+            let config = stream::Config {
+                name: format!("KV_{bucket}"),
+                description: Some(description.to_owned()),
+                subjects: vec![format!("$KV.{bucket}.>")],
+                storage: StorageType::File,
+                num_replicas,
+                max_messages_per_subject: 1,
+                discard: DiscardPolicy::New,
+                allow_rollup: true,
+                deny_delete: true,
+                allow_direct: true,
+                ..stream::Config::default()
+            };
+            jetstream.create_stream(config).await?;
+            Ok(jetstream.get_key_value(&bucket).await?)
+        }
+    }
+}

@@ -1,0 +1,589 @@
+//! A worker: it takes jobs from the servers, has the processes that it supervises solve them, and gives the results back.
+//! Within, it is a service in memory of its own, whose only client is the queue.
+//!
+//! It only connects to the servers, and nothing connects to it, so that it runs wherever these can be reached.
+
+use super::claims::{Decision, Holder, decide};
+use super::entry::Entry;
+use super::lines::Lines;
+use super::mirror::Told;
+use super::options::Nats;
+use super::servers::{Exchange, Trouble, job_key};
+use crate::jobs::chunks::Chunks;
+use crate::jobs::{Bounds, Ended, Halt, Held, Job, JobId, Jobs, Pool, Record, Solver};
+use crate::metrics::Metrics;
+use crate::options::Options;
+use crate::worker::{Launcher, Progress};
+use async_nats::client::RequestErrorKind;
+use async_nats::jetstream::AckKind;
+use async_nats::jetstream::consumer::{DeliverPolicy, push};
+use async_nats::jetstream::kv;
+use async_nats::jetstream::message::Message;
+use clap::Args;
+use futures_util::StreamExt;
+use jiff::SignedDuration;
+use std::collections::{HashMap, HashSet};
+use std::io;
+use std::num::{NonZeroU64, NonZeroUsize};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use tokio::sync::mpsc::Receiver;
+use tokio::task::JoinHandle;
+use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, sleep, timeout};
+use uuid::Uuid;
+
+/// The interval at which progress is told, and that at which it is written for gateways that come later.
+const TELL: Duration = Duration::from_millis(100);
+const KEEP: Duration = Duration::from_secs(5);
+
+/// The signs of life of a worker within the time after which it counts as lost.
+const BEATS: u32 = 4;
+
+/// The time that another worker has to say whether it has a job.
+const ANSWER: Duration = Duration::from_secs(2);
+
+/// The time for solves that are left to reach their next step.
+const LAST_CALL: Duration = Duration::from_secs(10);
+
+/// The pause before something is tried again, and before a job is looked at again whose entry is not there yet.
+const PAUSE: Duration = Duration::from_millis(500);
+
+/// The time for which a job of another version is left to a worker that can read it.
+const OTHERS: Duration = Duration::from_secs(10);
+
+/// The options of a worker.
+#[derive(Args, Clone, Debug)]
+pub struct WorkOptions {
+    /// The servers over which jobs are shared with other machines
+    #[command(flatten)]
+    pub nats: Nats,
+
+    /// Largest number of concurrent solves, each in its own process; the default is one per core
+    #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
+    pub workers: NonZeroUsize,
+
+    /// Time limit of a job, in seconds, after which its trajectory so far is kept
+    #[arg(long, env = "DVI_WALL_SECONDS", value_name = "SECONDS", default_value_t = Options::default().wall_seconds)]
+    pub wall_seconds: NonZeroU64,
+
+    /// Largest number of accepted steps of a solve, up to 10,000,000; its trajectory so far is kept
+    #[arg(long, env = "DVI_STEPS", value_name = "STEPS", default_value_t = Options::default().steps)]
+    pub steps: NonZeroU64,
+
+    /// Largest result, in MiB of JSON
+    #[arg(long, env = "DVI_RESULT_MIB", value_name = "MIB", default_value_t = Options::default().result_mib)]
+    pub result_mib: NonZeroUsize,
+
+    /// Leave when there has been nothing to do for so long, such as `10m`
+    #[arg(long, env = "DVI_UNTIL_IDLE", value_name = "TIME", value_parser = duration, requires = "servers")]
+    pub until_idle: Option<Duration>,
+
+    /// Time for running jobs to end after SIGTERM or SIGINT, in seconds; then they are left to other workers
+    #[arg(long, env = "DVI_GRACE_SECONDS", value_name = "SECONDS", default_value_t = Options::default().grace_seconds)]
+    pub grace_seconds: u64,
+}
+
+impl Default for WorkOptions {
+    fn default() -> Self {
+        let Options { workers, wall_seconds, steps, result_mib, grace_seconds, .. } = Options::default();
+        Self { nats: Nats::default(), workers, wall_seconds, steps, result_mib, until_idle: None, grace_seconds }
+    }
+}
+
+/// Parses a time such as `10m` or `90s`.
+fn duration(text: &str) -> Result<Duration, String> {
+    let time: SignedDuration = text.parse().map_err(|error| format!("{error}; write a time such as 10m"))?;
+    time.try_into().map_err(|_| "write a time such as 10m".to_owned())
+}
+
+/// The worker and the jobs that it has.
+struct Worker {
+    name: String,
+    exchange: Exchange,
+    jobs: Arc<Jobs>,
+    lines: Lines,
+    mine: Mutex<HashMap<JobId, Option<Arc<Job>>>>,
+    /// Jobs that are to stop.
+    cancelled: Mutex<HashSet<JobId>>,
+    until_idle: Option<Duration>,
+    /// When a job last ended.
+    active: Mutex<Instant>,
+    is_stopping: AtomicBool,
+}
+
+/// A job that this worker has claimed.
+struct Claimed {
+    id: JobId,
+    entry: Entry,
+    revision: u64,
+    document: Arc<[u8]>,
+}
+
+/// What becomes of a message.
+enum Reply {
+    /// The job has ended, or is deleted.
+    Acknowledge,
+    /// It is to come again after a while.
+    Later(Duration),
+    /// Another worker has the job, and a message of its own.
+    Nothing,
+}
+
+/// Works until there has been nothing to do for the time that `options` say, or until a message on `stop`; running jobs
+/// then have the grace time, which a second message cuts short. Each of the processes that `launcher` starts may take
+/// `memory_mib` for a solve.
+///
+/// # Errors
+/// The servers do not answer at the start, or the processes cannot be started.
+pub async fn work(
+    options: WorkOptions,
+    memory_mib: NonZeroUsize,
+    solver: Solver,
+    launcher: &Launcher,
+    mut stop: Receiver<()>,
+) -> io::Result<()> {
+    let WorkOptions { nats, workers, wall_seconds, steps, result_mib, until_idle, grace_seconds } = options;
+    let options = Options { workers, wall_seconds, steps, result_mib, memory_mib, ..Options::default() };
+    let bounds: Bounds = options.bounds();
+    let exchange = tokio::select! {
+        exchange = Exchange::join(&nats, "worker") => exchange?,
+        _ = stop.recv() => return Ok(()),
+    };
+    let jobs = Arc::new(Jobs::open(bounds, solver, None, None, Arc::new(Metrics::default()))?);
+    let pool = Pool::start(&jobs, workers, 0, launcher)?;
+    let worker = Arc::new(Worker {
+        name: Uuid::now_v7().to_string(),
+        exchange,
+        jobs,
+        lines: Lines::default(),
+        mine: Mutex::default(),
+        cancelled: Mutex::default(),
+        until_idle,
+        active: Mutex::new(Instant::now()),
+        is_stopping: AtomicBool::new(false),
+    });
+    tracing::info!(worker = worker.name, workers, confined_to = %pool.confinement(), "working");
+    let _tasks = worker.start_tasks();
+    let mut places = Vec::new();
+    for _ in 0..workers.get() {
+        let worker = Arc::clone(&worker);
+        places.push(tokio::spawn(async move { worker.take_jobs().await }));
+    }
+    let mut all = Box::pin(async move {
+        for place in places {
+            if let Err(error) = place.await {
+                tracing::error!(%error, "a place of the worker ended");
+            }
+        }
+    });
+    tokio::select! {
+        () = &mut all => {}
+        _ = stop.recv() => {
+            worker.is_stopping.store(true, Relaxed);
+            worker.lines.look();
+            tracing::info!(grace_seconds, "stopping: no more jobs are taken");
+            let have_ended = tokio::select! {
+                () = &mut all => true,
+                () = sleep(Duration::from_secs(grace_seconds)) => false,
+                Some(()) = stop.recv() => false,
+            };
+            if !have_ended {
+                worker.leave_jobs();
+                // A solve that does not stop is given to another worker when this one is not heard any more.
+                let _ = timeout(LAST_CALL, &mut all).await;
+            }
+        }
+    }
+    // What has been written to the connection leaves with it.
+    let _ = timeout(ANSWER, worker.exchange.client.flush()).await;
+    tracing::info!("stopped");
+    drop(pool);
+    Ok(())
+}
+
+/// Tasks that end with this.
+struct Tasks(Vec<JoinHandle<()>>);
+
+impl Drop for Tasks {
+    fn drop(&mut self) {
+        self.0.iter().for_each(JoinHandle::abort);
+    }
+}
+
+impl Worker {
+    fn start_tasks(self: &Arc<Self>) -> Tasks {
+        let [clients, cancels, arrivals, questions] = [0; 4].map(|_| Arc::clone(self));
+        Tasks(vec![
+            tokio::spawn(async move { clients.follow("client.*", |key, _| clients.lines.add(key)).await }),
+            tokio::spawn(async move { cancels.follow("cancel.*", |key, is| cancels.cancel(key, is)).await }),
+            tokio::spawn(async move { arrivals.hear_arrivals().await }),
+            tokio::spawn(async move { questions.answer().await }),
+        ])
+    }
+
+    /// Calls `came` for each key of the bucket of states that fits `filter`, with its last part and whether it has a value.
+    async fn follow(&self, filter: &str, came: impl Fn(&str, bool)) {
+        let kv::Store { stream, prefix, .. } = &self.exchange.state;
+        loop {
+            let config = push::OrderedConfig {
+                deliver_subject: self.exchange.client.new_inbox(),
+                filter_subject: format!("{prefix}{filter}"),
+                deliver_policy: DeliverPolicy::LastPerSubject,
+                ..push::OrderedConfig::default()
+            };
+            let messages = match stream.create_consumer(config).await {
+                Ok(consumer) => consumer.messages().await.map_err(async_nats::Error::from),
+                Err(error) => Err(error.into()),
+            };
+            match messages {
+                Ok(mut messages) => {
+                    while let Some(message) = messages.next().await {
+                        let Ok(message) = message else { continue };
+                        let operation = message.headers.as_ref().and_then(|headers| headers.get("KV-Operation"));
+                        let is = operation.is_none_or(|what| what.as_str() == "PUT");
+                        if let Some(key) = message.subject.rsplit('.').next() {
+                            came(key, is);
+                        }
+                    }
+                }
+                Err(error) => tracing::warn!(%error, "{filter} cannot be followed yet"),
+            }
+            sleep(PAUSE).await;
+        }
+    }
+
+    async fn hear_arrivals(&self) {
+        loop {
+            if let Ok(mut arrivals) = self.exchange.client.subscribe(self.exchange.subject("arrival", "*")).await {
+                while let Some(message) = arrivals.next().await {
+                    if let Some(client) = message.subject.rsplit('.').next() {
+                        self.lines.arrived(client);
+                    }
+                }
+            }
+            sleep(PAUSE).await;
+        }
+    }
+
+    /// Tells other workers whether this one has a job.
+    async fn answer(&self) {
+        loop {
+            if let Ok(mut questions) = self.exchange.client.subscribe(self.exchange.subject("worker", &self.name)).await
+            {
+                while let Some(question) = questions.next().await {
+                    let id = str::from_utf8(&question.payload).ok().and_then(|id| id.parse::<JobId>().ok());
+                    let has_it = id.is_some_and(|id| self.mine().contains_key(&id));
+                    if let Some(reply) = question.reply {
+                        let _ = self.exchange.client.publish(reply, if has_it { "yes" } else { "no" }.into()).await;
+                    }
+                }
+            }
+            sleep(PAUSE).await;
+        }
+    }
+
+    /// What has become of the worker that has claimed a job.
+    async fn ask(&self, holder: &str, id: JobId, lost_after: Duration) -> Holder {
+        let question = self.exchange.client.request(self.exchange.subject("worker", holder), id.to_string().into());
+        match timeout(ANSWER, question).await {
+            Ok(Ok(answer)) if &*answer.payload == b"yes" => Holder::HasIt,
+            Ok(Ok(_)) => Holder::LeftIt,
+            // It may be connecting again, as this one has just done.
+            Ok(Err(error))
+                if error.kind() == RequestErrorKind::NoResponders && self.exchange.connected_for() > lost_after =>
+            {
+                Holder::Lost
+            }
+            Ok(Err(_)) | Err(_) => Holder::Unknown,
+        }
+    }
+
+    /// A client wants a job to stop, or the job has ended that was to.
+    fn cancel(&self, key: &str, is: bool) {
+        let Ok(id) = key.parse::<JobId>() else { return };
+        if !is {
+            self.cancelled().remove(&id);
+            return;
+        }
+        self.cancelled().insert(id);
+        let job = self.mine().get(&id).cloned().flatten();
+        if let Some(job) = job {
+            let jobs = Arc::clone(&self.jobs);
+            tokio::spawn(async move { jobs.cancel(&job).await });
+        }
+    }
+
+    /// Stops the running jobs, for other workers to begin again.
+    fn leave_jobs(&self) {
+        let jobs: Vec<_> = self.mine().values().flatten().cloned().collect();
+        for job in jobs {
+            let jobs = Arc::clone(&self.jobs);
+            tokio::spawn(async move { jobs.leave(&job).await });
+        }
+    }
+
+    /// Takes jobs and has them solved, one after the other.
+    async fn take_jobs(&self) {
+        while let Some((message, lost_after)) = self.lines.next(&self.exchange, || self.is_over()).await {
+            let mut beats = interval_at(Instant::now() + lost_after / BEATS, lost_after / BEATS);
+            beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
+            let beating = async {
+                loop {
+                    beats.tick().await;
+                    // If this is lost, the next comes in time.
+                    let _ = message.ack_with(AckKind::Progress).await;
+                }
+            };
+            let reply = tokio::select! {
+                reply = self.see_to(&message, lost_after) => reply,
+                () = beating => Reply::Nothing,
+            };
+            let replied = match reply {
+                Reply::Acknowledge => message.ack().await,
+                Reply::Later(time) => message.ack_with(AckKind::Nak(Some(time))).await,
+                Reply::Nothing => Ok(()),
+            };
+            if let Err(error) = replied {
+                // The message comes again, and its entry says that the job has ended.
+                tracing::debug!(%error, "a message could not be answered");
+            }
+            *self.active.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+        }
+    }
+
+    /// Whether no more jobs are to be taken.
+    fn is_over(&self) -> bool {
+        let idle = self.active.lock().unwrap_or_else(PoisonError::into_inner).elapsed();
+        let is_idle = self.until_idle.is_some_and(|most| idle > most) && self.mine().is_empty();
+        self.is_stopping.load(Relaxed) || is_idle
+    }
+
+    async fn see_to(&self, message: &Message, lost_after: Duration) -> Reply {
+        let Some(id) = message.subject.rsplit('.').next().and_then(|id| id.parse::<JobId>().ok()) else {
+            return Reply::Acknowledge;
+        };
+        if self.mine().contains_key(&id) {
+            // Its last signs of life came late.
+            return Reply::Later(lost_after);
+        }
+        self.mine().insert(id, None);
+        let reply = match self.claim(id, lost_after).await {
+            Ok(claimed) => self.solve(claimed).await,
+            Err(reply) => reply,
+        };
+        self.mine().remove(&id);
+        reply
+    }
+
+    /// Claims a job, if it is to be solved.
+    async fn claim(&self, id: JobId, lost_after: Duration) -> Result<Claimed, Reply> {
+        let (document, mut found) = tokio::join!(self.exchange.document(id), self.exchange.entry(id));
+        loop {
+            let (entry, revision) = match found {
+                Ok(Some(found)) => found,
+                Ok(None) => return Err(Reply::Acknowledge),
+                Err(Trouble::OtherVersion) => return Err(Reply::Later(OTHERS)),
+                Err(Trouble::Away) => return Err(Reply::Later(PAUSE)),
+            };
+            let holder = match &entry.claim {
+                Some(claim) if entry.record.ended.is_none() && claim.worker == self.name => Holder::LeftIt,
+                Some(claim) if entry.record.ended.is_none() => self.ask(&claim.worker, id, lost_after).await,
+                Some(_) | None => Holder::Unknown,
+            };
+            let (next, is_over) = match decide(&entry, &self.name, holder, lost_after) {
+                Decision::Drop => return Err(Reply::Acknowledge),
+                Decision::Wait(time) => return Err(Reply::Later(time)),
+                Decision::End(next) => (*next, true),
+                Decision::Take(next) => (*next, false),
+            };
+            match self.exchange.state.update(job_key(id), next.text().into(), revision).await {
+                Ok(_) if is_over => return Err(Reply::Acknowledge),
+                Ok(revision) => {
+                    return match document {
+                        Ok(document) => Ok(Claimed { id, entry: next, revision, document: document.into() }),
+                        Err(error) if error.kind() == io::ErrorKind::InvalidData => {
+                            Err(self.end_unread(id, next, revision).await)
+                        }
+                        Err(_) => Err(self.release(id, next, revision).await),
+                    };
+                }
+                Err(_) => found = self.exchange.entry(id).await,
+            }
+        }
+    }
+
+    /// Ends a job whose specification is not there.
+    async fn end_unread(&self, id: JobId, entry: Entry, revision: u64) -> Reply {
+        let ended = Ended::unsolved(crate::jobs::Ending::Broken(crate::jobs::Fault::Damaged));
+        self.write_end(id, (entry, revision), &ended).await
+    }
+
+    /// Gives a job back that was claimed.
+    async fn release(&self, id: JobId, entry: Entry, revision: u64) -> Reply {
+        let claim = entry.claim.clone();
+        let released = self.exchange.change(id, Some((entry, revision)), |entry| {
+            let is_mine = entry.claim == claim;
+            if is_mine {
+                entry.claim = None;
+            }
+            is_mine
+        });
+        match released.await {
+            Ok(Some(_)) => Reply::Later(Duration::ZERO),
+            Ok(None) => Reply::Acknowledge,
+            // The next worker finds that this one does not have it.
+            Err(_) => Reply::Later(PAUSE),
+        }
+    }
+
+    async fn solve(&self, claimed: Claimed) -> Reply {
+        let Claimed { id, entry, revision, document } = claimed;
+        let job = self.jobs.take_on(id, &entry.record, document);
+        self.mine().insert(id, Some(Arc::clone(&job)));
+        let is_cancelled = self.cancelled().contains(&id);
+        if is_cancelled || entry.record.dismissed {
+            // Nothing on a disk is to be changed.
+            let _ = self.jobs.cancel(&job).await;
+        }
+        let (ended, is_kept) = self.follow_job(&job).await;
+        let reply = match ended {
+            None => self.release(id, entry, revision).await,
+            Some(ended) => self.finish(&job, (entry, revision), &ended).await,
+        };
+        // Before another job of this id: the same worker may take it again.
+        let _ = self.jobs.forget(&job).await;
+        if is_kept {
+            let _ = self.exchange.clear(&format!("progress.{id}")).await;
+        }
+        if self.cancelled().remove(&id) {
+            let _ = self.exchange.clear(&format!("cancel.{id}")).await;
+        }
+        reply
+    }
+
+    /// Tells the progress of a job until it has ended, or has been left. Returns whether the progress has been written.
+    async fn follow_job(&self, job: &Arc<Job>) -> (Option<Arc<Ended>>, bool) {
+        let (id, attempt) = (job.id, job.attempt());
+        let mut looks = interval_at(Instant::now() + TELL, TELL);
+        looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let (mut told, mut last) = (0, (0.0, 0));
+        let (mut is_kept, mut kept) = (false, Instant::now());
+        let settled = job.settled();
+        tokio::pin!(settled);
+        loop {
+            tokio::select! {
+                biased;
+                ended = &mut settled => return (ended, is_kept),
+                _ = looks.tick() => {}
+            }
+            let Some(control) = job.control() else { continue };
+            let progress = Progress::of(&control, told);
+            let now = (progress.fraction, progress.steps);
+            if now != last || !progress.events.is_empty() {
+                last = now;
+                told = progress.events.last().map_or(told, |(number, _)| *number);
+                let text = serde_json::to_vec(&Told { attempt, progress }).unwrap_or_default();
+                // Who does not hear it hears the next.
+                let _ = self.exchange.client.publish(self.exchange.subject("progress", id), text.into()).await;
+            }
+            if kept.elapsed() > KEEP && self.exchange.is_near() {
+                kept = Instant::now();
+                let progress = Progress::of(&control, 0);
+                let text = serde_json::to_vec(&Told { attempt, progress }).unwrap_or_default();
+                is_kept |= self.exchange.state.put(format!("progress.{id}"), text.into()).await.is_ok();
+            }
+        }
+    }
+
+    /// Writes results and end of a job, however long it takes.
+    async fn finish(&self, job: &Arc<Job>, claimed: (Entry, u64), ended: &Ended) -> Reply {
+        let (id, attempt) = (job.id, job.attempt());
+        let mut ended = ended.clone();
+        if let Some(Held::Memory(results)) = &ended.held {
+            let results = Arc::clone(results);
+            let mut pauses = interval(PAUSE);
+            ended.held = loop {
+                pauses.tick().await;
+                match self.exchange.put_results(id, attempt, Arc::clone(&results)).await {
+                    Ok(held) => break Some(held),
+                    Err(error) => tracing::warn!(%error, job.id = %id, "the results of job {id} cannot be written yet"),
+                }
+            };
+        }
+        let reply = self.write_end(id, claimed, &ended).await;
+        if matches!(reply, Reply::Acknowledge) {
+            for earlier in 1..attempt {
+                let _ = self.exchange.remove_results(id, earlier).await;
+            }
+        }
+        reply
+    }
+
+    async fn write_end(&self, id: JobId, (entry, revision): (Entry, u64), ended: &Ended) -> Reply {
+        let attempt = entry.record.crashes + 1;
+        let claim = entry.claim.clone();
+        let mut known = Some((entry, revision));
+        loop {
+            let change = self.exchange.change(id, known.take(), |entry| {
+                let is_mine = entry.claim.is_some() && entry.claim == claim;
+                if is_mine {
+                    entry.record.ended = Some(ended.clone());
+                    entry.claim = None;
+                }
+                is_mine
+            });
+            match change.await {
+                // An answer that was lost on its way is found here as well.
+                Ok(Some((entry, _))) if entry.record.ended.is_some() && entry.record.crashes + 1 == attempt => {
+                    return Reply::Acknowledge;
+                }
+                Ok(Some(_)) => {
+                    tracing::warn!(job.id = %id, "job {id} has gone to another worker meanwhile");
+                    let _ = self.exchange.remove_results(id, attempt).await;
+                    return Reply::Nothing;
+                }
+                // The client has deleted it.
+                Ok(None) => {
+                    let _ = self.exchange.remove_results(id, attempt).await;
+                    return Reply::Acknowledge;
+                }
+                Err(Trouble::OtherVersion) => return Reply::Nothing,
+                Err(Trouble::Away) => sleep(PAUSE).await,
+            }
+        }
+    }
+
+    fn mine(&self) -> MutexGuard<'_, HashMap<JobId, Option<Arc<Job>>>> {
+        self.mine.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn cancelled(&self) -> MutexGuard<'_, HashSet<JobId>> {
+        self.cancelled.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Jobs {
+    /// Takes a job on that another process has admitted.
+    fn take_on(&self, id: JobId, record: &Record, document: Arc<[u8]>) -> Arc<Job> {
+        let chunks = record.sweep().map(Chunks::new);
+        // Keys are the business of who admits jobs.
+        let record = Record { key: None, ..record.clone() };
+        let job = Arc::new(Job::taken_on(id, record, chunks, document));
+        // Without a key, nothing is in its way.
+        let _ = self.store.index().insert(&job);
+        self.lock().queue.push(job.client, Arc::clone(&job));
+        self.arrival.notify_one();
+        job
+    }
+
+    /// Stops a job, for another process to begin again.
+    async fn leave(&self, job: &Arc<Job>) {
+        if job.halt(Halt::Park) {
+            self.stop_chunks(job, Halt::Park).await;
+        } else {
+            self.take_out(job);
+            self.store.park(job).await;
+        }
+    }
+}

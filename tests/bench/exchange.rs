@@ -1,0 +1,167 @@
+//! Jobs over NATS beside jobs on one machine: `cargo bench --bench exchange`. The output has, for both, the latency of a small
+//! job that is waited for, one at a time, and the jobs a second of several clients; and, over NATS, the share of each client
+//! while all have jobs that wait. `JOBS=N` sets the number of jobs, `WORKERS=N` that of worker processes.
+
+#[expect(dead_code, reason = "tests use the rest")]
+#[path = "../service/nats_server.rs"]
+mod nats_server;
+#[expect(dead_code, reason = "tests use the rest")]
+#[path = "../service/process.rs"]
+mod process;
+
+use nats_server::{NatsServer, is_installed};
+use process::{DVI, Folder, Server};
+use serde_json::Value;
+use std::env;
+use std::process::{Child, Command, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+const CLIENTS: usize = 4;
+
+/// A correct specification: exponential decay.
+const DECAY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
+
+const MANY: [&str; 6] = ["--queue", "1000000", "--client-share", "1000000", "--kept-jobs", "1000000"];
+
+/// Processes that are killed when they are dropped.
+struct Workers(Vec<Child>);
+
+impl Workers {
+    fn start(url: &str, count: usize) -> Self {
+        let start = |_| {
+            let mut worker = Command::new(DVI);
+            worker.args(["worker", "--nats", url, "--workers", "1"]).stdin(Stdio::null()).stderr(Stdio::null());
+            worker.spawn().unwrap()
+        };
+        Self((0..count).map(start).collect())
+    }
+}
+
+impl Drop for Workers {
+    fn drop(&mut self) {
+        for worker in &mut self.0 {
+            let _ = worker.kill();
+            let _ = worker.wait();
+        }
+    }
+}
+
+fn number(name: &str, usual: usize) -> usize {
+    env::var(name).map_or(usual, |text| text.parse().unwrap())
+}
+
+fn main() {
+    if !is_installed() {
+        return;
+    }
+    let (jobs, workers) = (number("JOBS", 2000), number("WORKERS", 2));
+    let (near, folder) = (Folder::new(), Folder::new());
+    let tokens: Vec<String> = (0..CLIENTS).map(|k| token(&near, k)).collect();
+    let count = workers.to_string();
+    let server = Server::start(&near, &[&["--ask-tokens", "--workers", &count][..], &MANY].concat());
+    measure("one machine", &server, &tokens, jobs);
+    drop(server);
+    let nats = NatsServer::start(folder.path());
+    let url = nats.url();
+    let server = Server::start(&near, &[&["--ask-tokens", "--nats", &url][..], &MANY].concat());
+    let _workers = Workers::start(&url, workers);
+    measure("over NATS", &server, &tokens, jobs);
+    shares(&server, &tokens, jobs / CLIENTS);
+}
+
+fn token(folder: &Folder, k: usize) -> String {
+    let mut command = Command::new(DVI);
+    let made = command.args(["token", "create", "--name", &format!("client{k}"), "--data"]).arg(folder.path()).output();
+    String::from_utf8(made.unwrap().stdout).unwrap().split_whitespace().next_back().unwrap().to_owned()
+}
+
+fn headers(token: &str, more: &str) -> String {
+    format!("authorization: Bearer {token}\r\ncontent-type: application/json\r\n{more}")
+}
+
+fn measure(name: &str, server: &Server, tokens: &[String], jobs: usize) {
+    // Under a key, so that the job goes through the queue.
+    let wait = |k: usize| {
+        let begun = Instant::now();
+        let key = format!("idempotency-key: w{k}\r\ncache-control: no-cache\r\n");
+        let answer = server.send("POST", "/solve", &headers(&tokens[0], &key), DECAY);
+        assert_eq!(answer.status, 200, "{}", answer.body);
+        begun.elapsed()
+    };
+    for k in 0..20 {
+        wait(k);
+    }
+    let mut latencies: Vec<Duration> = (20..520).map(wait).collect();
+    latencies.sort_unstable();
+    println!("{name}: a job that is waited for: p50 {:?}, p99 {:?}", latencies[250], latencies[495]);
+    let begun = Instant::now();
+    thread::scope(|scope| {
+        for token in tokens {
+            scope.spawn(|| (0..jobs / CLIENTS).for_each(|_| post(server, token)));
+        }
+    });
+    let posted = begun.elapsed();
+    while waiting(server, &tokens[0]) > 0 {
+        thread::sleep(Duration::from_millis(5));
+    }
+    let rate = |time: Duration| jobs as f64 / time.as_secs_f64();
+    println!("{name}: {jobs} jobs: {:.0} a second accepted, {:.0} solved", rate(posted), rate(begun.elapsed()));
+}
+
+fn post(server: &Server, token: &str) {
+    let answer = server.send("POST", "/solve", &headers(token, "prefer: respond-async\r\n"), DECAY);
+    assert_eq!(answer.status, 202, "{}", answer.body);
+}
+
+/// The number of jobs that wait or run.
+fn waiting(server: &Server, token: &str) -> u64 {
+    let metrics = server.send("GET", "/metrics", &headers(token, ""), "").body;
+    let figure = |name: &str| -> u64 {
+        let line = metrics.lines().find_map(|line| line.strip_prefix(name));
+        line.and_then(|value| value.trim().parse().ok()).unwrap()
+    };
+    figure("dvi_jobs_waiting ") + figure("dvi_jobs_running ")
+}
+
+/// The first client has ten times as many jobs as the others, and has posted them before.
+fn shares(server: &Server, tokens: &[String], jobs: usize) {
+    (0..10 * jobs).for_each(|_| post(server, &tokens[0]));
+    thread::scope(|scope| {
+        for token in &tokens[1..] {
+            scope.spawn(|| (0..jobs).for_each(|_| post(server, token)));
+        }
+    });
+    let done = |token: &str| {
+        let mut cursor = String::new();
+        let mut ended = Vec::new();
+        loop {
+            let answer = server.send("GET", &format!("/jobs?limit=1000{cursor}"), &headers(token, ""), "");
+            let page: Value = serde_json::from_str(&answer.body).unwrap();
+            let page = page["jobs"].as_array().unwrap().clone();
+            let last = page.last().map(|job| job["id"].as_str().unwrap().to_owned());
+            let count = page.len();
+            ended.extend(page);
+            match last {
+                Some(last) if count == 1000 => cursor = format!("&cursor={last}"),
+                _ => return ended,
+            }
+        }
+    };
+    while waiting(server, &tokens[0]) > 0 {
+        thread::sleep(Duration::from_millis(20));
+    }
+    // While all had jobs that waited: from the start of the last client to the first that had none left.
+    let times: Vec<Vec<String>> = tokens
+        .iter()
+        .map(|token| done(token).iter().map(|job| job["finished"].as_str().unwrap().to_owned()).collect())
+        .collect();
+    let mut late: Vec<Vec<String>> = times.iter().skip(1).cloned().collect();
+    late.iter_mut().for_each(|times| times.sort_unstable());
+    let recent = |times: &Vec<String>| times[times.len() - jobs].clone();
+    let from = late.iter().map(recent).max().unwrap();
+    let to = late.iter().map(|times| times.last().unwrap().clone()).min().unwrap();
+    let within = |times: &Vec<String>| times.iter().filter(|time| **time > from && **time <= to).count();
+    let counts: Vec<usize> = times.iter().map(within).collect();
+    println!("over NATS: jobs of each client that ended while all had some: {counts:?}");
+}

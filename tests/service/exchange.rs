@@ -1,0 +1,225 @@
+//! Gateways and workers that share their jobs over NATS: what there is beyond a service on one machine.
+
+use crate::harness::{Call, DECAY, Gate, Reply, Site, count, halving, instant, one_worker};
+use crate::nats::{NatsServer, anew, is_installed, worker};
+use axum::http::StatusCode;
+use dvi::problem::Control;
+use dvi::service::Options;
+use dvi::service::jobs::{Nats, Solver};
+use dvi::solution::{Field, Solution, Status};
+use dvi::specification::Specification;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::time::sleep;
+
+/// The longest time for which a test waits for another process.
+const LONGEST: Duration = Duration::from_secs(30);
+
+fn shared() -> Options {
+    Options { nats: anew(), ..one_worker() }
+}
+
+/// Posts a document for client 1 under a key, as an asynchronous job.
+async fn post(site: &Site, key: &str, document: &str) -> Reply {
+    let call = Call::solve(document.to_owned()).client(1).header("prefer", "respond-async");
+    call.header("idempotency-key", key).send(site).await
+}
+
+async fn get(site: &Site, path: &str) -> Reply {
+    Call::new("GET", path).client(1).send(site).await
+}
+
+/// Waits until the job of client 1 at `path` has this status.
+async fn comes_to(site: &Site, path: &str, status: &str) {
+    let start = Instant::now();
+    loop {
+        let told = get(site, path).await.json();
+        if told["status"] == status {
+            return;
+        }
+        assert!(start.elapsed() < LONGEST, "{path} is not {status}: {told}");
+        sleep(Duration::from_millis(5)).await;
+    }
+}
+
+#[tokio::test]
+async fn every_gateway_answers_for_the_jobs_of_the_others() {
+    if !is_installed() {
+        return;
+    }
+    let (options, gate) = (shared(), Gate::new());
+    let [one, two] = [0; 2].map(|_| Site::gateway(options.clone(), gate.solver()));
+    let _worker = worker(&options, gate.solver());
+    let first = post(&one, "k", DECAY).await;
+    assert_eq!(first.status, StatusCode::ACCEPTED, "{first:?}");
+    let path = first.header("location");
+    // At once, although it was told the other gateway.
+    assert_eq!(get(&two, path).await.json()["label"], get(&one, path).await.json()["label"]);
+    assert_eq!(post(&two, "k", DECAY).await.header("location"), path);
+    post(&two, "k", &format!("{DECAY} ")).await.problem(422, "key-reused");
+    assert_eq!(get(&two, &format!("{path}/specification")).await.text(), DECAY);
+    gate.entered(1).await;
+    comes_to(&two, path, "running").await;
+    let second = post(&two, "another", DECAY).await;
+    let second = second.header("location");
+    // Who comes later knows of what was before.
+    let three = Site::gateway(options.clone(), gate.solver());
+    comes_to(&three, path, "running").await;
+    comes_to(&three, second, "accepted").await;
+    gate.let_through(1);
+    for site in [&one, &two, &three] {
+        comes_to(site, path, "successful").await;
+    }
+    let results = format!("{path}/results");
+    assert_eq!(get(&one, &results).await.body, get(&three, &results).await.body);
+    // What one stops is stopped, and what one deletes is gone.
+    gate.entered(2).await;
+    let cancelled = Call::new("POST", &format!("{second}/cancel")).client(1).send(&three).await;
+    assert_eq!(cancelled.status, StatusCode::OK, "{cancelled:?}");
+    comes_to(&one, second, "dismissed").await;
+    assert_eq!(get(&one, &format!("{second}/results")).await.status, StatusCode::OK);
+    let deleted = Call::new("DELETE", path).client(1).send(&one).await;
+    assert_eq!(deleted.status, StatusCode::NO_CONTENT, "{deleted:?}");
+    let start = Instant::now();
+    while get(&two, path).await.status != StatusCode::NOT_FOUND {
+        assert!(start.elapsed() < LONGEST, "{path} is still there");
+        sleep(Duration::from_millis(5)).await;
+    }
+    // The key is free again.
+    gate.let_through(1);
+    assert_ne!(post(&two, "k", DECAY).await.header("location"), path);
+}
+
+#[tokio::test]
+async fn a_client_with_many_jobs_delays_another_by_one_at_most() {
+    if !is_installed() {
+        return;
+    }
+    let (options, gate) = (shared(), Gate::new());
+    let site = Site::gateway(options.clone(), gate.solver());
+    let mut busy = Vec::new();
+    for _ in 0..40 {
+        busy.push(site.accept(1).await);
+    }
+    let _worker = worker(&options, gate.solver());
+    gate.entered(1).await;
+    let late = site.accept(2).await;
+    let status = async |client: u8, path: &str| Call::new("GET", path).client(client).send(&site).await.json();
+    for done in 1.. {
+        assert!(done <= 3, "the other client's job has not come after {done} jobs");
+        gate.let_through(1);
+        gate.entered(done + 1).await;
+        if status(2, &late).await["status"] == "running" || status(2, &late).await["status"] == "successful" {
+            break;
+        }
+        sleep(Duration::from_millis(50)).await;
+    }
+    gate.let_through(100);
+    for path in &busy {
+        comes_to(&site, path, "successful").await;
+    }
+}
+
+#[tokio::test]
+async fn a_worker_that_stops_gives_its_job_back_as_if_it_had_not_begun() {
+    if !is_installed() {
+        return;
+    }
+    let (options, gate) = (shared(), Gate::new());
+    let site = Site::gateway(options.clone(), gate.solver());
+    let first = worker(&options, gate.solver());
+    let path = site.accept(1).await;
+    gate.entered(1).await;
+    drop(first);
+    let _second = worker(&options, gate.solver());
+    gate.entered(2).await;
+    gate.let_through(1);
+    comes_to(&site, &path, "successful").await;
+    assert_eq!(get(&site, &path).await.json()["attempt"], 1);
+}
+
+/// A solver of solutions of about 3 MiB.
+fn long() -> Solver {
+    Arc::new(|_: &Specification, _: &Control| {
+        let Solution { mut trajectory, .. } = halving(Status::Completed);
+        trajectory.t = (0..100_000).map(f64::from).collect();
+        let x = (0..100_000).map(|k| f64::from(k) * 0.1).collect();
+        trajectory.fields = vec![Field { name: "x".to_owned(), values: x }];
+        Solution { trajectory, ..halving(Status::Completed) }
+    })
+}
+
+#[tokio::test]
+async fn what_is_longer_than_a_message_goes_the_same_way() {
+    if !is_installed() {
+        return;
+    }
+    let options = shared();
+    let site = Site::gateway(options.clone(), long());
+    let _worker = worker(&options, long());
+    let document = format!("{DECAY}{}", " ".repeat(3 << 20));
+    let reply = post(&site, "k", &document).await;
+    let path = reply.header("location");
+    comes_to(&site, path, "successful").await;
+    assert_eq!(get(&site, &format!("{path}/specification")).await.text(), document);
+    let results = get(&site, &format!("{path}/results")).await.json();
+    assert_eq!(results["trajectory"]["fields"]["x"][99_999], 9999.900000000001);
+    let deleted = Call::new("DELETE", path).client(1).send(&site).await;
+    assert_eq!(deleted.status, StatusCode::NO_CONTENT, "{deleted:?}");
+}
+
+#[tokio::test]
+async fn a_full_queue_is_that_of_all_gateways() {
+    if !is_installed() {
+        return;
+    }
+    let options = Options { queue: count(3), ..shared() };
+    let [one, two] = [0; 2].map(|_| Site::gateway(options.clone(), instant()));
+    for key in ["a", "b", "c"] {
+        let path = post(&one, key, DECAY).await.header("location").to_owned();
+        comes_to(&two, &path, "accepted").await;
+    }
+    post(&two, "d", DECAY).await.problem(429, "queue-full");
+    let metrics = get(&two, "/metrics").await;
+    assert!(metrics.text().contains("dvi_jobs_waiting 3\n"), "{}", metrics.text());
+}
+
+#[tokio::test]
+async fn without_its_servers_a_gateway_refuses_and_loses_nothing() {
+    if !is_installed() {
+        return;
+    }
+    let folder = std::env::temp_dir().join(format!("dvi-nats-away-{}", std::process::id()));
+    let mut server = NatsServer::start(&folder);
+    let nats = Nats { servers: vec![server.url()], ..anew() };
+    let options = Options { nats, ..one_worker() };
+    let gate = Gate::new();
+    let site = Site::gateway(options.clone(), gate.solver());
+    let _worker = worker(&options, gate.solver());
+    let [running, waiting] = ["a", "b"].map(|key| post(&site, key, DECAY));
+    let (running, waiting) = (running.await.header("location").to_owned(), waiting.await.header("location").to_owned());
+    gate.entered(1).await;
+    server.kill();
+    let start = Instant::now();
+    while get(&site, "/readyz").await.status == StatusCode::OK {
+        assert!(start.elapsed() < LONGEST, "the gateway does not notice");
+        sleep(Duration::from_millis(5)).await;
+    }
+    get(&site, "/readyz").await.problem(503, "store-away");
+    let refused = post(&site, "c", DECAY).await;
+    refused.problem(503, "store-away");
+    assert!(refused.header("retry-after").parse::<u64>().unwrap() >= 1);
+    get(&site, "/jobs/0190a1b2-0000-7000-8000-000000000000").await.problem(503, "store-away");
+    // The solve ends while nobody can be told.
+    gate.let_through(1);
+    server.restart();
+    comes_to(&site, &running, "successful").await;
+    gate.let_through(1);
+    comes_to(&site, &waiting, "successful").await;
+    gate.let_through(1);
+    let start = Instant::now();
+    while post(&site, "c", DECAY).await.status != StatusCode::ACCEPTED {
+        assert!(start.elapsed() < LONGEST, "the gateway does not come back");
+        sleep(Duration::from_millis(50)).await;
+    }
+}

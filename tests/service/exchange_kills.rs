@@ -1,0 +1,173 @@
+//! Gateways, workers and a NATS server as processes, killed at any moment: no job is lost, and none has other results than
+//! it would have had.
+
+use crate::nats::{NatsServer, is_installed};
+use crate::process::{DVI, Folder, Server, send};
+use dvi::specification::Specification;
+use serde_json::Value;
+use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// The number of jobs; `DVI_EXCHANGE_JOBS` sets a larger one.
+const JOBS: usize = 2000;
+const WORKERS: usize = 2;
+
+/// The number of clients that post at a time.
+const POSTING: usize = 4;
+
+/// The least number of kills of workers, and that from one kill of the server to the next.
+const KILLS: usize = 12;
+const BETWEEN: usize = 6;
+
+/// Longer than all jobs take on a busy machine, for each of the usual number of jobs.
+const SETTLED: Duration = Duration::from_secs(240);
+
+/// A running `dvi worker`, killed when it is dropped.
+struct Worker(Child);
+
+impl Worker {
+    fn start(url: &str, arguments: &[&str]) -> Self {
+        let mut command = Command::new(DVI);
+        command.args(["worker", "--nats", url, "--workers", "1"]).args(arguments);
+        Self(command.stdin(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn gateway(url: &str) -> Server {
+    let many = "1000000";
+    let mut command = Command::new(DVI);
+    command.args([
+        "serve",
+        "--listen",
+        "127.0.0.1:0",
+        "--log-format",
+        "json",
+        "--nats",
+        url,
+        "--nats-lost-seconds",
+        "2",
+    ]);
+    command.args(["--queue", many, "--client-share", many, "--kept-jobs", many]);
+    Server::of(&mut command).unwrap()
+}
+
+/// The specification of job `k`: decay at a rate of its own.
+fn document(k: usize) -> String {
+    format!(r#"{{"problem":{{"dvi":{{"states":{{"x":{{"initial":1,"rate":"-{k}*x/1000"}}}}}}}},"time":{{"end":1}}}}"#)
+}
+
+/// Posts job `k` under its number until it is accepted, and returns its path.
+fn post(address: &str, k: usize) -> String {
+    let headers = format!("prefer: respond-async\r\nidempotency-key: {k}\r\ncontent-type: application/json\r\n");
+    let start = Instant::now();
+    loop {
+        if let Some(answer) = send(address, "POST", "/solve", &headers, &document(k)) {
+            match answer.status {
+                202 => {
+                    let status: Value = serde_json::from_str(&answer.body).unwrap();
+                    return format!("/jobs/{}", status["id"].as_str().unwrap());
+                }
+                409 | 503 => {}
+                other => panic!("{other}: {}", answer.body),
+            }
+        }
+        assert!(start.elapsed() < SETTLED, "job {k} is not accepted");
+        thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Posts all jobs from several clients of each gateway, each of which waits for the answer before its next job; returns
+/// their paths.
+fn post_all(gateways: &[Server; 2], jobs: usize) -> Vec<String> {
+    let from = |first: usize| -> Vec<(usize, String)> {
+        (first..jobs).step_by(POSTING).map(|k| (k, post(&gateways[k % 2].address, k))).collect()
+    };
+    let from = &from;
+    let mut paths: Vec<(usize, String)> = thread::scope(|scope| {
+        let posting: Vec<_> = (0..POSTING).map(|first| scope.spawn(move || from(first))).collect();
+        posting.into_iter().flat_map(|posting| posting.join().unwrap()).collect()
+    });
+    paths.sort_unstable();
+    paths.into_iter().map(|(_, path)| path).collect()
+}
+
+#[test]
+fn no_kill_of_workers_or_of_the_server_loses_or_spoils_a_job() {
+    if !is_installed() {
+        return;
+    }
+    let jobs = std::env::var("DVI_EXCHANGE_JOBS").map_or(JOBS, |text| text.parse().unwrap());
+    let settled = SETTLED * u32::try_from(jobs.div_ceil(JOBS)).unwrap();
+    let (folder, start) = (Folder::new(), Instant::now());
+    let mut nats = NatsServer::start(folder.path());
+    let url = nats.url();
+    let gateways = [gateway(&url), gateway(&url)];
+    let mut workers: Vec<Worker> = (0..WORKERS).map(|_| Worker::start(&url, &[])).collect();
+    let is_posted = AtomicBool::new(false);
+    let paths = thread::scope(|scope| {
+        let posting = scope.spawn(|| {
+            let paths = post_all(&gateways, jobs);
+            is_posted.store(true, Relaxed);
+            paths
+        });
+        let mut random = fastrand::Rng::with_seed(std::process::id().into());
+        for kill in 1.. {
+            if kill > KILLS && is_posted.load(Relaxed) {
+                break;
+            }
+            thread::sleep(Duration::from_millis(random.u64(100..600)));
+            let victim = random.usize(..WORKERS);
+            workers[victim] = Worker::start(&url, &[]);
+            if kill % BETWEEN == 0 {
+                nats.kill();
+                thread::sleep(Duration::from_millis(random.u64(..500)));
+                nats.restart();
+            }
+        }
+        posting.join().unwrap()
+    });
+    let posted = start.elapsed();
+    // Each is asked for at the gateway that did not admit it.
+    let mut again = 0;
+    for (k, path) in paths.iter().enumerate() {
+        let gateway = &gateways[(k + 1) % 2];
+        // The server may just have been killed.
+        let found = |path: &str| -> Value {
+            loop {
+                let answer = gateway.get(path);
+                match answer.status {
+                    200 => return serde_json::from_str(&answer.body).unwrap(),
+                    503 => assert!(start.elapsed() < settled, "{path}: {}", answer.body),
+                    other => panic!("{path}: {other} {}", answer.body),
+                }
+                thread::sleep(Duration::from_millis(20));
+            }
+        };
+        let status = loop {
+            let status = found(path);
+            if !["accepted", "running"].contains(&status["status"].as_str().unwrap()) {
+                break status;
+            }
+            assert!(start.elapsed() < settled, "{path}: {status}");
+            thread::sleep(Duration::from_millis(5));
+        };
+        assert_eq!(status["status"], "successful", "{status}");
+        again += usize::from(status["attempt"] != 1);
+        let results = found(&format!("{path}/results"));
+        let alone = dvi::solve(&Specification::from_json(document(k).as_bytes()).unwrap(), &Default::default());
+        let alone: Value = serde_json::to_value(&alone.trajectory).unwrap();
+        assert_eq!(results["trajectory"], alone, "{path}");
+    }
+    println!("{jobs} jobs, {again} of them again, posted in {posted:?} and done in {:?}", start.elapsed());
+    let leaves = Worker::start(&url, &["--until-idle", "1s"]).0.wait().unwrap();
+    assert_eq!(leaves.code(), Some(0));
+}

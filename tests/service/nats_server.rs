@@ -1,0 +1,90 @@
+//! A NATS server of a test, as a process.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use std::{fs, thread};
+
+/// Whether there is a NATS server; says so if there is none.
+pub fn is_installed() -> bool {
+    match Command::new("nats-server").arg("--version").stdout(Stdio::null()).status() {
+        Ok(_) => true,
+        Err(error) if error.kind() == ErrorKind::NotFound => {
+            eprintln!("skipped: nats-server is not installed (Debian: apt-get install nats-server)");
+            false
+        }
+        Err(error) => panic!("nats-server: {error}"),
+    }
+}
+
+/// A NATS server of a test, which ends with the test. Its port stays the same when it starts again.
+pub struct NatsServer {
+    folder: PathBuf,
+    /// Ends its child when its standard input is closed, as it is when this process ends in whatever way.
+    keeper: Option<Child>,
+    port: u16,
+}
+
+impl NatsServer {
+    /// Starts a server that keeps its data in `folder`.
+    pub fn start(folder: &Path) -> Self {
+        let _ = fs::remove_dir_all(folder);
+        fs::create_dir_all(folder).unwrap();
+        let mut server = Self { folder: folder.to_owned(), keeper: None, port: 0 };
+        server.run("-1");
+        let start = Instant::now();
+        server.port = loop {
+            if let Some(port) = server.told_port() {
+                break port;
+            }
+            assert!(start.elapsed() < Duration::from_secs(30), "the NATS server does not tell its port");
+            thread::sleep(Duration::from_millis(5));
+        };
+        server
+    }
+
+    fn run(&mut self, port: &str) {
+        let script = "nats-server -a 127.0.0.1 -p \"$1\" -js -sd \"$2\" --ports_file_dir \"$2\" -l \"$2/log\" & \
+                      read line; kill -9 $!";
+        let keeper = Command::new("sh")
+            .args(["-c", script, "sh", port])
+            .arg(&self.folder)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::null())
+            .spawn();
+        self.keeper = Some(keeper.unwrap());
+    }
+
+    fn told_port(&self) -> Option<u16> {
+        let mut files = fs::read_dir(&self.folder).ok()?.filter_map(Result::ok);
+        let file = files.find(|file| file.file_name().to_string_lossy().ends_with(".ports"))?;
+        let told: serde_json::Value = serde_json::from_slice(&fs::read(file.path()).ok()?).ok()?;
+        told["nats"][0].as_str()?.rsplit(':').next()?.parse().ok()
+    }
+
+    /// Kills the server, as `kill -9` does.
+    pub fn kill(&mut self) {
+        if let Some(mut keeper) = self.keeper.take() {
+            drop(keeper.stdin.take());
+            keeper.wait().unwrap();
+        }
+    }
+
+    /// Starts the server again, with its data and its port.
+    pub fn restart(&mut self) {
+        self.run(&self.port.to_string());
+    }
+
+    /// Its address.
+    pub fn url(&self) -> String {
+        format!("nats://127.0.0.1:{}", self.port)
+    }
+}
+
+impl Drop for NatsServer {
+    fn drop(&mut self) {
+        self.kill();
+        let _ = fs::remove_dir_all(&self.folder);
+    }
+}
