@@ -83,7 +83,7 @@ Exit codes:
   64  the command line or RUST_LOG is invalid";
 
 /// The time limit for writing the last log lines.
-pub const LAST_LINES: Duration = Duration::from_secs(1);
+const LAST_LINES: Duration = Duration::from_secs(1);
 
 /// The time for which an address in use is tried again, and the time between two attempts.
 const REBINDING: Duration = Duration::from_secs(1);
@@ -100,6 +100,11 @@ pub enum LogFormat {
 
 /// Serves until stopped; returns the exit code.
 pub fn run(arguments: Arguments) -> ExitCode {
+    logged(arguments.log_format, |log| start(arguments, log))
+}
+
+/// Runs a service with its log on standard error, and with spans for a collector.
+pub fn logged(format: LogFormat, service: impl FnOnce(&Log) -> ExitCode) -> ExitCode {
     let spans = match Spans::start() {
         Ok(spans) => spans,
         Err(error) => {
@@ -107,13 +112,20 @@ pub fn run(arguments: Arguments) -> ExitCode {
             return ExitCode::from(USAGE);
         }
     };
-    let log = match log(arguments.log_format, &spans) {
+    let log = match log(format, &spans) {
         Ok(log) => log,
         Err(error) => {
             eprintln!("dvi: RUST_LOG: {error}");
             return ExitCode::from(USAGE);
         }
     };
+    let code = service(&log);
+    spans.end();
+    log.close(LAST_LINES);
+    code
+}
+
+fn start(arguments: Arguments, log: &Log) -> ExitCode {
     let listen = arguments.options.listen;
     let data = arguments.data.folder();
     let keeps_jobs = !arguments.options.ephemeral && !arguments.options.nats.is_used();
@@ -121,16 +133,13 @@ pub fn run(arguments: Arguments) -> ExitCode {
         eprintln!("dvi: there is no home directory to keep jobs in: give --data DIR, or --ephemeral");
         return ExitCode::from(USAGE);
     }
-    let code = match serve(Options { data, program: Some(worker::SELF.into()), ..arguments.options }, &log) {
+    match serve(Options { data, program: Some(worker::SELF.into()), ..arguments.options }, log) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!(%listen, %error, "cannot serve on {listen}: {error}");
             ExitCode::from(UNSERVABLE)
         }
-    };
-    spans.end();
-    log.close(LAST_LINES);
-    code
+    }
 }
 
 fn serve(options: Options, log: &Log) -> io::Result<()> {
@@ -210,7 +219,7 @@ pub fn signals() -> io::Result<Receiver<()>> {
 }
 
 /// Starts the log, on standard error.
-pub fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Error>> {
+fn log(format: LogFormat, spans: &Spans) -> Result<Log, Box<dyn std::error::Error>> {
     let filter: Targets = match env::var("RUST_LOG") {
         Ok(chosen) if !chosen.is_empty() => chosen.parse()?,
         Ok(_) | Err(VarError::NotPresent) => Targets::new().with_default(LevelFilter::INFO),

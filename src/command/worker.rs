@@ -1,9 +1,8 @@
 //! `dvi worker`: a process that takes orders from the front over its standard input and output, started by `dvi serve`
 //! and by `dvi solve --memory-mib`; with `--nats`, the supervisor of such processes, which takes jobs from NATS servers.
 
-use super::serve::{LAST_LINES, LogFormat, log, signals};
-use super::spans::Spans;
-use super::{UNANSWERED, UNSERVABLE, USAGE};
+use super::serve::{LogFormat, logged, signals};
+use super::{UNANSWERED, UNSERVABLE};
 use clap::Args;
 use dvi::service::jobs::{WorkOptions, work};
 use dvi::service::worker::{Confinement, program, serve};
@@ -71,28 +70,13 @@ pub fn run(arguments: Arguments) -> ExitCode {
 /// Takes jobs from NATS servers until stopped.
 fn join(arguments: Arguments) -> ExitCode {
     let Arguments { memory_mib, options, log_format } = arguments;
-    let started = Spans::start().map_err(|error| format!("the collector of spans: {error}"));
-    let started = started.and_then(|spans| {
-        log(log_format, &spans).map(|log| (spans, log)).map_err(|error| format!("RUST_LOG: {error}"))
-    });
-    let (spans, log) = match started {
-        Ok(started) => started,
-        Err(error) => {
-            eprintln!("dvi: {error}");
-            return ExitCode::from(USAGE);
-        }
-    };
-    let worked = work_on(memory_mib, options);
-    let code = match worked {
+    logged(log_format, |_| match work_on(memory_mib, options) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             tracing::error!(%error, "cannot work: {error}");
             ExitCode::from(UNSERVABLE)
         }
-    };
-    spans.end();
-    log.close(LAST_LINES);
-    code
+    })
 }
 
 fn work_on(memory_mib: NonZeroUsize, options: WorkOptions) -> io::Result<()> {

@@ -33,11 +33,39 @@ pub(super) trait OfStates {
     fn enclose(&mut self, t: Interval, states: &[Interval], out: &mut [Interval]);
 }
 
+/// The value of a single function of time.
+pub(super) fn value(of: &mut impl InTime, t: f64) -> f64 {
+    let mut value = [0.0];
+    of.at(t, &mut value);
+    value[0]
+}
+
+/// The straight way of a step through the states.
+pub(super) struct StraightWay<'s> {
+    /// The times at the beginning and at the end.
+    pub step: [f64; 2],
+    /// The states there.
+    pub states: [&'s [f64]; 2],
+}
+
+impl StraightWay<'_> {
+    /// State `k` at a time.
+    pub fn at(&self, k: usize, t: f64) -> f64 {
+        let [from, to] = self.states.map(|state| state[k]);
+        from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
+    }
+
+    /// State `k` over a part of the step.
+    pub fn within(&self, k: usize, part: [f64; 2]) -> Interval {
+        let [a, b] = part.map(|t| self.at(k, t));
+        Interval::new(a.min(b), a.max(b))
+    }
+}
+
 /// Functions along the straight way of a step through the states; at fixed states, if these are the same at both ends.
 pub(super) struct OnWay<'s, F> {
     of: &'s mut F,
-    step: [f64; 2],
-    states: [&'s [f64]; 2],
+    way: StraightWay<'s>,
     between: (Vec<f64>, Vec<Interval>),
 }
 
@@ -45,28 +73,21 @@ impl<'s, F> OnWay<'s, F> {
     /// The way over a step, from the states at its beginning to those at its end.
     pub fn new(of: &'s mut F, step: [f64; 2], states: [&'s [f64]; 2]) -> Self {
         let between = (states[0].to_vec(), states[0].iter().map(|state| Interval::point(*state)).collect());
-        Self { of, step, states, between }
-    }
-
-    /// State `k` at a time.
-    fn state(&self, k: usize, t: f64) -> f64 {
-        let [from, to] = self.states.map(|state| state[k]);
-        from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
+        Self { of, way: StraightWay { step, states }, between }
     }
 }
 
 impl<F: OfStates> InTime for OnWay<'_, F> {
     fn at(&mut self, t: f64, out: &mut [f64]) {
-        for k in 0..self.states[0].len() {
-            self.between.0[k] = self.state(k, t);
+        for (k, state) in self.between.0.iter_mut().enumerate() {
+            *state = self.way.at(k, t);
         }
         self.of.at(t, &self.between.0, out);
     }
 
     fn enclose(&mut self, t: Interval, out: &mut [Interval]) {
-        for k in 0..self.states[0].len() {
-            let [a, b] = [self.state(k, t.lo), self.state(k, t.hi)];
-            self.between.1[k] = Interval::new(a.min(b), a.max(b));
+        for (k, range) in self.between.1.iter_mut().enumerate() {
+            *range = self.way.within(k, [t.lo, t.hi]);
         }
         self.of.enclose(t, &self.between.1, out);
     }
@@ -90,6 +111,17 @@ impl UnseenData {
     /// For functions along the way of a step.
     pub fn of_way() -> Self {
         Self { is_of_way: true, ..Self::default() }
+    }
+
+    /// The mean of a coefficient of friction over the part of a step in which its contact is closed, and a bound on the error of
+    /// that. If an impact may close the contact, its impulse may be all that there is, with the coefficient at the beginning.
+    pub fn mean(&mut self, part: [f64; 2], is_struck: bool, of: &mut impl InTime) -> [f64; 2] {
+        let [mean, left] = if part[0] < part[1] && self.integrate(1, part, of) {
+            self.integrals[0].map(|integral| integral / (part[1] - part[0]))
+        } else {
+            [value(of, part[1]), 0.0]
+        };
+        [mean, if is_struck { left + (value(of, part[0]) - mean).abs() } else { left }]
     }
 
     /// Integrates `count` functions over a step; returns false if none varies in it by what counts.

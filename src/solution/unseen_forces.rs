@@ -180,18 +180,7 @@ impl UnseenForces {
             let there: Vec<f64> = last.q.iter().zip(&state.q).map(|(from, to)| from + part * (to - from)).collect();
             let acts = [last.t + until, state.t];
             let mut on_way = OnWay::new(&mut friction, acts, [&there, &state.q]);
-            let mut ends = [[0.0], [0.0]];
-            acts.into_iter().zip(&mut ends).for_each(|(t, value)| on_way.at(t, value));
-            let [[first], [last]] = ends;
-            let [mean, mut left] = if acts[0] < acts[1] && self.friction[k].integrate(1, acts, &mut on_way) {
-                self.friction[k].integrals[0].map(|integral| integral / (acts[1] - acts[0]))
-            } else {
-                [last, 0.0]
-            };
-            if is_open {
-                // The impulse may be that of an impact where the gap closes.
-                left += (first - mean).abs();
-            }
+            let [mean, left] = self.friction[k].mean(acts, is_open, &mut on_way);
             if mean == used && left == 0.0 {
                 continue;
             }

@@ -1,7 +1,7 @@
 //! What coefficients of friction between bodies that vary do between the times at which steps look at them, along the way of the
 //! contacts in a step.
 
-use super::unseen_data::{InTime, OfStates, OnWay, UnseenData};
+use super::unseen_data::{OfStates, OnWay, UnseenData, value};
 use expression::IntervalWorkspace;
 use models::rigid_bodies::{Coefficient, MoreauStepping, Motion, MultibodySystem, Rubbing};
 use nalgebra::{Quaternion, Vector3};
@@ -85,26 +85,14 @@ impl UnseenFriction {
         let mut of_place = FrictionOfPlace { coefficient, boxes, slip_speed: *slip_speed, most };
         let closed = [from + rubbing.begin * (to - from), to];
         let mut on_way = OnWay::new(&mut of_place, closed, [places[0].as_slice(), places[1].as_slice()]);
-        let mut at = |t: f64| {
-            let mut value = [0.0];
-            on_way.at(t, &mut value);
-            value[0]
-        };
-        let (first, last) = (at(closed[0]), at(to));
         let seen = match rubbing.stages {
             Some(stages) if !rubbing.is_stuck => {
-                stages.iter().map(|(part, weight)| weight * at(from + part * (to - from))).sum()
+                stages.iter().map(|(part, weight)| weight * value(&mut on_way, from + part * (to - from))).sum()
             }
             _ => *used,
         };
-        let [mean, left] = if closed[0] < to && data.integrate(1, closed, &mut on_way) {
-            data.integrals[0].map(|integral| integral / (to - closed[0]))
-        } else {
-            [last, 0.0]
-        };
-        // The impulse may be that of an impact where the gap closes.
-        let struck = if rubbing.is_struck { (first - mean).abs() } else { 0.0 };
-        [mean - seen, left + struck]
+        let [mean, left] = data.mean(closed, rubbing.is_struck, &mut on_way);
+        [mean - seen, left]
     }
 
     /// Adds by what a body is displaced, and bounds on the error of that, to the outputs of the body.

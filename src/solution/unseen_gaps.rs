@@ -2,6 +2,7 @@
 //! step, an obstacle that is there for less than its time. Gaps along the straight way of a step are bounded from below by
 //! bisection, with enclosures of their values and of their rates.
 
+use super::unseen_data::StraightWay;
 use super::{CheckCode, Checks};
 use contact::TimeStepping;
 use numerics::Interval;
@@ -23,36 +24,26 @@ pub(super) struct UnseenGaps {
     rows: Option<Constraints>,
 }
 
-/// The straight way of a step, with the gaps along it.
-struct Way<'s> {
+/// The gaps along the straight way of a step.
+struct GapsOnWay<'s> {
     problem: &'s mut dyn Mechanical,
-    step: [f64; 2],
-    q: [&'s [f64]; 2],
+    way: StraightWay<'s>,
     rate: Vec<Interval>,
     values: Vec<f64>,
     ranges: [Vec<Interval>; 2],
 }
 
-impl Way<'_> {
-    fn place(&self, k: usize, t: f64) -> f64 {
-        let [from, to] = self.q.map(|q| q[k]);
-        from + (t - self.step[0]) / (self.step[1] - self.step[0]) * (to - from)
-    }
-
+impl GapsOnWay<'_> {
     /// The value of a row at a time.
     fn at(&mut self, row: usize, t: f64) -> f64 {
-        let q: Vec<f64> = (0..self.rate.len()).map(|k| self.place(k, t)).collect();
+        let q: Vec<f64> = (0..self.rate.len()).map(|k| self.way.at(k, t)).collect();
         self.problem.positions(t, &q, &mut self.values);
         self.values[row]
     }
 
     /// Encloses all rows over a part of the step, and their rates if these are asked for.
     fn enclose(&mut self, [from, to]: [f64; 2], with_rates: bool) {
-        let between = |k: usize| {
-            let [a, b] = [self.place(k, from), self.place(k, to)];
-            Interval::new(a.min(b), a.max(b))
-        };
-        let q: Vec<Interval> = (0..self.rate.len()).map(between).collect();
+        let q: Vec<Interval> = (0..self.rate.len()).map(|k| self.way.within(k, [from, to])).collect();
         let t = Interval::new(from, to);
         self.problem.enclose_positions(t, &q, &mut self.ranges[0]);
         if with_rates {
@@ -62,7 +53,7 @@ impl Way<'_> {
 
     /// Whether the value of a row, at least `least` at both ends of the step, is so throughout; `None` if that is not known.
     fn stays(&mut self, row: usize, ends: [f64; 2], least: f64) -> Option<bool> {
-        let mut left = vec![(self.step, ends)];
+        let mut left = vec![(self.way.step, ends)];
         let mut parts = 1;
         let mut is_known = true;
         while let Some(([from, to], [first, last])) = left.pop() {
@@ -123,15 +114,16 @@ impl UnseenGaps {
         let rate = (0..n).map(|k| Interval::point((q[1][k] - q[0][k]) / h)).collect();
         let values = vec![0.0; joints + contacts];
         let ranges = [vec![Interval::LINE; joints + contacts], vec![Interval::LINE; joints + contacts]];
-        let mut way = Way { problem, step: [last.t, state.t], q, rate, values, ranges };
-        way.enclose([last.t, state.t], false);
+        let way = StraightWay { step: [last.t, state.t], states: q };
+        let mut gaps = GapsOnWay { problem, way, rate, values, ranges };
+        gaps.enclose([last.t, state.t], false);
         let is_apart = |range: &Interval| range.lo > 0.0 && !range.is_empty();
-        let may_close = |&k: &usize| step.contacted.r[k].x == 0.0 && !is_apart(&way.ranges[0][joints + k]);
+        let may_close = |&k: &usize| step.contacted.r[k].x == 0.0 && !is_apart(&gaps.ranges[0][joints + k]);
         let near: Vec<usize> = (0..contacts).filter(may_close).collect();
         if near.is_empty() {
             return;
         }
-        way.problem.constraints(state.t, &state.q, rows);
+        gaps.problem.constraints(state.t, &state.q, rows);
         for k in near {
             let row = joints + k;
             let ends = [0, 1].map(|end: usize| self.ends[end][row]);
@@ -139,7 +131,7 @@ impl UnseenGaps {
             if !(ends[0] >= least && ends[1] >= least) {
                 continue;
             }
-            let stays = way.stays(row, ends, least);
+            let stays = gaps.stays(row, ends, least);
             if stays != Some(true) {
                 let (count, first, is_seen) = &mut self.closing[k];
                 if *count == 0 {

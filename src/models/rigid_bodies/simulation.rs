@@ -205,9 +205,7 @@ impl<'a> MoreauStepping<'a> {
     /// If the step fails.
     pub fn step(&mut self, t: f64, h: f64, control: &Control) -> Result<(), StepFailure> {
         self.t = t;
-        self.report = ContactReport::default();
-        self.new_events.clear();
-        self.contact_forces.fill(Default::default());
+        self.forget_last_step();
         if let Some(mut located) = self.located.take() {
             let advanced = self.advance_located(&mut located, h, control);
             self.located = Some(located);
@@ -218,6 +216,27 @@ impl<'a> MoreauStepping<'a> {
         self.contact_forces.iter_mut().for_each(|(force, torque)| (*force, *torque) = (*force / h, *torque / h));
         self.measure_joints();
         self.check()
+    }
+
+    /// Clears what is reported of a step.
+    fn forget_last_step(&mut self) {
+        self.report = ContactReport::default();
+        self.new_events.clear();
+        self.contact_forces.fill(Default::default());
+    }
+
+    /// Detects the contacts of a step of length `h`, and moves bodies apart that overlap at its beginning.
+    fn detect_and_part(&mut self, h: f64, control: &Control) -> Result<(), StepFailure> {
+        self.detect(h, control)?;
+        self.report.penetration = self.report.penetration.max(self.depth(0.0));
+        self.report.overlap = self.report.overlap.max(self.overlap());
+        self.part_overlaps(h, control)
+    }
+
+    /// Reports the kinetic energy.
+    fn note_kinetic_energy(&mut self) {
+        let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
+        self.report.kinetic = self.report.kinetic.max(kinetic);
     }
 
     /// Records the parts of steps from now on.
@@ -246,10 +265,7 @@ impl<'a> MoreauStepping<'a> {
             }
         }
         self.ground();
-        self.detect(h, control)?;
-        self.report.penetration = self.report.penetration.max(self.depth(0.0));
-        self.report.overlap = self.report.overlap.max(self.overlap());
-        self.part_overlaps(h, control)?;
+        self.detect_and_part(h, control)?;
         if !self.has_begun {
             self.foresee(h);
             self.hold(|_| true);
@@ -258,8 +274,7 @@ impl<'a> MoreauStepping<'a> {
         let (start, carried) = (self.moving.clone(), self.carried.clone());
         self.group();
         self.kick(h);
-        let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
-        self.report.kinetic = self.report.kinetic.max(kinetic);
+        self.note_kinetic_energy();
         self.remember();
         self.close();
         self.is_shortest = halvings == 0;

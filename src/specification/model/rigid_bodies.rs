@@ -7,7 +7,7 @@ use crate::error::Errors;
 use crate::method::{Impacts, Switches, ViSolverName};
 use crate::stages::Stages;
 use analysis::Analysis;
-use models::rigid_bodies::{Load, MultibodySystem};
+use models::rigid_bodies::{Body, Load, MultibodySystem};
 use problem::{Control, Warning};
 use solution::{Diagnostics, Plan, Solution};
 
@@ -91,7 +91,7 @@ impl Model for MultibodySystem {
     }
 
     fn runs(&self, _specification: &Specification) -> usize {
-        if self.bodies.iter().filter(|body| !body.fixed).count() <= solution::MOST_COMPARED { 2 } else { 1 }
+        if moving(self).count() <= solution::MOST_COMPARED { 2 } else { 1 }
     }
 
     fn numbers(&self, specification: &Specification) -> usize {
@@ -127,6 +127,11 @@ impl Model for MultibodySystem {
     }
 }
 
+/// The bodies that move by forces.
+fn moving(scene: &MultibodySystem) -> impl Iterator<Item = &Body> {
+    scene.bodies.iter().filter(|body| !body.fixed)
+}
+
 /// Why impacts of a multibody system cannot be located, if so.
 fn not_located(scene: &MultibodySystem) -> Option<&'static str> {
     let reasons = [
@@ -151,10 +156,10 @@ fn impacts(scene: &MultibodySystem, specification: &Specification) -> solution::
         (Some(Impacts::Locate), _) => by(true, false, "`impacts` is `locate`"),
         (Some(Impacts::TimeStepping), _) => by(false, false, "`impacts` is `time_stepping`"),
         (None, Some(reason)) => by(false, false, reason),
-        (None, None) if scene.bodies.iter().any(|body| !body.fixed && !body.collider.is_smooth()) => {
+        (None, None) if moving(scene).any(|body| !body.collider.is_smooth()) => {
             by(false, false, "a body that moves has edges, and `impacts` is not `locate`, which is of second order")
         }
-        (None, None) if scene.bodies.iter().filter(|body| !body.fixed).count() > LOCATED => {
+        (None, None) if moving(scene).count() > LOCATED => {
             by(false, false, "more than 100 bodies move, and `impacts` is not `locate`, which is of second order")
         }
         (None, None) => by(

@@ -13,55 +13,38 @@ const DENSE_AT_MOST: usize = 30;
 /// spheres with 70 to 160 contacts.
 const SLOWER: usize = 64;
 
-/// Symbolic elimination by least degree, on the graph of contacts that share a body.
-struct Elimination {
-    /// The neighbours of each contact that is not eliminated, and itself, as bits.
-    rows: Vec<Vec<u64>>,
-}
-
-impl Elimination {
-    fn of(pattern: &BlockMatrix) -> Self {
-        let n = pattern.len();
-        let mut rows = vec![vec![0; n.div_ceil(64)]; n];
-        for i in 0..n {
-            for (j, _) in pattern.row(i) {
-                rows[i][j / 64] |= 1 << (j % 64);
-                rows[j][i / 64] |= 1 << (i % 64);
-            }
+/// The number of operations on blocks of an elimination by least degree, on the graph of contacts that share a body; if it is more
+/// than `enough`, some number that is.
+fn work_of_elimination(pattern: &BlockMatrix, enough: usize) -> usize {
+    let n = pattern.len();
+    // The neighbours of each contact that is not eliminated, and itself, as bits.
+    let mut rows = vec![vec![0_u64; n.div_ceil(64)]; n];
+    for i in 0..n {
+        for (j, _) in pattern.row(i) {
+            rows[i][j / 64] |= 1 << (j % 64);
+            rows[j][i / 64] |= 1 << (i % 64);
         }
-        Self { rows }
     }
-
-    /// The number of operations on blocks of an elimination, if not more than `enough`.
-    fn work(mut self, enough: usize) -> usize {
-        let degree = |row: &[u64]| row.iter().map(|word| word.count_ones() as usize).sum::<usize>();
-        let mut degrees: Vec<usize> = self.rows.iter().map(|row| degree(row)).collect();
-        let mut work = 0;
-        for _ in 0..self.rows.len() {
-            let least = degrees.iter().enumerate().min_by_key(|(_, degree)| **degree);
-            let Some((pivot, &least)) = least else { break };
-            work += least * least;
-            if work > enough {
-                break;
-            }
-            degrees[pivot] = usize::MAX;
-            let eliminated = std::mem::take(&mut self.rows[pivot]);
-            for (word, bits) in eliminated.iter().enumerate() {
-                let mut bits = *bits;
-                while bits != 0 {
-                    let i = 64 * word + bits.trailing_zeros() as usize;
-                    bits &= bits - 1;
-                    if i != pivot {
-                        let row = &mut self.rows[i];
-                        row.iter_mut().zip(&eliminated).for_each(|(row, of)| *row |= of);
-                        row[pivot / 64] &= !(1 << (pivot % 64));
-                        degrees[i] = degree(row);
-                    }
-                }
-            }
+    let degree = |row: &[u64]| row.iter().map(|word| word.count_ones() as usize).sum::<usize>();
+    let mut degrees: Vec<usize> = rows.iter().map(|row| degree(row)).collect();
+    let mut work = 0;
+    for _ in 0..n {
+        let least = degrees.iter().enumerate().min_by_key(|(_, degree)| **degree);
+        let Some((pivot, &least)) = least else { break };
+        work += least * least;
+        if work > enough {
+            break;
         }
-        work
+        degrees[pivot] = usize::MAX;
+        let eliminated = std::mem::take(&mut rows[pivot]);
+        let is_neighbour = |i: &usize| *i != pivot && eliminated[i / 64] >> (i % 64) & 1 == 1;
+        for i in (0..n).filter(is_neighbour) {
+            rows[i].iter_mut().zip(&eliminated).for_each(|(row, of)| *row |= of);
+            rows[i][pivot / 64] &= !(1 << (pivot % 64));
+            degrees[i] = degree(&rows[i]);
+        }
     }
+    work
 }
 
 /// A square matrix with the pattern of a [`BlockMatrix`], and its factors.
@@ -84,7 +67,7 @@ impl BlockSystem {
         let n = pattern.len();
         let in_dense = n.saturating_pow(3) / 3;
         let is_dense =
-            n <= DENSE_AT_MOST || in_dense <= SLOWER.saturating_mul(Elimination::of(pattern).work(in_dense / SLOWER));
+            n <= DENSE_AT_MOST || in_dense <= SLOWER.saturating_mul(work_of_elimination(pattern, in_dense / SLOWER));
         if is_dense { Some(Self::dense(pattern)) } else { Self::sparse(pattern) }
     }
 

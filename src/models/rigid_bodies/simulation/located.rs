@@ -15,9 +15,9 @@
 //! Impacts of a contact may accumulate (Zeno). A ball that returns with velocity `e v` bounces on for the time
 //! `2 e v / (1 - e) / g`. An approach `v` after which that is at most `h^2 sqrt(g/d)`, for a step `h` and a body of size `d`, is
 //! ended without restitution, so that the contact lasts from there on: the bounces that are left out are over within a time of
-//! order `h^2`. Bodies that meet in flight are not pressed together by their weight, and bounce whatever their approach. With restitution 1 impacts do not accumulate, and only rounding is ended so. Where impacts accumulate between several
-//! bodies, their number in a step is limited, and time stepping takes the rest of the step. A run that is free to choose
-//! [changes over](self::budget) to time stepping for many steps, where arcs are too many.
+//! order `h^2`. Bodies that meet in flight are not pressed together by their weight, and bounce whatever their approach. With
+//! restitution 1 impacts do not accumulate, and only rounding is ended so. Where impacts accumulate between several bodies, their
+//! number in a step is limited, and time stepping takes the rest of the step. A run that is free to choose [changes over](self::budget) to time stepping for many steps, where arcs are too many.
 
 mod budget;
 mod closing;
@@ -29,7 +29,7 @@ use self::budget::Budget;
 use super::super::contact::Contact;
 use super::super::motion::Motion;
 use super::super::touches::rounding;
-use super::{ContactReport, HALVINGS, MoreauStepping, StepFailure};
+use super::{HALVINGS, MoreauStepping, StepFailure};
 use nalgebra::{Isometry3, Vector3};
 use problem::Control;
 use rustc_hash::FxHashSet;
@@ -147,13 +147,9 @@ impl MoreauStepping<'_> {
         control: &Control,
     ) -> Result<(), StepFailure> {
         (located.begin, located.step, located.is_passed) = (self.t, h, false);
-        located.arcs.clear();
         located.grounds.clear();
         located.grounds.extend(self.prescribed.iter().map(|prescribed| prescribed.pose));
-        self.pushed.fill(false);
-        located.touched.clear();
-        located.touched.resize(self.moving.len(), false);
-        self.ground_at(located, self.t);
+        self.begin(located);
         let end = self.t + h;
         let most = match &mut located.budget {
             Some(budget) => budget.most(h).min(self.most_arcs()),
@@ -174,6 +170,15 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
+    /// Begins a step without arcs, in which nothing has touched the bodies.
+    fn begin(&mut self, located: &mut Located) {
+        located.arcs.clear();
+        self.pushed.fill(false);
+        located.touched.clear();
+        located.touched.resize(self.moving.len(), false);
+        self.ground_at(located, located.begin);
+    }
+
     /// Makes a step with located impacts to a time, with at most so many arcs; or all of it by time stepping, if the law of
     /// contact is not solved on the way.
     fn advance_or_pass(
@@ -189,13 +194,8 @@ impl MoreauStepping<'_> {
         }
         (self.moving, self.held, self.touches) = start;
         self.t = located.begin;
-        self.report = ContactReport::default();
-        self.new_events.clear();
-        self.contact_forces.fill(Default::default());
-        self.pushed.fill(false);
-        located.touched.fill(false);
-        located.arcs.clear();
-        self.ground_at(located, located.begin);
+        self.forget_last_step();
+        self.begin(located);
         self.pass(located, end - located.begin, control)
     }
 
@@ -207,12 +207,8 @@ impl MoreauStepping<'_> {
         control: &Control,
     ) -> Result<(), StepFailure> {
         let h = end - self.t;
-        self.detect(h, control)?;
-        self.report.penetration = self.report.penetration.max(self.depth(0.0));
-        self.report.overlap = self.report.overlap.max(self.overlap());
-        self.part_overlaps(h, control)?;
-        let kinetic: f64 = self.moving.iter().map(Motion::kinetic_energy).sum();
-        self.report.kinetic = self.report.kinetic.max(kinetic);
+        self.detect_and_part(h, control)?;
+        self.note_kinetic_energy();
         let mut is_detected = located.has_begun;
         if !located.has_begun {
             self.strike(located, control)?;

@@ -7,7 +7,7 @@
 use super::entry::{Entry, FORMAT};
 use super::mirror::{Mirror, Told};
 use super::options::Nats;
-use super::servers::{Away, Exchange, Trouble, away, job_key};
+use super::servers::{Away, Exchange, Trouble, away, job_key, job_of};
 use super::texts::document_name;
 use crate::digest::Digest;
 use crate::jobs::{
@@ -25,7 +25,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::join;
 use tokio::sync::mpsc::{UnboundedReceiver, unbounded_channel};
-use tokio::task::JoinHandle;
+use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
 /// The time after which a reserved id whose job is not there belongs to who asks for it: the gateway that reserved it has
@@ -59,13 +59,7 @@ impl Far {
 
 /// The tasks of a gateway; dropping it ends them.
 pub struct Gateway {
-    tasks: Vec<JoinHandle<()>>,
-}
-
-impl Drop for Gateway {
-    fn drop(&mut self) {
-        self.tasks.iter().for_each(JoinHandle::abort);
-    }
+    _tasks: JoinSet<()>,
 }
 
 /// A job on its way to the servers; one that does not get there, or whose client goes away meanwhile, leaves no trace.
@@ -119,17 +113,17 @@ impl Gateway {
         let far = Far { exchange, mirror: Mutex::default() };
         let (forgotten, to_forget) = unbounded_channel();
         let jobs = Arc::new(Jobs::far(bounds, solver, far, forgotten, metrics)?);
-        let mut tasks = Vec::new();
+        let mut tasks = JoinSet::new();
         let (read, is_read) = tokio::sync::oneshot::channel();
         let mirroring = Arc::clone(&jobs);
-        tasks.push(tokio::spawn(async move { mirroring.follow_entries(read).await }));
+        tasks.spawn(async move { mirroring.follow_entries(read).await });
         // The task that reads outlives this function.
         let _ = is_read.await;
         let (hearing, forgetting, sweeping) = (Arc::clone(&jobs), Arc::clone(&jobs), Arc::clone(&jobs));
-        tasks.push(tokio::spawn(async move { hearing.follow_progress().await }));
-        tasks.push(tokio::spawn(async move { forgetting.forget_expired(to_forget).await }));
-        tasks.push(tokio::spawn(async move { sweeping.sweep().await }));
-        Ok((jobs, Self { tasks }))
+        tasks.spawn(async move { hearing.follow_progress().await });
+        tasks.spawn(async move { forgetting.forget_expired(to_forget).await });
+        tasks.spawn(async move { sweeping.sweep().await });
+        Ok((jobs, Self { _tasks: tasks }))
     }
 }
 
@@ -370,7 +364,7 @@ impl Jobs {
     }
 
     async fn entry_came(&self, far: &Far, message: &Message) {
-        let Some(id) = message.subject.rsplit('.').next().and_then(|id| id.parse().ok()) else { return };
+        let Some(id) = job_of(&message.subject) else { return };
         let Ok(info) = message.info() else { return };
         let revision = info.stream_sequence;
         let operation = message.headers.as_ref().and_then(|headers| headers.get("KV-Operation"));
@@ -408,7 +402,7 @@ impl Jobs {
             }
         }
         while let Some(message) = progress.next().await {
-            let id = message.subject.rsplit('.').next().and_then(|id| id.parse().ok());
+            let id = job_of(&message.subject);
             if let (Some(id), Ok(told)) = (id, serde_json::from_slice::<Told>(&message.payload)) {
                 self.hear(id, told);
             }

@@ -312,6 +312,11 @@ pub fn job_key(id: JobId) -> String {
     format!("job.{id}")
 }
 
+/// The job in whose id a subject or a key ends.
+pub fn job_of(subject: &str) -> Option<JobId> {
+    subject.rsplit('.').next()?.parse().ok()
+}
+
 /// Logs why a request failed.
 pub fn away(error: &dyn fmt::Display) -> Away {
     tracing::warn!(%error, "the NATS servers do not answer");

@@ -8,7 +8,7 @@ use super::entry::Entry;
 use super::lines::Lines;
 use super::mirror::Told;
 use super::options::Nats;
-use super::servers::{Exchange, Trouble, job_key};
+use super::servers::{Exchange, Trouble, job_key, job_of};
 use crate::jobs::chunks::Chunks;
 use crate::jobs::{Bounds, Ended, Halt, Held, Job, JobId, Jobs, Pool, Record, Solver};
 use crate::metrics::Metrics;
@@ -29,7 +29,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc::Receiver;
-use tokio::task::JoinHandle;
+use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, sleep, timeout};
 use uuid::Uuid;
 
@@ -202,24 +202,16 @@ pub async fn work(
     Ok(())
 }
 
-/// Tasks that end with this.
-struct Tasks(Vec<JoinHandle<()>>);
-
-impl Drop for Tasks {
-    fn drop(&mut self) {
-        self.0.iter().for_each(JoinHandle::abort);
-    }
-}
-
 impl Worker {
-    fn start_tasks(self: &Arc<Self>) -> Tasks {
+    /// Starts what goes on beside the jobs; it ends with what is returned.
+    fn start_tasks(self: &Arc<Self>) -> JoinSet<()> {
         let [clients, cancels, arrivals, questions] = [0; 4].map(|_| Arc::clone(self));
-        Tasks(vec![
-            tokio::spawn(async move { clients.follow("client.*", |key, _| clients.lines.add(key)).await }),
-            tokio::spawn(async move { cancels.follow("cancel.*", |key, is| cancels.cancel(key, is)).await }),
-            tokio::spawn(async move { arrivals.hear_arrivals().await }),
-            tokio::spawn(async move { questions.answer().await }),
-        ])
+        let mut tasks = JoinSet::new();
+        tasks.spawn(async move { clients.follow("client.*", |key, _| clients.lines.add(key)).await });
+        tasks.spawn(async move { cancels.follow("cancel.*", |key, is| cancels.cancel(key, is)).await });
+        tasks.spawn(async move { arrivals.hear_arrivals().await });
+        tasks.spawn(async move { questions.answer().await });
+        tasks
     }
 
     /// Calls `came` for each key of the bucket of states that fits `filter`, with its last part and whether it has a value.
@@ -360,7 +352,7 @@ impl Worker {
     }
 
     async fn see_to(&self, message: &Message, lost_after: Duration) -> Reply {
-        let Some(id) = message.subject.rsplit('.').next().and_then(|id| id.parse::<JobId>().ok()) else {
+        let Some(id) = job_of(&message.subject) else {
             return Reply::Acknowledge;
         };
         if self.mine().contains_key(&id) {
