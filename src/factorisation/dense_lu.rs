@@ -10,6 +10,7 @@ use faer::linalg::lu::partial_pivoting::factor;
 use faer::traits::math_utils::is_finite;
 use faer::{MatMut, Par};
 use nalgebra::Complex;
+use std::fmt;
 
 use super::elimination::eliminate;
 
@@ -55,6 +56,12 @@ struct Blocks {
     memory: MemBuffer,
 }
 
+impl<T> fmt::Debug for DenseLu<T> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("DenseLu").field("n", &self.permutation.len()).finish_non_exhaustive()
+    }
+}
+
 impl<T: Number> DenseLu<T> {
     /// Allocates for an `n x n` matrix.
     pub fn new(n: usize) -> Self {
@@ -70,6 +77,11 @@ impl<T: Number> DenseLu<T> {
             permuted: vec![zero; n],
             blocks,
         }
+    }
+
+    /// The number `n` of rows.
+    pub fn dimension(&self) -> usize {
+        self.permutation.len()
     }
 
     /// The entries in column-major order, to be written before [`DenseLu::factorise`], which overwrites them.

@@ -416,7 +416,7 @@ impl TimeStepped for TimeSteppingRun<'_> {
         }
         let (n, h) = (structure.coordinates, self.stepper.state.t - self.stepper.last.t);
         let Some((speed, error)) = self.misdirected(h) else { return false };
-        self.misdirection.step(h, speed, &error);
+        self.misdirection.step(h, speed, [0.0; 2], &error);
         let by: Vec<f64> = self.misdirection.of_place().collect();
         let mut now = vec![0.0; out.len()];
         self.write_displaced(|_| 0.0, &mut now);

@@ -1,5 +1,5 @@
-//! How far a motion gets from its way by impacts whose directions are off: by the part of the velocity that an impact gives in
-//! error, times the way since. What comes to rest goes no further astray.
+//! How far a motion gets from its way by impacts whose directions or speeds are off: by the part of the velocity that an impact
+//! gives in error, times the way since. What comes to rest goes no further astray, unless an impact has stopped it in error.
 
 /// Errors of the direction of a velocity, and the errors of the place that follow. Errors of single impacts are independent: their squares
 /// are summed, component by component.
@@ -7,6 +7,8 @@
 pub(super) struct Misdirection {
     /// The way so far, in the norm of the speeds given.
     way: f64,
+    /// The speed that impacts have taken in error and that is not lost otherwise since.
+    taken: f64,
     /// For each component the sums of `e^2`, `e^2 s` and `e^2 s^2` over the impacts, with the errors `e` of the velocity relative
     /// to the speed and the ways `s` before them.
     sums: Vec<[f64; 3]>,
@@ -14,12 +16,14 @@ pub(super) struct Misdirection {
 
 impl Misdirection {
     /// Adds a step of length `h` with the speed `speed` at its end, and the error that impacts in the step gave each component of the
-    /// velocity.
-    pub fn step(&mut self, h: f64, speed: f64, error: &[f64]) {
+    /// velocity. They took the speed `taken` in error; a body with that speed would have lost `lost` of it in the step.
+    pub fn step(&mut self, h: f64, speed: f64, [taken, lost]: [f64; 2], error: &[f64]) {
         self.sums.resize(error.len(), [0.0; 3]);
-        self.way += h * speed;
+        self.taken = (self.taken - lost).max(taken).max(0.0);
+        let possible = speed.max(self.taken);
+        self.way += h * possible;
         // A direction is off by no more than all of it.
-        let speed = error.iter().map(|error| error * error).sum::<f64>().sqrt().max(speed);
+        let speed = error.iter().map(|error| error * error).sum::<f64>().sqrt().max(possible);
         if speed <= 0.0 {
             return;
         }
@@ -37,6 +41,7 @@ impl Misdirection {
 
     /// The errors of the components of a velocity of the given speed.
     pub fn of_velocity(&self, speed: f64) -> impl Iterator<Item = f64> {
+        let speed = speed.max(self.taken);
         self.sums.iter().map(move |[one, ..]| one.sqrt() * speed)
     }
 }
@@ -54,15 +59,32 @@ mod tests {
     #[test]
     fn an_error_of_direction_grows_with_the_way_and_stops_with_the_body() {
         let mut misdirection = Misdirection::default();
-        misdirection.step(0.1, 2.0, &[0.0, 0.0]);
-        misdirection.step(0.1, 2.0, &[0.0, 0.2]);
+        misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.0]);
+        misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.2]);
         for _ in 0..10 {
-            misdirection.step(0.1, 2.0, &[0.0, 0.0]);
+            misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.0]);
         }
         // A second at 0.2 across.
         assert_near(misdirection.of_place(), [0.0, 0.2]);
         assert_near(misdirection.of_velocity(1.0), [0.0, 0.1]);
-        misdirection.step(5.0, 0.0, &[0.0, 0.0]);
+        misdirection.step(5.0, 0.0, [0.0; 2], &[0.0, 0.0]);
         assert_near(misdirection.of_place(), [0.0, 0.2]);
+    }
+
+    #[test]
+    fn what_an_impact_stops_in_error_is_off_until_it_would_have_come_to_rest() {
+        let mut misdirection = Misdirection::default();
+        misdirection.step(0.1, 0.0, [3.0, 0.0], &[3.0, 0.0]);
+        for _ in 0..10 {
+            misdirection.step(0.1, 0.0, [0.0; 2], &[0.0, 0.0]);
+        }
+        assert_near(misdirection.of_place(), [3.0, 0.0]);
+        assert_near(misdirection.of_velocity(0.0), [3.0, 0.0]);
+        for _ in 0..10 {
+            misdirection.step(0.1, 0.0, [0.0, 0.5], &[0.0, 0.0]);
+        }
+        // 2.5, 2, .., 0 in steps of 0.1.
+        assert_near(misdirection.of_place(), [3.75, 0.0]);
+        assert_near(misdirection.of_velocity(0.0), [0.0, 0.0]);
     }
 }

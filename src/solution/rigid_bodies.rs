@@ -345,6 +345,19 @@ impl<'a> RigidBodyRun<'a> {
         moving.zip(motions).map(kink).collect()
     }
 
+    /// For each moving body, what bounces would take of the speed and the angular speed of a body that has them, while contacts press it
+    /// as in the last step. Under an acceleration `a`, bounces with a speed `v` take `2 v/a` each and leave `e v`: they lose
+    /// `(1 - e) a/2` in a time, until the body rests.
+    fn damped(&self) -> Vec<[f64; 2]> {
+        let h = self.t - self.before;
+        let part = 0.5 * (1.0 - self.scene.laws.largest_restitution());
+        let of_body = |(before, after): (&Motion, &Motion)| {
+            let pressed = after.velocity - before.velocity - h * self.scene.gravity;
+            [pressed, after.omega - before.omega].map(|change| part * change.norm())
+        };
+        self.starts.iter().zip(&self.simulation.ends).map(of_body).collect()
+    }
+
     /// Writes what displacements of bodies, of their centres and about them, make of the outputs.
     fn displace(&self, by: &[(Vector3<f64>, Vector3<f64>)], out: &mut [f64]) {
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
@@ -506,13 +519,15 @@ impl TimeStepped for RigidBodyRun<'_> {
 
     fn mislead(&mut self, out: &mut [f64]) -> bool {
         let h = self.t - self.before;
-        let errors = self.simulation.misdirected(&self.starts, h);
+        let directions = self.simulation.misdirected(&self.starts, h);
+        let errors = directions.into_iter().zip(self.simulation.restituted(&self.starts, h)).zip(self.damped());
         let bodies = self.misdirections.iter_mut().zip(&self.simulation.ends).zip(errors);
         let mut is_any = false;
-        for (((of, motion), (velocity, omega)), out) in bodies.zip(out.chunks_exact_mut(OF_BODY.len())) {
+        for (((of, motion), ((by, taken), damped)), out) in bodies.zip(out.chunks_exact_mut(OF_BODY.len())) {
+            let [velocity, omega] = [by.0.zip_map(&taken.0, f64::hypot), by.1.zip_map(&taken.1, f64::hypot)];
             let speeds = [motion.velocity.norm(), motion.omega.norm()];
-            of[0].step(h, speeds[0], velocity.as_slice());
-            of[1].step(h, speeds[1], omega.as_slice());
+            of[0].step(h, speeds[0], [taken.0.norm(), damped[0]], velocity.as_slice());
+            of[1].step(h, speeds[1], [taken.1.norm(), damped[1]], omega.as_slice());
             let turned = of[1].of_place().map(|by| by * by).sum::<f64>().sqrt();
             out[..3].iter_mut().zip(of[0].of_place()).for_each(|(out, by)| *out = by);
             out[3..7].fill(0.5 * turned);

@@ -60,6 +60,8 @@ pub struct Contact {
     pub gap_at_end: f64,
     /// The work of the contact over the step by normal and tangential components, in joules.
     pub work: Vector3<f64>,
+    /// What the normal velocity after an impact lacks of what Newton's law gives it.
+    pub lacks: f64,
 }
 
 impl Contact {
@@ -94,6 +96,7 @@ impl Contact {
             no_gap: 0.0,
             gap_at_end: point.gap,
             work: Vector3::zeros(),
+            lacks: 0.0,
         };
         contact.before = contact.velocity(|body| (moving[body as usize].velocity, moving[body as usize].omega));
         contact

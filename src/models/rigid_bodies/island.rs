@@ -339,6 +339,7 @@ impl Island {
             let after = contact.velocity(of);
             contact.foresee(h, of);
             contact.work = contact.impulse.component_mul(&(0.5 * (after + contact.before)));
+            contact.lacks = (-contact.law.restitution * contact.before.x - after.x).max(0.0);
         }
     }
 

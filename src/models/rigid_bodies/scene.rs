@@ -108,6 +108,11 @@ impl Laws {
     pub fn any(&self, such: impl Fn(&Law) -> bool) -> bool {
         self.laws.iter().any(such)
     }
+
+    /// The largest coefficient of restitution of any pair.
+    pub fn largest_restitution(&self) -> f64 {
+        self.laws.iter().map(|law| law.restitution).fold(0.0, f64::max)
+    }
 }
 
 /// Bodies, contact laws, joints and forces.

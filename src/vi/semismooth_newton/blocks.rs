@@ -14,11 +14,10 @@
 //! Douglas-Rachford splitting give a new start, from a sequence of its own that converges for every monotone problem.
 
 use crate::d_gap::Gap;
-use crate::elimination::solve_augmented;
 use crate::residual::Gauge;
 use crate::splitting::Splitting;
 use crate::{Accuracy, AffineVi, EXACT, Outcome, Report, is_interrupted};
-use nalgebra::DMatrixViewMut;
+use factorisation::DenseLu;
 use problem::{Control, Derivative, Workspace};
 
 /// Largest total number of Newton steps.
@@ -59,7 +58,8 @@ pub(crate) struct BlockNewton {
     trial: Vec<f64>,
     trial_w: Vec<f64>,
     column: Vec<f64>,
-    augmented: Vec<f64>,
+    /// The factors of the matrix of a step.
+    lu: Option<DenseLu<f64>>,
 }
 
 impl BlockNewton {
@@ -121,7 +121,9 @@ impl BlockNewton {
         ] {
             vector.resize(m, 0.0);
         }
-        self.augmented.resize(m * (m + 1), 0.0);
+        if self.lu.as_ref().is_none_or(|lu| lu.dimension() != m) {
+            self.lu = Some(DenseLu::new(m));
+        }
         vi.scales(&mut self.gap.scale);
         for (target, z) in self.z.iter_mut().zip(z) {
             *target = if z.is_finite() { *z } else { 0.0 };
@@ -194,8 +196,8 @@ impl BlockNewton {
     /// Solves for the direction. False if the matrix is singular.
     fn direction(&mut self, vi: &AffineVi<'_>, mu: f64) -> bool {
         let m = self.z.len();
-        let (matrix, right) = self.augmented.split_at_mut(m * m);
-        for (j, out) in matrix.chunks_exact_mut(m.max(1)).enumerate() {
+        let Some(lu) = &mut self.lu else { return false };
+        for (j, out) in lu.entries().chunks_exact_mut(m.max(1)).enumerate() {
             // Column j is e_j + V (S A + mu I - I) e_j.
             let source = &vi.matrix.as_slice()[j * m..][..m];
             for ((x, a), s) in self.column.iter_mut().zip(source).zip(&self.gap.scale) {
@@ -205,12 +207,9 @@ impl BlockNewton {
             self.derivative.apply(vi.set, &self.column, out);
             out[j] += 1.0;
         }
-        right.copy_from_slice(&self.defect);
-        if !solve_augmented(&mut DMatrixViewMut::from_slice(&mut self.augmented, m, m + 1)) {
-            return false;
-        }
-        self.direction.copy_from_slice(&self.augmented[m * m..]);
-        self.direction.iter().all(|d| d.is_finite())
+        lu.factorise();
+        self.direction.copy_from_slice(&self.defect);
+        lu.solve(&mut self.direction)
     }
 
     fn step(&mut self, vi: &AffineVi<'_>, step: f64) {

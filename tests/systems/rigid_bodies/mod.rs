@@ -1,6 +1,7 @@
 //! Rigid bodies in space, from specification to trajectory, each compared with a closed form.
 
 mod arches;
+mod balance;
 mod chains;
 mod driven;
 mod events;

@@ -7,6 +7,7 @@ mod given_steps;
 mod impacts;
 mod narrow;
 mod obstacle;
+mod squeezed;
 
 use super::harness::{last, solve};
 use dvi::solution::{CheckCode, Solution};

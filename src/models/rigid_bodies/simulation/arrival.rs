@@ -94,22 +94,10 @@ impl MoreauStepping<'_> {
         let along = |contact: &Contact, axis: usize, by: &[(Vector3<f64>, Vector3<f64>)]| {
             contact.change(|body| by[body as usize])[axis]
         };
-        let push = |contact: &Contact, axis: usize, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]| {
-            let mut unit = Vector3::zeros();
-            unit[axis] = amount;
-            for side in [0, 1] {
-                let Some(body) = contact.bodies[side] else { continue };
-                let (impulse, angular) = contact.wrench(side, &unit);
-                let motion = &self.moving[body as usize];
-                let (place, turn) = &mut by[body as usize];
-                *place += impulse / motion.mass;
-                *turn += motion.mobility * angular;
-            }
-        };
         let mut unit = vec![(Vector3::zeros(), Vector3::zeros()); by.len()];
         let mut held = Vec::new();
         for (contact, axis, way) in contacts {
-            push(contact, axis, 1.0, &mut unit);
+            self.impel(contact, axis, 1.0, &mut unit);
             held.push((contact, axis, along(contact, axis, &unit), way));
             contact.bodies.iter().flatten().for_each(|&body| unit[body as usize] = Default::default());
         }
@@ -120,11 +108,25 @@ impl MoreauStepping<'_> {
             for &(contact, axis, mobility, way) in held.iter().filter(|(_, _, mobility, _)| *mobility > 0.0) {
                 let beyond = along(contact, axis, by) - way;
                 left = left.max(beyond.abs());
-                push(contact, axis, -beyond / mobility, by);
+                self.impel(contact, axis, -beyond / mobility, by);
             }
             if left <= CONFINED * first {
                 break;
             }
+        }
+    }
+
+    /// Adds what an impulse of a contact along one of its axes changes of the motions of its bodies.
+    pub(super) fn impel(&self, contact: &Contact, axis: usize, amount: f64, by: &mut [(Vector3<f64>, Vector3<f64>)]) {
+        let mut unit = Vector3::zeros();
+        unit[axis] = amount;
+        for side in [0, 1] {
+            let Some(body) = contact.bodies[side] else { continue };
+            let (impulse, angular) = contact.wrench(side, &unit);
+            let motion = &self.moving[body as usize];
+            let (place, turn) = &mut by[body as usize];
+            *place += impulse / motion.mass;
+            *turn += motion.mobility * angular;
         }
     }
 

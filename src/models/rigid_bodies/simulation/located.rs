@@ -139,6 +139,14 @@ impl MoreauStepping<'_> {
         self.located.as_ref().is_some_and(|located| located.is_passed)
     }
 
+    /// The moving bodies at the beginning of the part of the last step, of length `h` from `starts` on, that time stepping made, and
+    /// the length of that part; `None` if there is none.
+    pub(super) fn time_stepped<'a>(&'a self, starts: &'a [Motion], h: f64) -> Option<(&'a [Motion], f64)> {
+        let Some(located) = &self.located else { return Some((starts, h)) };
+        let arc = located.arcs.last().filter(|_| located.is_passed)?;
+        Some((&arc.starts, arc.times[1] - arc.times[0]))
+    }
+
     /// Makes a step of length `h` with located impacts.
     pub(super) fn advance_located(
         &mut self,
@@ -166,7 +174,8 @@ impl MoreauStepping<'_> {
         self.t = end;
         self.ground_at(located, end);
         self.ends.clone_from(&self.moving);
-        self.report.parts += 1;
+        // What is time-stepped counts its own.
+        self.report.parts += u64::from(!located.is_passed);
         Ok(())
     }
 

@@ -1,5 +1,6 @@
 //! What it makes of impacts that a step takes surfaces as they are at its beginning, and not as they are where they meet:
-//! normals of curved surfaces turn in between, and so do the arms of bodies that rotate.
+//! normals of curved surfaces turn in between, and so do the arms of bodies that rotate. And what it makes of them that a step
+//! takes several as one.
 
 use super::super::collision::contacts;
 use super::super::contact::{Contact, frame};
@@ -10,12 +11,10 @@ use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 impl MoreauStepping<'_> {
     /// For each moving body, by what its velocity and its angular velocity after the impacts of the last step, of length `h` from
     /// `starts` on, would differ if each impact happened where the surfaces meet. Bodies of joints are left out, as are steps
-    /// that are made in parts, and those with located impacts, which happen where surfaces meet.
+    /// that are made in parts, and impacts that are located, which happen where surfaces meet.
     pub fn misdirected(&self, starts: &[Motion], h: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
         let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
-        if self.report.parts > 1 || self.located.is_some() {
-            return by;
-        }
+        let Some((starts, h)) = self.time_stepped(starts, h).filter(|_| self.report.parts <= 1) else { return by };
         let is_free = |contact: &&Contact| contact.bodies.iter().flatten().all(|&body| !self.jointed[body as usize]);
         for contact in self.contacts.iter().filter(|contact| contact.strikes()).filter(is_free) {
             let until = contact.closes_after();
@@ -41,6 +40,29 @@ impl MoreauStepping<'_> {
         let stays =
             |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed() && contact.law.restitution == 0.0;
         self.hold_back(self.contacts.iter().filter(stays).map(|contact| (contact, 0, 0.0)), &mut by);
+        by
+    }
+
+    /// For each moving body, by what its velocity and its angular velocity would differ if no restitution had been reduced in the
+    /// last step, of length `h` from `starts` on. A body between two others that close in on it meets them one after the other, in
+    /// turn, and many times within a step; a step makes all impacts at once, with as much restitution as adds no energy.
+    pub fn restituted(&self, starts: &[Motion], h: f64) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
+        let Some((_, h)) = self.time_stepped(starts, h).filter(|_| self.report.is_limited) else { return by };
+        let fall = h * self.scene.gravity;
+        let mut unit = by.clone();
+        for contact in self.contacts.iter().filter(|contact| contact.impulse.x > 0.0 && contact.lacks > 0.0) {
+            // The approach that the weight makes in a step is that of bodies at rest.
+            let approach = -contact.before.x - fall.dot(&normal(contact)).abs();
+            let lacks = contact.lacks.min(contact.law.restitution * approach);
+            if lacks <= 0.0 {
+                continue;
+            }
+            self.impel(contact, 0, 1.0, &mut unit);
+            let mobility = contact.change(|body| unit[body as usize]).x;
+            contact.bodies.iter().flatten().for_each(|&body| unit[body as usize] = Default::default());
+            self.impel(contact, 0, lacks / mobility, &mut by);
+        }
         by
     }
 
