@@ -19,11 +19,11 @@
 
 use super::{Directions, NoDerivative, RowsBy, Saltation, Tangents, begin_weights, end_weights};
 use crate::dense_output::Step;
-use crate::stepper::Radau;
+use crate::stepper::{LastStep, Radau};
 use crate::tableau::Tableau;
 use hybrid::OneStep;
 use nalgebra::{DMatrix, DVector};
-use problem::{Dvi, Face};
+use problem::Dvi;
 
 /// Counters of the sweep back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -38,16 +38,8 @@ pub struct Work {
 
 /// What the sweep back needs of a run.
 enum Record {
-    Step(Box<Stored>),
+    Step(Box<StoredStep>),
     Switch(Saltation),
-}
-
-/// An accepted step.
-struct Stored {
-    step: Step,
-    tableau: &'static Tableau,
-    /// Whether the polynomial of the derivatives is corrected by the slope at its beginning.
-    is_corrected: bool,
 }
 
 /// The adjoint of a run.
@@ -62,10 +54,14 @@ pub struct Adjoint {
     pub work: Work,
 }
 
-/// A stored step, for functions that are integrated over it.
-pub struct StoredStep<'a> {
-    stored: &'a mut Stored,
-    states: usize,
+/// An accepted step, stored.
+pub struct StoredStep {
+    step: Step,
+    tableau: &'static Tableau,
+    /// Whether the polynomial of the derivatives is corrected by the slope at its beginning.
+    is_corrected: bool,
+    /// Time at which the run left the step.
+    end: f64,
 }
 
 /// The derivative of an integral over a step as a linear function of the derivatives of the states at its beginning and
@@ -82,32 +78,49 @@ pub struct IntegralWeights {
     pub directions: DVector<f64>,
 }
 
-impl StoredStep<'_> {
-    /// The beginning and the end.
-    pub fn ends(&self) -> (f64, f64) {
-        (self.stored.step.t, self.stored.step.t + self.stored.step.h)
+impl Radau<'_> {
+    /// Stores the last step, which the run left at `end`; `is_corrected` tells whether the polynomial of the derivatives is
+    /// corrected by the slope at its beginning.
+    pub fn store_step(&self, end: f64, is_corrected: bool) -> StoredStep {
+        let mut step = self.last.clone();
+        // What only the next step needs.
+        step.end_slope = Vec::new();
+        StoredStep { step, tableau: self.orders.last().tableau, is_corrected, end }
+    }
+}
+
+impl StoredStep {
+    /// The step.
+    pub fn step(&self) -> LastStep<'_> {
+        let Step { t, h, y, z, .. } = &self.step;
+        LastStep { t: *t, h: *h, y, z, tableau: self.tableau }
     }
 
-    /// The number of stages.
-    pub fn stages(&self) -> usize {
-        self.stored.tableau.stages()
+    /// The beginning, and the time at which the run left the step.
+    pub fn ends(&self) -> (f64, f64) {
+        (self.step.t, self.end)
+    }
+
+    /// The number of bytes that it takes.
+    pub fn bytes(&self) -> usize {
+        let Step { y, z, slope, face, .. } = &self.step;
+        let of_face = size_of_val(face.places.as_slice()) + size_of_val(face.blocks.as_slice());
+        size_of::<Self>() + of_face + (y.len() + z.len() + slope.len()) * size_of::<f64>()
     }
 
     /// Writes the states at a time.
     pub fn states_at(&mut self, t: f64, x: &mut [f64]) {
-        let Stored { step, tableau, .. } = &mut *self.stored;
-        let mut y = vec![0.0; step.y.len()];
-        step.at(tableau, t, &mut y);
-        x.copy_from_slice(&y[..self.states]);
+        let mut y = vec![0.0; self.step.y.len()];
+        self.step.at(self.tableau, t, &mut y);
+        x.copy_from_slice(&y[..x.len()]);
     }
 
-    /// Writes the weights of the stages in the increment of the polynomial at a time, and returns that of the lacking
-    /// slope.
+    /// Writes the weights of the stages in the increment of the polynomial of the derivatives at a time, and returns that
+    /// of the slope that it lacks at the beginning, times the step size.
     pub fn weights_at(&self, t: f64, stages: &mut [f64]) -> f64 {
-        let Stored { step, tableau, is_corrected } = &*self.stored;
-        let theta = (t - step.t) / step.h;
-        tableau.increments_at(theta, stages);
-        if *is_corrected { tableau.bubble_at(theta) } else { 0.0 }
+        let theta = (t - self.step.t) / self.step.h;
+        self.tableau.increments_at(theta, stages);
+        if self.is_corrected { self.tableau.bubble_at(theta) } else { 0.0 }
     }
 }
 
@@ -160,14 +173,9 @@ impl Adjoint {
     /// # Errors
     /// Why there is no derivative from the end of this step on.
     pub fn store(&mut self, radau: &mut Radau<'_>, tangents: &Tangents) -> Result<(), NoDerivative> {
-        let mut step = radau.last.clone();
-        // What only the next step needs.
-        step.end_slope = Vec::new();
-        let numbers = step.y.len() + step.z.len() + step.slope.len();
-        let face = size_of_val(step.face.places.as_slice()) + step.face.blocks.len() * size_of::<Face>();
-        self.bytes += size_of::<Record>() + size_of::<Stored>() + face + numbers * size_of::<f64>();
-        let is_corrected = tangents.slopes[0].is_some();
-        self.records.push(Record::Step(Box::new(Stored { step, tableau: radau.orders.last().tableau, is_corrected })));
+        let stored = radau.store_step(radau.t(), tangents.slopes[0].is_some());
+        self.bytes += size_of::<Record>() + stored.bytes();
+        self.records.push(Record::Step(Box::new(stored)));
         if radau.continues || radau.is_done() {
             return Ok(());
         }
@@ -191,7 +199,7 @@ impl Adjoint {
         &mut self,
         by_states: &[f64],
         by_directions: &[f64],
-        mut integral: impl FnMut(&mut StoredStep<'_>) -> Option<IntegralWeights>,
+        mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
     ) -> Result<Vec<f64>, NoDerivative> {
         let mut costate = Costate {
             states: DVector::from_column_slice(by_states),
@@ -202,7 +210,7 @@ impl Adjoint {
             match record {
                 Record::Switch(saltation) => costate.pass_switch(&saltation),
                 Record::Step(mut stored) => {
-                    let weights = integral(&mut StoredStep { stored: &mut stored, states: by_states.len() });
+                    let weights = integral(&mut stored);
                     self.step_back(&stored, weights, &mut costate)?;
                 }
             }
@@ -215,11 +223,11 @@ impl Adjoint {
     /// Carries a costate over one step.
     fn step_back(
         &mut self,
-        stored: &Stored,
+        stored: &StoredStep,
         weights: Option<IntegralWeights>,
         costate: &mut Costate,
     ) -> Result<(), NoDerivative> {
-        let Stored { step, tableau, is_corrected } = stored;
+        let StoredStep { step, tableau, is_corrected, .. } = stored;
         let (n, unknowns, s) = (self.basis.mass.nrows(), step.y.len(), tableau.stages());
         let mut begin = DVector::zeros(n);
         let mut stages = vec![DVector::zeros(n); s];

@@ -150,7 +150,7 @@ impl SweptBack {
         }
         let slopes = adjoint.sweep(&by_states, &by_directions, |step| {
             objective.is_integral.then(|| {
-                let (gained, weights) = objective.over(step, x.len());
+                let (gained, weights) = objective.over(step, (x.len(), 0.0));
                 value += gained;
                 weights
             })
@@ -222,16 +222,16 @@ impl ObjectiveSlopes {
         value[0]
     }
 
-    /// The integral over a step, and its derivatives.
-    fn over(&mut self, step: &mut StoredStep<'_>, states: usize) -> (f64, IntegralWeights) {
-        let (n, s, p) = (states, step.stages(), self.count);
+    /// The integral over a step, by a clock that is `ahead` of that of the step, and its derivatives.
+    fn over(&mut self, step: &mut StoredStep, (states, ahead): (usize, f64)) -> (f64, IntegralWeights) {
+        let (n, s, p) = (states, step.step().tableau.stages(), self.count);
         let (mut x, mut by_states, mut by_directions) = (vec![0.0; n], vec![0.0; n], vec![0.0; p]);
         let mut weights = vec![0.0; s];
         let mut sums = Integrals::new(1 + (s + 2) * n + p);
         let (from, to) = step.ends();
         quadrature::integrate(from, to, &mut sums, |t: f64, out: &mut [f64]| {
             step.states_at(t, &mut x);
-            out[0] = self.at(t, &x, &mut by_states, &mut by_directions);
+            out[0] = self.at(ahead + t, &x, &mut by_states, &mut by_directions);
             let of_slope = step.weights_at(t, &mut weights);
             let of_begin = 1.0 - weights.iter().sum::<f64>();
             let all = [of_begin, of_slope].into_iter().chain(weights.iter().copied());
