@@ -214,7 +214,7 @@ impl Tangents {
             false => self.slopes[1].take(),
         };
         let begin = begin.map(|slope| slope * step.h);
-        let (at_begin, at_end) = (begin_weights(tableau), end_weights(tableau, step.h));
+        let (at_begin, at_end) = (tableau.begin_weights(), tableau.end_weights(step.h));
         let lacking = begin.map(|begin| begin - combine(&|j| at_begin[j], &self.stages, &self.before));
         self.slopes = [lacking, Some(combine(&|j| at_end[j], &self.stages, &self.before))];
     }
@@ -287,23 +287,6 @@ struct Saltation {
     jump: Vec<f64>,
     /// The derivatives of the time, one per direction.
     times: Vec<f64>,
-}
-
-/// The weights of the increments at the stages in the slope of the collocation polynomial at the beginning of a step,
-/// times the step size.
-fn begin_weights(tableau: &Tableau) -> Vec<f64> {
-    let s = tableau.stages();
-    let at_begin = |j: usize| {
-        let others = (0..s).filter(|i| *i != j);
-        others.map(|i| -tableau.c[i] / (tableau.c[j] - tableau.c[i])).product::<f64>() / tableau.c[j]
-    };
-    (0..s).map(at_begin).collect()
-}
-
-/// The weights of the increments at the stages in the slope of the collocation polynomial at the end of a step.
-fn end_weights(tableau: &Tableau, h: f64) -> Vec<f64> {
-    let s = tableau.stages();
-    (0..s).map(|j| tableau.a_inverse[(s - 1, j)] / h).collect()
 }
 
 /// The variables whose activity differs between two faces.

@@ -91,7 +91,7 @@ impl Tangents {
         located: &EventDriven<'_>,
         transition: &Transition,
     ) -> Result<(), NoDerivative> {
-        let Some(impact) = &transition.impact else { return Ok(()) };
+        let Some(impact) = transition.impact.as_ref().filter(|_| !self.is_basis) else { return Ok(()) };
         let structure = self.structure.clone();
         let columns = Columns { coordinates: structure.coordinates, directions: self.directions.count() };
         let State { t, q, v } = &located.state;
@@ -240,6 +240,7 @@ impl Tangents {
             let slopes = match found.iter().find(|(other, _)| *other == island) {
                 Some((_, times)) if followed.contains(&island) => times.clone(),
                 Some((_, times)) if monitor.agrees(times, ALIKE) => times.clone(),
+                Some((_, times)) if self.is_basis => times.clone(),
                 Some(_) => return Err(NoDerivative::Several),
                 None => {
                     if let Ending::Impact(k) = event {
@@ -385,7 +386,7 @@ impl Tangents {
                 for column in 0..p {
                     let scale = (gradient.columns(0, 2 * n).abs() * size.column(column))[(0, 0)]
                         + gradient[columns.direction(column)].abs();
-                    if off[(i, column)].abs() > tolerance * scale {
+                    if !self.is_basis && off[(i, column)].abs() > tolerance * scale {
                         return Err(NoDerivative::OffContact);
                     }
                 }

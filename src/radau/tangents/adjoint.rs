@@ -17,7 +17,7 @@
 //! The integral of a function `L(t, x, p)` over a step is a linear function of what determines the polynomial of the
 //! derivatives within it ([`IntegralWeights`]), whose weights are added to those of its stages.
 
-use super::{Directions, NoDerivative, RowsBy, Saltation, Tangents, begin_weights, end_weights};
+use super::{Directions, NoDerivative, RowsBy, Saltation, Tangents};
 use crate::dense_output::Step;
 use crate::stepper::{LastStep, Radau};
 use crate::tableau::Tableau;
@@ -240,7 +240,7 @@ impl Adjoint {
             }
         };
         if let Some(slope) = costate.slope.take() {
-            add_increment(&end_weights(tableau, step.h), &slope, &mut begin);
+            add_increment(&tableau.end_weights(step.h), &slope, &mut begin);
         }
         let mut of_stages = Vec::new();
         if let Some(weights) = weights {
@@ -248,7 +248,7 @@ impl Adjoint {
             costate.gradient += &weights.directions;
             of_stages = weights.stages;
             if *is_corrected {
-                add_increment(&begin_weights(tableau), &-&weights.slope, &mut begin);
+                add_increment(&tableau.begin_weights(), &-&weights.slope, &mut begin);
                 let slope = weights.slope * step.h;
                 if n == unknowns {
                     self.add_slope(step, &slope, &mut begin, &mut costate.gradient)?;

@@ -19,9 +19,10 @@ use radau::{Adjoint, Directions, IntegralWeights, NoDerivative, Radau, StoredSte
 use serde::Serialize;
 use utoipa::ToSchema;
 
-/// Part of the terms of the derivative in one direction by which the gradient may miss it: what rounding does to sums
-/// over all steps stays below half of the digits.
-const ROUNDING: f64 = 1.5e-8;
+/// Part of the terms of the derivative in one direction by which the gradient may miss it. Both are sums over the same
+/// steps up to rounding, but derivatives of breakpoints of time and of hidden constraints are central differences, along
+/// each parameter or along all at once, which have as many digits as their step is small.
+const ALIKE: f64 = CENTRAL_DIFFERENCE;
 
 /// The number whose gradient is asked for: a single definition, at the end, or a single integral.
 #[derive(Clone, Debug)]
@@ -64,7 +65,7 @@ impl Gradient {
         solution.objective = Some(self.value);
         let Diagnostics { checks, adjoint, .. } = &mut solution.diagnostics;
         *adjoint = Some(self.work);
-        checks.record(CheckCode::Derivatives, self.mismatch / ROUNDING, 1.0, || {
+        checks.record(CheckCode::Derivatives, self.mismatch / ALIKE, 1.0, || {
             format!(
                 "the gradient differs by {:.0e} of its terms from the derivative of the same steps in one direction",
                 self.mismatch
