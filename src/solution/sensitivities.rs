@@ -22,7 +22,7 @@ use numerics::CENTRAL_DIFFERENCE;
 use adjoint::SweptBack;
 use observed::ObservedSlopes;
 use problem::Control;
-use radau::{Directions, NoDerivative, Radau, Settings, Shifted, Tangents};
+use radau::{Adjoint, Directions, NoDerivative, Radau, Settings, Shifted, Tangents};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -123,7 +123,7 @@ pub(super) struct Followed {
     of: Vec<usize>,
     by: usize,
     /// The stored steps, in adjoint mode; the only direction is then one in which everything is moved together.
-    swept: Option<SweptBack>,
+    swept: Option<(Adjoint, SweptBack)>,
 }
 
 impl Followed {
@@ -136,10 +136,13 @@ impl Followed {
     ) -> Result<Self, String> {
         let (outputs, states) = (plan.names.len(), model.structure().states);
         if let Some(objective) = &of.objective {
-            let swept = SweptBack::new(model, plan, of, objective, tolerances)?;
-            let weights: Vec<f64> = swept.direction.clone();
-            let tangents = Tangents::new(model.problem(), adjoint::together(model, &of.by, &weights)?);
-            let observed = ObservedSlopes::together(&objective.observables, outputs, (&of.by, &weights), plan.start);
+            let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
+            let swept = SweptBack::new(plan, (of, objective), values, tolerances, 0.0);
+            let adjoint = Adjoint::new(model.problem(), directions(model, &of.by)?);
+            let adjoint = adjoint.map_err(|error| error.to_string())?;
+            let speeds = &swept.direction;
+            let tangents = Tangents::new(model.problem(), adjoint::together(model, &of.by, speeds)?);
+            let observed = ObservedSlopes::together(&objective.observables, outputs, (&of.by, speeds), plan.start);
             return Ok(Self {
                 tangents: tangents.map_err(|error| error.to_string())?,
                 observed: Some(observed),
@@ -147,7 +150,7 @@ impl Followed {
                 outputs,
                 of: Vec::new(),
                 by: 1,
-                swept: Some(swept),
+                swept: Some((adjoint, swept)),
             });
         }
         let directions = directions(model, &of.by)?;
@@ -161,8 +164,9 @@ impl Followed {
     /// Follows the last step.
     pub fn step(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         self.tangents.follow(radau)?;
-        if let Some(swept) = &mut self.swept {
-            swept.store(radau, &self.tangents)?;
+        if let Some((adjoint, swept)) = &mut self.swept {
+            adjoint.store(radau, &self.tangents)?;
+            swept.watch(adjoint.bytes());
         }
         let Self { tangents, observed: Some(observed), states, by, .. } = self else { return Ok(()) };
         let ends = (radau.last_step().t, radau.t());
@@ -172,10 +176,15 @@ impl Followed {
 
     /// The gradient of the objective, in adjoint mode, after the last step.
     pub fn gradient(&mut self, radau: &mut Radau<'_>) -> Option<Result<Gradient, String>> {
-        let Self { tangents, observed: Some(observed), swept: Some(swept), states, .. } = self else { return None };
+        let Self { tangents, observed: Some(observed), swept: Some((adjoint, swept)), states, .. } = self else {
+            return None;
+        };
         let t = radau.t();
         let along = observed.write(t, |t| along(tangents, radau, (*states, 1), t));
-        Some(swept.sweep((t, &radau.y()[..*states]), along[(0, 0)]))
+        Some(swept.sweep((t, &radau.y()[..*states]), along[(0, 0)], |by_states, by_directions, integral| {
+            let slopes = adjoint.sweep(by_states, by_directions, integral).map_err(|why| why.to_string())?;
+            Ok((slopes, adjoint.work.into()))
+        }))
     }
 
     /// Writes the columns at a time within the last step.

@@ -187,11 +187,12 @@ impl SensitivitiesRequest {
                 "adjoint mode computes the gradient of its `objective` alone, and `of` names columns of forward mode",
                 "no `of`, or no `mode` and no `objective`",
             )),
-            (SensitivityMode::Adjoint, Some(_), None) if model.dvi().is_none() => Some((
+            (SensitivityMode::Adjoint, Some(_), None) if model.dvi().is_none() && model.mechanical().is_none() => Some((
                 "mode",
                 "conflict",
-                "adjoint mode goes over the steps of Radau IIA with variables in a set, and this problem has others",
-                "`\"mode\": \"forward\"` without `objective`",
+                "adjoint mode goes back over the steps of Radau IIA, with variables in a set or with located impacts, and this \
+                 problem has others; forward mode is not available either",
+                "a problem of type `dvi`, `lcs`, `filippov`, `circuit`, `elastic` or `mechanical`, or no `sensitivities`",
             )),
             _ => None,
         };

@@ -15,7 +15,7 @@ use expression::Tape;
 use models::DviModel;
 use nalgebra::{DMatrix, DVector};
 use numerics::CENTRAL_DIFFERENCE;
-use radau::{Adjoint, Directions, IntegralWeights, NoDerivative, Radau, StoredStep, Tangents};
+use radau::{Directions, IntegralWeights, StoredStep};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -75,12 +75,14 @@ impl Gradient {
     }
 }
 
-/// The stored steps of a run.
+/// The objective of a run, and the direction that is followed with it.
 pub(super) struct SweptBack {
-    adjoint: Adjoint,
     objective: ObjectiveSlopes,
     /// How fast each parameter and initial value moves in the direction that is followed with the run.
     pub direction: Vec<f64>,
+    /// The time of the user at time zero of the steps.
+    ahead: f64,
+    /// The largest memory of the stored steps, in bytes.
     largest: usize,
 }
 
@@ -110,15 +112,14 @@ pub(super) fn together(model: &DviModel, by: &[By], speeds: &[f64]) -> Result<Di
 }
 
 impl SweptBack {
-    /// Begins at the start of a run.
+    /// The objective `asked` for, of a run with these values of its parameters.
     pub fn new(
-        model: &DviModel,
         plan: &Plan,
-        asked: &Sensitivities,
-        objective: &Objective,
+        (asked, objective): (&Sensitivities, &Objective),
+        values: &[f64],
         (rtol, atol): (f64, &[f64]),
-    ) -> Result<Self, String> {
-        let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
+        ahead: f64,
+    ) -> Self {
         let size = |by: &By| match *by {
             By::Parameter(k) if values[k] == 0.0 => MOVED_ALONE,
             By::Parameter(k) => values[k].abs(),
@@ -126,37 +127,39 @@ impl SweptBack {
             By::Initial(state) => plan.initial[state].abs().max(atol[state] / rtol),
         };
         let direction = asked.by.iter().zip(generic_parts()).map(|(by, part)| part * size(by)).collect();
-        let directions = super::directions(model, &asked.by)?;
-        let adjoint = Adjoint::new(model.problem(), directions).map_err(|error| error.to_string())?;
         let objective = ObjectiveSlopes::new(&objective.observables, plan.names.len(), &asked.by);
-        Ok(Self { adjoint, objective, direction, largest: 0 })
+        Self { objective, direction, ahead, largest: 0 }
     }
 
-    /// Stores the last step, which `tangents` have followed.
-    pub fn store(&mut self, radau: &mut Radau<'_>, tangents: &Tangents) -> Result<(), NoDerivative> {
-        self.adjoint.store(radau, tangents)?;
-        self.largest = self.largest.max(self.adjoint.bytes());
-        Ok(())
+    /// Notes the memory of the steps stored so far.
+    pub fn watch(&mut self, bytes: usize) {
+        self.largest = self.largest.max(bytes);
     }
 
-    /// The gradient of the objective, after the last step, whose end is given. The derivative of the objective in the
-    /// direction that was followed is `along`.
-    pub fn sweep(&mut self, (t, x): (f64, &[f64]), along: f64) -> Result<Gradient, String> {
-        let Self { adjoint, objective, .. } = self;
+    /// The gradient of the objective, after the last step, whose end is given by the clock of the user; `back` carries
+    /// derivatives with respect to the states and the directions back to the start. The derivative of the objective in
+    /// the direction that was followed is `along`.
+    pub fn sweep(
+        &mut self,
+        (t, x): (f64, &[f64]),
+        along: f64,
+        back: impl FnOnce(&[f64], &[f64], IntegralOver<'_>) -> Result<(Vec<f64>, AdjointWork), String>,
+    ) -> Result<Gradient, String> {
+        let Self { objective, direction, ahead, .. } = self;
         let mut by_states = vec![0.0; x.len()];
-        let mut by_directions = vec![0.0; self.direction.len()];
+        let mut by_directions = vec![0.0; direction.len()];
         let mut value = 0.0;
         if !objective.is_integral {
             value = objective.at(t, x, &mut by_states, &mut by_directions);
         }
-        let slopes = adjoint.sweep(&by_states, &by_directions, |step| {
+        let mut over = |step: &mut StoredStep| {
             objective.is_integral.then(|| {
-                let (gained, weights) = objective.over(step, (x.len(), 0.0));
+                let (gained, weights) = objective.over(step, (x.len(), *ahead));
                 value += gained;
                 weights
             })
-        });
-        let slopes = slopes.map_err(|why| why.to_string())?;
+        };
+        let (slopes, work) = back(&by_states, &by_directions, &mut over)?;
         if !value.is_finite() || slopes.iter().any(|slope| !slope.is_finite()) {
             return Err("the objective or a derivative of it is not finite: a division by zero, a root of zero, or a \
                         number too large"
@@ -165,10 +168,17 @@ impl SweptBack {
         let terms = slopes.iter().zip(&self.direction).map(|(slope, speed)| slope * speed);
         let (sum, size) = terms.fold((0.0, along.abs()), |(sum, size), term| (sum + term, size.max(term.abs())));
         let mismatch = if size > 0.0 { (sum - along).abs() / size } else { 0.0 };
-        let radau::AdjointWork { steps, jacobians, factorisations } = adjoint.work;
-        let stored_bytes = self.largest as u64;
-        let work = AdjointWork { steps, repeated: 0, jacobians, factorisations, stored_bytes };
+        let work = AdjointWork { stored_bytes: self.largest as u64, ..work };
         Ok(Gradient { value, slopes, mismatch, work })
+    }
+}
+
+/// The weights of the integral that the objective is, over a step; `None` if it is none.
+pub(super) type IntegralOver<'a> = &'a mut dyn FnMut(&mut StoredStep) -> Option<IntegralWeights>;
+
+impl From<radau::AdjointWork> for AdjointWork {
+    fn from(radau::AdjointWork { steps, jacobians, factorisations }: radau::AdjointWork) -> Self {
+        Self { steps, jacobians, factorisations, ..Self::default() }
     }
 }
 

@@ -6,7 +6,7 @@ use super::By;
 use crate::observables::{Argument, ObservableSlopes, Observables};
 use crate::quadrature::{self, Integrals};
 use expression::Tape;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// The derivatives of definitions and integrals along a run.
 pub(super) struct ObservedSlopes {
@@ -58,6 +58,11 @@ impl ObservedSlopes {
         };
         let directions = by.iter().zip(speeds).filter_map(parameter).collect();
         Self::along(observables, outputs, (directions, 1), start)
+    }
+
+    /// Begins at the start of a run of a problem in so many directions that no parameter moves in.
+    pub fn of_states(observables: &Observables, outputs: usize, count: usize, start: f64) -> Self {
+        Self::along(observables, outputs, (Vec::new(), count), start)
     }
 
     fn along(
@@ -132,6 +137,16 @@ impl ObservedSlopes {
         if let Some(jump) = jump {
             self.pass(jump);
         }
+    }
+
+    /// What the only integral changes by where its integrand jumps, one per direction; `None` if there is none.
+    pub fn gained(&mut self, jump: &Jump) -> Option<DVector<f64>> {
+        if self.integrals == 0 {
+            return None;
+        }
+        self.ended.fill(0.0);
+        self.pass(jump);
+        Some(self.ended.row(0).transpose())
     }
 
     /// Adds what the integrals change by where integrands jump.
