@@ -22,7 +22,7 @@ mod monitors;
 mod stages;
 mod steps;
 
-pub use adjoint::{Adjoint, IntegralWeights, StoredStep, Work as AdjointWork};
+pub use adjoint::{Adjoint, IntegralWeights, StoredStep, SweepError, Work as AdjointWork};
 
 use super::dense_output::Step;
 use super::face::Activity;
@@ -143,6 +143,18 @@ impl Tangents {
             mass,
             inverse_mass,
         })
+    }
+
+    /// What the derivatives of the next steps depend on.
+    fn point(&self) -> Point {
+        Point { now: self.now.clone(), largest: self.largest.clone(), slope: self.slopes[1].clone() }
+    }
+
+    /// Returns to a point.
+    fn restore(&mut self, Point { now, largest, slope }: &Point) {
+        self.now.copy_from(now);
+        self.largest.copy_from(largest);
+        self.slopes = [None, slope.clone()];
     }
 
     /// Follows the last accepted step of a run.
@@ -279,6 +291,14 @@ impl Tangents {
         }
         (rates.as_slice().to_vec(), terms)
     }
+}
+
+/// A point of the derivatives along a run to which they can return.
+struct Point {
+    now: DMatrix<f64>,
+    largest: DMatrix<f64>,
+    /// The slope at the end of the last step.
+    slope: Option<DMatrix<f64>>,
 }
 
 /// The change `(x'- - x'+) dtau` of the derivatives where the rates jump at a time that moves.

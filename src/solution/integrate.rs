@@ -122,6 +122,9 @@ impl Stepper for RadauRun<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
+        if let Some(followed) = &mut self.followed {
+            followed.prepare(&mut self.radau);
+        }
         self.radau.step().map_err(|error| {
             let mut failure = failure(self.plan, self.kinks, &error, self.t(), self.states());
             if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } | StepError::Unresolved { .. } =

@@ -138,7 +138,7 @@ impl Followed {
         if let Some(objective) = &of.objective {
             let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
             let swept = SweptBack::new(plan, (of, objective), values, tolerances, 0.0);
-            let adjoint = Adjoint::new(model.problem(), directions(model, &of.by)?);
+            let adjoint = Adjoint::new(model.problem(), directions(model, &of.by)?, adjoint::MOST_STORED);
             let adjoint = adjoint.map_err(|error| error.to_string())?;
             let speeds = &swept.direction;
             let tangents = Tangents::new(model.problem(), adjoint::together(model, &of.by, speeds)?);
@@ -161,6 +161,13 @@ impl Followed {
         Ok(Self { tangents, observed, states, outputs, of: of.of.clone(), by, swept: None })
     }
 
+    /// Prepares for the next step.
+    pub fn prepare(&mut self, radau: &mut Radau<'_>) {
+        if let Some((adjoint, _)) = &mut self.swept {
+            adjoint.prepare(radau, &self.tangents);
+        }
+    }
+
     /// Follows the last step.
     pub fn step(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         self.tangents.follow(radau)?;
@@ -181,9 +188,10 @@ impl Followed {
         };
         let t = radau.t();
         let along = observed.write(t, |t| along(tangents, radau, (*states, 1), t));
-        Some(swept.sweep((t, &radau.y()[..*states]), along[(0, 0)], |by_states, by_directions, integral| {
-            let slopes = adjoint.sweep(by_states, by_directions, integral).map_err(|why| why.to_string())?;
-            Ok((slopes, adjoint.work.into()))
+        let x = radau.y()[..*states].to_vec();
+        Some(swept.sweep((t, &x), along[(0, 0)], |by_states, by_directions, integral| {
+            let slopes = adjoint.sweep((radau, tangents), (by_states, by_directions), integral);
+            Ok((slopes.map_err(|why| why.to_string())?, adjoint.work.into()))
         }))
     }
 

@@ -14,12 +14,17 @@
 //! 2006, VI.10.2; at events Hiskens and Pai 2000). The rows `a` and `c` of a switch are found along a basis of the
 //! states and the directions, by [`Tangents::saltation`].
 //!
+//! Steps are stored in segments. Where all of them would take more memory than allowed, the oldest segments are dropped but
+//! for the point at which they begin, from which the run makes them a second time (checkpointing; Griewank and Walther
+//! 2008, chapter 12, with one level): at most twice the work, in the memory allowed and that of the points.
+//!
 //! The integral of a function `L(t, x, p)` over a step is a linear function of what determines the polynomial of the
 //! derivatives within it ([`IntegralWeights`]), whose weights are added to those of its stages.
 
-use super::{Directions, NoDerivative, RowsBy, Saltation, Tangents};
+use super::{Directions, NoDerivative, Point, RowsBy, Saltation, Tangents};
 use crate::dense_output::Step;
-use crate::stepper::{LastStep, Radau};
+use crate::settings::StepError;
+use crate::stepper::{LastStep, Radau, Saved};
 use crate::tableau::Tableau;
 use hybrid::OneStep;
 use nalgebra::{DMatrix, DVector};
@@ -34,6 +39,22 @@ pub struct Work {
     pub jacobians: u64,
     /// Factorisations of the transposed equations of the stages, each with one solution.
     pub factorisations: u64,
+    /// Steps that were made a second time.
+    pub repeated: u64,
+}
+
+/// Number of segments in the memory allowed.
+const SEGMENTS: usize = 8;
+
+/// Consecutive steps, with what happened at their ends.
+struct Segment {
+    /// The point at which they begin.
+    begin: (Saved, Point),
+    /// The time at which they end.
+    end: f64,
+    /// What is stored of them; `None` if that was dropped.
+    records: Option<Vec<Record>>,
+    bytes: usize,
 }
 
 /// What the sweep back needs of a run.
@@ -42,14 +63,33 @@ enum Record {
     Switch(Saltation),
 }
 
+/// Why a sweep back over the steps failed.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum SweepError {
+    /// There is no derivative.
+    #[error(transparent)]
+    NoDerivative(#[from] NoDerivative),
+    /// A step could not be made a second time.
+    #[error("a step that was made once failed the second time: {0}")]
+    Step(#[from] StepError),
+    /// Steps that were made a second time ended elsewhere.
+    #[error("steps up to t = {t:?} that were made a second time are others than the first time")]
+    NotRepeated {
+        /// The time at which they ended.
+        t: f64,
+    },
+}
+
 /// The adjoint of a run.
 pub struct Adjoint {
     /// Along a basis of the states, then the directions.
     basis: Tangents,
     /// The derivatives of the states at the start.
     initial: DMatrix<f64>,
-    records: Vec<Record>,
+    segments: Vec<Segment>,
+    /// The number of bytes of all that is stored, and the most allowed.
     bytes: usize,
+    most: usize,
     /// Counters.
     pub work: Work,
 }
@@ -151,16 +191,16 @@ impl Directions {
 }
 
 impl Adjoint {
-    /// Begins at the start of a run of a problem.
+    /// Begins at the start of a run of a problem. Stored steps take at most about `most` bytes.
     ///
     /// # Errors
     /// A singular mass matrix.
-    pub fn new(problem: Box<dyn Dvi>, directions: Directions) -> Result<Self, NoDerivative> {
+    pub fn new(problem: Box<dyn Dvi>, directions: Directions, most: usize) -> Result<Self, NoDerivative> {
         let states = problem.structure().states;
         let initial = directions.initial.clone();
         let mut basis = Tangents::new(problem, directions.with_basis(states))?;
         basis.is_basis = true;
-        Ok(Self { basis, initial, records: Vec::new(), bytes: 0, work: Work::default() })
+        Ok(Self { basis, initial, segments: Vec::new(), bytes: 0, most, work: Work::default() })
     }
 
     /// The number of bytes of the stored steps.
@@ -168,52 +208,118 @@ impl Adjoint {
         self.bytes
     }
 
+    /// Prepares for the next step of a run, which `tangents` follow: begins a segment where the last one is full.
+    pub fn prepare(&mut self, radau: &mut Radau<'_>, tangents: &Tangents) {
+        if self.segments.last().is_some_and(|last| last.bytes < self.most / SEGMENTS) {
+            return;
+        }
+        let begin = (radau.save(), tangents.point());
+        self.segments.push(Segment { begin, end: radau.t(), records: Some(Vec::new()), bytes: 0 });
+        let full = self.segments.len() - 1;
+        for segment in &mut self.segments[..full] {
+            if self.bytes <= self.most {
+                break;
+            }
+            if segment.records.take().is_some() {
+                self.bytes -= std::mem::take(&mut segment.bytes);
+            }
+        }
+    }
+
     /// Stores the last accepted step of a run, which `tangents` have followed.
     ///
     /// # Errors
     /// Why there is no derivative from the end of this step on.
     pub fn store(&mut self, radau: &mut Radau<'_>, tangents: &Tangents) -> Result<(), NoDerivative> {
+        let mut records = Vec::new();
+        let bytes = self.record(radau, tangents, &mut records)?;
+        if let Some(segment) = self.segments.last_mut() {
+            segment.end = radau.t();
+            segment.bytes += bytes;
+            segment.records.get_or_insert_default().append(&mut records);
+        }
+        self.bytes += bytes;
+        Ok(())
+    }
+
+    /// Appends the last accepted step of a run to records, and returns the number of bytes.
+    fn record(
+        &mut self,
+        radau: &mut Radau<'_>,
+        tangents: &Tangents,
+        records: &mut Vec<Record>,
+    ) -> Result<usize, NoDerivative> {
         let stored = radau.store_step(radau.t(), tangents.slopes[0].is_some());
-        self.bytes += size_of::<Record>() + stored.bytes();
-        self.records.push(Record::Step(Box::new(stored)));
+        let mut bytes = size_of::<Record>() + stored.bytes();
+        records.push(Record::Step(Box::new(stored)));
         if radau.continues || radau.is_done() {
-            return Ok(());
+            return Ok(bytes);
         }
         let basis = &mut self.basis;
         basis.now.copy_from(&basis.directions.initial);
         if let Some(saltation) = basis.saltation(radau)? {
             let numbers = saltation.jump.len() + saltation.times.len();
-            self.bytes += size_of::<Record>() + numbers * size_of::<f64>();
-            self.records.push(Record::Switch(saltation));
+            bytes += size_of::<Record>() + numbers * size_of::<f64>();
+            records.push(Record::Switch(saltation));
         }
-        Ok(())
+        Ok(bytes)
+    }
+
+    /// Makes the steps of a segment a second time.
+    fn repeat(
+        &mut self,
+        Segment { begin: (saved, point), end, .. }: &Segment,
+        radau: &mut Radau<'_>,
+        tangents: &mut Tangents,
+    ) -> Result<Vec<Record>, SweepError> {
+        radau.restore(saved);
+        tangents.restore(point);
+        let mut records = Vec::new();
+        while radau.t() < *end {
+            radau.step()?;
+            tangents.follow(radau)?;
+            self.record(radau, tangents, &mut records)?;
+            self.work.repeated += 1;
+        }
+        if radau.t() == *end { Ok(records) } else { Err(SweepError::NotRepeated { t: *end }) }
     }
 
     /// Carries the derivatives of a number with respect to the states at the end, and directly with respect to the
     /// directions, back to the start: its gradient. `integral` gives the weights of an integral over a step that the
-    /// number contains; the last step comes first.
+    /// number contains; the last step comes first. The run, followed by `tangents`, ends where it was.
     ///
     /// # Errors
-    /// Singular equations of a step.
+    /// Singular equations of a step, or steps that could not be made a second time.
     pub fn sweep(
         &mut self,
-        by_states: &[f64],
-        by_directions: &[f64],
+        (radau, tangents): (&mut Radau<'_>, &mut Tangents),
+        (by_states, by_directions): (&[f64], &[f64]),
         mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
-    ) -> Result<Vec<f64>, NoDerivative> {
+    ) -> Result<Vec<f64>, SweepError> {
+        let segments = std::mem::take(&mut self.segments);
+        let end = segments.iter().any(|segment| segment.records.is_none()).then(|| radau.save());
         let mut costate = Costate {
             states: DVector::from_column_slice(by_states),
             slope: None,
             gradient: DVector::from_column_slice(by_directions),
         };
-        while let Some(record) = self.records.pop() {
-            match record {
-                Record::Switch(saltation) => costate.pass_switch(&saltation),
-                Record::Step(mut stored) => {
-                    let weights = integral(&mut stored);
-                    self.step_back(&stored, weights, &mut costate)?;
+        for mut segment in segments.into_iter().rev() {
+            let records = match segment.records.take() {
+                Some(records) => records,
+                None => self.repeat(&segment, radau, tangents)?,
+            };
+            for record in records.into_iter().rev() {
+                match record {
+                    Record::Switch(saltation) => costate.pass_switch(&saltation),
+                    Record::Step(mut stored) => {
+                        let weights = integral(&mut stored);
+                        self.step_back(&stored, weights, &mut costate)?;
+                    }
                 }
             }
+        }
+        if let Some(end) = &end {
+            radau.restore(end);
         }
         self.bytes = 0;
         costate.gradient += self.initial.tr_mul(&costate.states);

@@ -24,6 +24,10 @@ use utoipa::ToSchema;
 /// each parameter or along all at once, which have as many digits as their step is small.
 const ALIKE: f64 = CENTRAL_DIFFERENCE;
 
+/// Most bytes of stored steps: what a run of a few unknowns fills with some hundred thousand of them, and no more than a
+/// small part of the memory of a machine.
+pub(super) const MOST_STORED: usize = 64 << 20;
+
 /// The number whose gradient is asked for: a single definition, at the end, or a single integral.
 #[derive(Clone, Debug)]
 pub struct Objective {
@@ -177,8 +181,8 @@ impl SweptBack {
 pub(super) type IntegralOver<'a> = &'a mut dyn FnMut(&mut StoredStep) -> Option<IntegralWeights>;
 
 impl From<radau::AdjointWork> for AdjointWork {
-    fn from(radau::AdjointWork { steps, jacobians, factorisations }: radau::AdjointWork) -> Self {
-        Self { steps, jacobians, factorisations, ..Self::default() }
+    fn from(radau::AdjointWork { steps, jacobians, factorisations, repeated }: radau::AdjointWork) -> Self {
+        Self { steps, repeated, jacobians, factorisations, stored_bytes: 0 }
     }
 }
 

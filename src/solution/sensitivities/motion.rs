@@ -1,6 +1,6 @@
 //! The derivatives of a motion with located impacts, on the way of a run.
 
-use super::adjoint::{Gradient, SweptBack};
+use super::adjoint::{Gradient, MOST_STORED, SweptBack};
 use super::observed::{Jump, ObservedSlopes};
 use super::{By, EventSlope, MOVED_ALONE, Sensitivities, SlopedEvent};
 use crate::Plan;
@@ -129,6 +129,9 @@ impl<'p> FollowedMotion<'p> {
         if let Some(Swept { adjoint, back, jumps }) = swept {
             adjoint.store(phase, &mut |passed: &Jumped| jumps.gained(&Jump::of(*start, passed.clone())))?;
             back.watch(adjoint.bytes());
+            if adjoint.bytes() > MOST_STORED {
+                return Err(NoDerivative::TooLong { mebibytes: MOST_STORED >> 20 });
+            }
         }
         if let Some(observed) = observed {
             let end = passed.as_ref().map_or(phase.located.state.t, |passed| passed.t);
