@@ -60,5 +60,7 @@ pub use settings::{RejectionCause, Settings, StageChoice, StepError, Switches};
 pub use stepper::{Counts, End, LastStep, Radau, Saved, Variables};
 pub use switches::Switch;
 pub use tableau::{MOST_STAGES, Tableau};
-pub use tangents::{Directions, NoDerivative, RowsBy, Shifted, Tangents};
+pub use tangents::{
+    Adjoint, AdjointWork, Directions, IntegralWeights, NoDerivative, RowsBy, Shifted, StoredStep, SweepError, Tangents,
+};
 pub use work::{Rates, Work};

@@ -174,6 +174,23 @@ impl Tableau {
         left.zip(&self.c).map(|(left, right)| 0.5 * (left + right))
     }
 
+    /// The weights of the increments at the stages in the slope of the collocation polynomial at the beginning of a step,
+    /// times the step size.
+    pub fn begin_weights(&self) -> Vec<f64> {
+        let at_begin = |j: usize| {
+            let others = (0..self.stages()).filter(|i| *i != j);
+            others.map(|i| -self.c[i] / (self.c[j] - self.c[i])).product::<f64>() / self.c[j]
+        };
+        (0..self.stages()).map(at_begin).collect()
+    }
+
+    /// The weights of the increments at the stages in the slope of the collocation polynomial at the end of a step of size
+    /// `h`.
+    pub fn end_weights(&self, h: f64) -> Vec<f64> {
+        let s = self.stages();
+        (0..s).map(|j| self.a_inverse[(s - 1, j)] / h).collect()
+    }
+
     /// The values at `theta` of the Lagrange polynomials of the nodes `0, c_1, .., c_s` except the first polynomial,
     /// into `values` of length `s`: the collocation polynomial of increments that vanish at `theta = 0`.
     pub fn increments_at(&self, theta: f64, values: &mut [f64]) {

@@ -17,9 +17,12 @@
 //! on the face before. No derivative exists, and none is reported, if `phi'` vanishes, if several monitors vanish at
 //! one time, or if a switch was not located.
 
+mod adjoint;
 mod monitors;
 mod stages;
 mod steps;
+
+pub use adjoint::{Adjoint, IntegralWeights, StoredStep, SweepError, Work as AdjointWork};
 
 use super::dense_output::Step;
 use super::face::Activity;
@@ -105,6 +108,9 @@ pub struct Tangents {
     stages: Vec<DMatrix<f64>>,
     /// Correction of the slope at the beginning of the last step, times the step size, and the slope at its end.
     slopes: [Option<DMatrix<f64>>; 2],
+    /// Whether the directions are a basis of the states and parameters, some of which lead off the constraints of a
+    /// face: monitors of one switch need not agree along these.
+    is_basis: bool,
 }
 
 impl Tangents {
@@ -131,11 +137,24 @@ impl Tangents {
             before: now.clone(),
             stages: Vec::new(),
             slopes: [None, None],
+            is_basis: false,
             now,
             directions,
             mass,
             inverse_mass,
         })
+    }
+
+    /// What the derivatives of the next steps depend on.
+    fn point(&self) -> Point {
+        Point { now: self.now.clone(), largest: self.largest.clone(), slope: self.slopes[1].clone() }
+    }
+
+    /// Returns to a point.
+    fn restore(&mut self, Point { now, largest, slope }: &Point) {
+        self.now.copy_from(now);
+        self.largest.copy_from(largest);
+        self.slopes = [None, slope.clone()];
     }
 
     /// Follows the last accepted step of a run.
@@ -194,7 +213,6 @@ impl Tangents {
     /// the slope at the end. The slope at the beginning is that of the rates if there are no variables, and otherwise
     /// that at the end of the step before.
     fn find_slopes(&mut self, step: &Step, tableau: &Tableau) {
-        let s = tableau.stages();
         let combine = |weight: &dyn Fn(usize) -> f64, stages: &[DMatrix<f64>], first: &DMatrix<f64>| {
             let mut sum = DMatrix::zeros(first.nrows(), first.ncols());
             stages.iter().enumerate().for_each(|(j, stage)| sum += (stage - first) * weight(j));
@@ -208,13 +226,9 @@ impl Tangents {
             false => self.slopes[1].take(),
         };
         let begin = begin.map(|slope| slope * step.h);
-        let at_begin = |j: usize| {
-            let others = (0..s).filter(|i| *i != j);
-            others.map(|i| -tableau.c[i] / (tableau.c[j] - tableau.c[i])).product::<f64>() / tableau.c[j]
-        };
-        let lacking = begin.map(|begin| begin - combine(&at_begin, &self.stages, &self.before));
-        let at_end = |j: usize| tableau.a_inverse[(s - 1, j)] / step.h;
-        self.slopes = [lacking, Some(combine(&at_end, &self.stages, &self.before))];
+        let (at_begin, at_end) = (tableau.begin_weights(), tableau.end_weights(step.h));
+        let lacking = begin.map(|begin| begin - combine(&|j| at_begin[j], &self.stages, &self.before));
+        self.slopes = [lacking, Some(combine(&|j| at_end[j], &self.stages, &self.before))];
     }
 
     /// The slopes of derivatives `states` at `(t, y)`, if there are no variables.
@@ -233,19 +247,27 @@ impl Tangents {
 
     /// Continues the derivatives across the end of a step that the next step does not continue.
     fn pass_switch(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
+        if let Some(Saltation { jump, times }) = self.saltation(radau)? {
+            for (direction, time) in times.iter().enumerate() {
+                jump.iter().enumerate().for_each(|(i, jump)| self.now[(i, direction)] += jump * time);
+            }
+        }
+        Ok(())
+    }
+
+    /// What changes the derivatives at the end of a step that the next step does not continue; `None` if the rates do
+    /// not jump there.
+    fn saltation(&mut self, radau: &mut Radau<'_>) -> Result<Option<Saltation>, NoDerivative> {
         let (before, after) = (radau.before_switch(), radau.y().to_vec());
         let ends = [radau.last.t + radau.last.h, radau.t()];
         let [(left, terms), (right, _)] = [self.rates(ends[0], &before), self.rates(ends[1], &after)];
         let jump: Vec<f64> = left.iter().zip(&right).map(|(left, right)| left - right).collect();
         let size = |i: usize| CONTINUOUS * terms[i].max(left[i].abs()).max(right[i].abs());
         if jump.iter().enumerate().all(|(i, jump)| jump.abs() <= size(i)) {
-            return Ok(());
+            return Ok(None);
         }
         let times = self.switch_times(radau, ends, &before)?;
-        for (direction, time) in times.iter().enumerate() {
-            jump.iter().enumerate().for_each(|(i, jump)| self.now[(i, direction)] += jump * time);
-        }
-        Ok(())
+        Ok(Some(Saltation { jump, times }))
     }
 
     /// `M^-1 F` at a point, and the largest term of each row.
@@ -269,6 +291,22 @@ impl Tangents {
         }
         (rates.as_slice().to_vec(), terms)
     }
+}
+
+/// A point of the derivatives along a run to which they can return.
+struct Point {
+    now: DMatrix<f64>,
+    largest: DMatrix<f64>,
+    /// The slope at the end of the last step.
+    slope: Option<DMatrix<f64>>,
+}
+
+/// The change `(x'- - x'+) dtau` of the derivatives where the rates jump at a time that moves.
+struct Saltation {
+    /// `x'- - x'+`
+    jump: Vec<f64>,
+    /// The derivatives of the time, one per direction.
+    times: Vec<f64>,
 }
 
 /// The variables whose activity differs between two faces.

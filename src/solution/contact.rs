@@ -100,7 +100,10 @@ pub(super) fn integrate_contact_once(
             return run.end(Err((Status::Failed, failure)));
         }
     };
-    let followed = plan.sensitivities.as_ref().map(|asked| FollowedMotion::new(model, plan, asked, &mut located));
+    let followed = plan
+        .sensitivities
+        .as_ref()
+        .map(|asked| FollowedMotion::new(model, plan, asked, &mut located, (radau.rtol, &radau.atol)));
     let mut followed = match followed.transpose() {
         Ok(followed) => followed,
         Err(why) => {
@@ -108,6 +111,7 @@ pub(super) fn integrate_contact_once(
             return run.end(Err((Status::Failed, failure)));
         }
     };
+    let mut gradient = None;
     let mut evaluators = ModeEvaluators::new(|| Box::new(Elapsed::new(model.problem(), clock.start)));
     let mut given = GivenSteps::default();
     let ended = loop {
@@ -142,7 +146,22 @@ pub(super) fn integrate_contact_once(
         );
         run.diagnostics.warnings.push(Warning { code: "time_stepping_went_on", message });
     }
+    let mut ended = ended;
+    if let Some(followed) = followed.as_mut().filter(|_| ended.is_ok()) {
+        match followed.gradient(&located) {
+            Some(Ok(found)) => gradient = Some(found),
+            Some(Err(why)) => {
+                let State { t, q, v } = &located.state;
+                let states = [q.as_slice(), v].concat();
+                ended = Err((Status::Failed, sensitivities::failure(&why, clock.start + t, &states)));
+            }
+            None => {}
+        }
+    }
     let mut ended = run.end(ended);
+    if let Some(gradient) = gradient {
+        gradient.put(plan, &mut ended);
+    }
     if let Some(followed) = followed {
         if followed.left_out > 0 {
             let message = format!(

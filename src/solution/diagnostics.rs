@@ -1,7 +1,7 @@
 //! The evidence reported with a trajectory. Counts of parts that did not run are left out; counts that every run has
 //! (rejected steps, switches) are written even if zero.
 
-use super::Checks;
+use super::{AdjointWork, Checks};
 use analysis::{Analysis, Certificates};
 use contact::energy::Energy;
 use problem::Warning;
@@ -175,6 +175,9 @@ pub struct Diagnostics {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<Object>)]
     pub energy: Option<Energy>,
+    /// The sweep back for a gradient; present in adjoint mode.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub adjoint: Option<AdjointWork>,
     /// Estimated error of the final states; present on request.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub global_error: Option<GlobalError>,

@@ -349,7 +349,7 @@ impl Search<'_> {
             self.fit.parameters.iter().map(move |fitted| format!("d{of}/d{}", fitted.name))
         });
         let to = self.fit.parameters.iter().map(|fitted| fitted.name.clone()).collect();
-        Sensitivities { names: names.collect(), by, to, of }
+        Sensitivities { names: names.collect(), by, to, of, objective: None }
     }
 
     /// Binds the model to the given values, and adapts the plan of its run.

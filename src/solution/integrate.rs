@@ -3,7 +3,7 @@
 use super::audit::{Audit, SMALL, states_above_zero};
 use super::energy_balance::EnergyBalance;
 use super::run::{Ended, Plan, Stepper, run_to_end};
-use super::sensitivities::Followed;
+use super::sensitivities::{Followed, Gradient};
 use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
 use super::{
     Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
@@ -70,7 +70,8 @@ pub(super) fn integrate_once(
         let faces = FaceWatch::new(model.structure(), analysis);
         let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let rtol = settings.step.is_none().then_some(settings.rtol);
-        let followed = plan.sensitivities.as_ref().map(|asked| Followed::new(model, plan, asked)).transpose();
+        let followed =
+            plan.sensitivities.as_ref().map(|asked| Followed::new(model, plan, asked, tolerances)).transpose();
         let followed = followed.map_err(|why| sensitivities::failure(&why, plan.start, &plan.initial))?;
         Ok(RadauRun {
             followed,
@@ -122,6 +123,9 @@ impl Stepper for RadauRun<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
+        if let Some(followed) = &mut self.followed {
+            followed.prepare(&mut self.radau);
+        }
         self.radau.step().map_err(|error| {
             let mut failure = failure(self.plan, self.kinks, &error, self.t(), self.states());
             if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } | StepError::Unresolved { .. } =
@@ -140,6 +144,13 @@ impl Stepper for RadauRun<'_> {
         if let Some(followed) = &mut self.followed {
             followed.write(&mut self.radau, t, out);
         }
+    }
+
+    fn gradient(&mut self) -> Option<Result<Gradient, Failure>> {
+        let Self { followed: Some(followed), radau, plan, .. } = self else { return None };
+        let gradient = followed.gradient(radau)?;
+        let states = &radau.y()[..plan.initial.len()];
+        Some(gradient.map_err(|why| sensitivities::failure(&why, radau.t(), states)))
     }
 
     fn values(&mut self, t: f64, out: &mut [f64]) {

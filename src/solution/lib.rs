@@ -69,7 +69,7 @@ pub use provenance::Provenance;
 pub use reducers::{Collected, Over, Reducers, Reduction, Selected};
 pub use rigid_bodies::{Impacts, describe_rigid_bodies, step_rigid_bodies};
 pub use run::{Plan, Stepper, run};
-pub use sensitivities::{By, Checked, EventSlope, Sensitivities, SlopedEvent};
+pub use sensitivities::{AdjointWork, By, Checked, EventSlope, Gradient, Objective, Sensitivities, SlopedEvent};
 pub use static_vi::{StaticPlan, StaticSolution, describe_static, solve_static};
 pub use statistics::OverTime;
 pub use steady_state::{SteadyState, find_steady_state};
@@ -84,6 +84,7 @@ pub use version::Version;
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use utoipa::ToSchema;
 
 /// The status of a solve.
@@ -142,6 +143,12 @@ pub struct Solution {
     /// Comparison of the derivatives with a difference of runs, on request.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivities: Option<Checked>,
+    /// The derivatives of the objective, by the names of what it is differentiated by, in adjoint mode.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub gradient: BTreeMap<String, f64>,
+    /// The value of the objective, in adjoint mode.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub objective: Option<f64>,
     /// The derivatives of the times of events, if derivatives of a motion with impacts were requested.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub event_slopes: Vec<EventSlope>,

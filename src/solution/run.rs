@@ -4,7 +4,7 @@ use super::dense::{Dense, Sampling};
 use super::observables::{EndedBy, Observables, Observed};
 use super::quadrature::NEGLIGIBLE;
 use super::reducers::{Reducers, Reducing};
-use super::sensitivities::Sensitivities;
+use super::sensitivities::{Gradient, Sensitivities};
 use super::statistics::{OverTime, Statistics};
 use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory};
 use numerics::Interval;
@@ -86,6 +86,11 @@ pub trait Stepper {
     /// Writes the requested sensitivities at a time within the last step.
     fn derivatives(&mut self, _t: f64, _out: &mut [f64]) {}
 
+    /// The gradient of the objective, if one is asked for, after the last step.
+    fn gradient(&mut self) -> Option<Result<Gradient, Failure>> {
+        None
+    }
+
     /// The name of the current mode; `None` for methods that report events only.
     fn mode(&mut self) -> Option<String> {
         None
@@ -105,7 +110,7 @@ pub trait Stepper {
 pub(super) struct Ended {
     pub solution: Solution,
     pub x: Vec<f64>,
-    /// The final sensitivities, in the order of [`Sensitivities::names`].
+    /// The final sensitivities, in the order of [`Sensitivities::names`]; in adjoint mode the gradient.
     pub derivatives: Vec<f64>,
     /// Statistics of the fields by name, if [`Plan::statistics`] asks for them.
     pub statistics: BTreeMap<String, OverTime>,
@@ -131,9 +136,14 @@ pub(super) fn run_to_end<S: Stepper>(
     let mut run = Run::new(plan, control, diagnostics);
     match start() {
         Ok(mut stepper) => {
-            let ended = run.drive(&mut stepper);
+            let mut ended = run.drive(&mut stepper);
+            let gradient = run.gradient(&mut ended, &mut stepper);
             stepper.finish(&mut run.diagnostics);
-            run.end(ended)
+            let mut ended = run.end(ended);
+            if let Some(gradient) = gradient {
+                gradient.put(plan, &mut ended);
+            }
+            ended
         }
         Err(failure) => run.end(Err(ending(control, failure))),
     }
@@ -191,6 +201,20 @@ impl<'a> Run<'a> {
             reducing.end(stepper);
         }
         driven
+    }
+
+    /// The gradient of the objective, if one is asked for; where there is none, that is how the run ends.
+    pub fn gradient(&self, ended: &mut Result<(), (Status, Failure)>, stepper: &mut impl Stepper) -> Option<Gradient> {
+        if ended.is_err() {
+            return None;
+        }
+        match stepper.gradient()? {
+            Ok(gradient) => Some(gradient),
+            Err(failure) => {
+                *ended = Err(ending(self.control, failure));
+                None
+            }
+        }
     }
 
     pub fn end(mut self, ended: Result<(), (Status, Failure)>) -> Ended {

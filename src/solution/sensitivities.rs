@@ -1,16 +1,20 @@
 //! The derivatives of states, definitions and integrals by parameters and initial values: columns `dx/dm` beside the states,
 //! followed with the run ([`radau::Tangents`], [`contact::tangents::Tangents`]) and held to a finite difference in one
-//! direction, at the end and on the way.
+//! direction, at the end and on the way; and the gradient of one number by many of them, by the adjoint
+//! ([`radau::Adjoint`]), held to the same difference.
 
+mod adjoint;
 mod motion;
 mod observed;
 
+pub use adjoint::{AdjointWork, Gradient, Objective};
 pub(super) use motion::{FollowedMotion, directions as directions_of_motion};
 
 use super::contact::{ContactPlan, integrate_contact_once};
 use super::integrate::integrate_once;
 use super::run::Ended;
 use super::{CheckCode, Failure, Plan, Status};
+use adjoint::SweptBack;
 use analysis::Analysis;
 use hybrid::OneStep;
 use models::{DviModel, MechanicalModel};
@@ -18,9 +22,10 @@ use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use observed::ObservedSlopes;
 use problem::Control;
-use radau::{Directions, NoDerivative, Radau, Settings, Shifted, Tangents};
+use radau::{Adjoint, Directions, NoDerivative, Radau, Settings, Shifted, Tangents};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// Differences of whole runs are as exact as the tolerances: by the root of them parameters are moved, which leaves half of
@@ -32,6 +37,8 @@ pub(super) const MOST_MOVED: f64 = 1e-2;
 pub(super) const SLACK: f64 = 20.0;
 /// The most output times before the end at which derivatives are compared: what is wrong for a hundredth of a run is met.
 const MOST_COMPARED: usize = 100;
+/// The size of a parameter that is zero.
+const MOVED_ALONE: f64 = 1.0;
 /// The fractional part of the golden ratio, whose multiples fall between each other and nowhere twice.
 pub(super) const GOLDEN: f64 = 0.618_033_988_749_894_8;
 
@@ -44,8 +51,10 @@ pub struct Sensitivities {
     pub to: Vec<String>,
     /// The states, by their places; definitions and integrals, by their places behind all outputs of the problem.
     pub of: Vec<usize>,
-    /// The names of the columns, those of one state after the other.
+    /// The names of the columns, those of one state after the other; none in adjoint mode.
     pub names: Vec<String>,
+    /// The number whose gradient is asked for, in adjoint mode. It stands behind all outputs in `of`, alone.
+    pub objective: Option<Arc<Objective>>,
 }
 
 /// What a run is differentiated by.
@@ -113,31 +122,80 @@ pub(super) struct Followed {
     outputs: usize,
     of: Vec<usize>,
     by: usize,
+    /// The stored steps, in adjoint mode; the only direction is then one in which everything is moved together.
+    swept: Option<(Adjoint, SweptBack)>,
 }
 
 impl Followed {
     /// Begins at the start.
-    pub fn new(model: &DviModel, plan: &Plan, of: &Sensitivities) -> Result<Self, String> {
+    pub fn new(model: &DviModel, plan: &Plan, of: &Sensitivities, tolerances: (f64, &[f64])) -> Result<Self, String> {
+        let (outputs, states) = (plan.names.len(), model.structure().states);
+        if let Some(objective) = &of.objective {
+            let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
+            let swept = SweptBack::new(plan, (of, objective), values, tolerances, 0.0);
+            let adjoint = Adjoint::new(model.problem(), directions(model, &of.by)?, adjoint::MOST_STORED);
+            let adjoint = adjoint.map_err(|error| error.to_string())?;
+            let speeds = &swept.direction;
+            let tangents = Tangents::new(model.problem(), adjoint::together(model, &of.by, speeds)?);
+            let observed = ObservedSlopes::together(&objective.observables, outputs, (&of.by, speeds), plan.start);
+            return Ok(Self {
+                tangents: tangents.map_err(|error| error.to_string())?,
+                observed: Some(observed),
+                states,
+                outputs,
+                of: Vec::new(),
+                by: 1,
+                swept: Some((adjoint, swept)),
+            });
+        }
         let directions = directions(model, &of.by)?;
         let tangents = Tangents::new(model.problem(), directions).map_err(|error| error.to_string())?;
-        let (outputs, by) = (plan.names.len(), of.by.len());
+        let by = of.by.len();
         let is_observed = of.of.iter().any(|&of| of >= outputs);
         let observed = is_observed.then(|| ObservedSlopes::new(&plan.observables, outputs, &of.by, plan.start));
-        Ok(Self { tangents, observed, states: model.structure().states, outputs, of: of.of.clone(), by })
+        Ok(Self { tangents, observed, states, outputs, of: of.of.clone(), by, swept: None })
+    }
+
+    /// Prepares for the next step.
+    pub fn prepare(&mut self, radau: &mut Radau<'_>) {
+        if let Some((adjoint, _)) = &mut self.swept {
+            adjoint.prepare(radau, &self.tangents);
+        }
     }
 
     /// Follows the last step.
     pub fn step(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         self.tangents.follow(radau)?;
+        if let Some((adjoint, swept)) = &mut self.swept {
+            adjoint.store(radau, &self.tangents)?;
+            swept.watch(adjoint.bytes());
+        }
         let Self { tangents, observed: Some(observed), states, by, .. } = self else { return Ok(()) };
         let ends = (radau.last_step().t, radau.t());
         observed.step(ends, |t| along(tangents, radau, (*states, *by), t), None);
         Ok(())
     }
 
+    /// The gradient of the objective, in adjoint mode, after the last step.
+    pub fn gradient(&mut self, radau: &mut Radau<'_>) -> Option<Result<Gradient, String>> {
+        let Self { tangents, observed: Some(observed), swept: Some((adjoint, swept)), states, .. } = self else {
+            return None;
+        };
+        let t = radau.t();
+        let along = observed.write(t, |t| along(tangents, radau, (*states, 1), t));
+        let x = radau.y()[..*states].to_vec();
+        Some(swept.sweep((t, &x), along[(0, 0)], |by_states, by_directions, integral| {
+            let slopes = adjoint.sweep((radau, tangents), (by_states, by_directions), integral);
+            Ok((slopes.map_err(|why| why.to_string())?, adjoint.work.into()))
+        }))
+    }
+
     /// Writes the columns at a time within the last step.
     pub fn write(&mut self, radau: &mut Radau<'_>, t: f64, out: &mut [f64]) {
-        let Self { tangents, observed, states, outputs, of, by } = self;
+        let Self { tangents, observed, states, outputs, of, by, .. } = self;
+        if of.is_empty() {
+            return;
+        }
         let observed =
             observed.as_mut().map(|observed| observed.write(t, |t| along(tangents, radau, (*states, *by), t)));
         for (out, &place) in out.chunks_exact_mut(*by).zip(&*of) {
@@ -174,19 +232,25 @@ pub(super) fn failure(why: &str, time: f64, state: &[f64]) -> Failure {
 
 /// The directions of parameters and initial values.
 pub(super) fn directions(model: &DviModel, by: &[By]) -> Result<Directions, String> {
+    let shifted = by.iter().map(|by| match *by {
+        By::Initial(_) => Ok(None),
+        By::Parameter(parameter) => moved(model, parameter).map(Some),
+    });
+    let shifted = shifted.collect::<Result<_, String>>()?;
+    Ok(Directions { shifted, ..unshifted(model, by)? })
+}
+
+/// The directions of parameters and initial values without the problems that are shifted along them.
+fn unshifted(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, count) = (structure.states, by.len());
     let slopes = model.slopes().map_err(|error| error.to_string())?;
     let mut initial = DMatrix::zeros(n, count);
-    let mut shifted = Vec::with_capacity(count);
+    let shifted = Vec::new();
     for (direction, by) in by.iter().enumerate() {
-        shifted.push(match *by {
-            By::Initial(state) => {
-                initial[(state, direction)] = 1.0;
-                None
-            }
-            By::Parameter(parameter) => Some(moved(model, parameter)?),
-        });
+        if let By::Initial(state) = *by {
+            initial[(state, direction)] = 1.0;
+        }
     }
     let Some(mut slopes) = slopes else {
         let rows = Box::new(|_: f64, _: &[f64], out: &mut DMatrix<f64>| out.fill(0.0));
@@ -218,11 +282,15 @@ pub(super) fn directions(model: &DviModel, by: &[By]) -> Result<Directions, Stri
 /// A problem with one parameter a little above and below its value.
 fn moved(model: &DviModel, parameter: usize) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
-    let size = if values[parameter] == 0.0 { 1.0 } else { values[parameter].abs() };
-    let by = CENTRAL_DIFFERENCE * size;
+    let size = if values[parameter] == 0.0 { MOVED_ALONE } else { values[parameter].abs() };
+    shifted_by(model, CENTRAL_DIFFERENCE * size, |k| if k == parameter { 1.0 } else { 0.0 })
+}
+
+/// A problem with its parameters above and below their values, by so much times the speed of each.
+fn shifted_by(model: &DviModel, by: f64, speed: impl Fn(usize) -> f64) -> Result<Shifted, String> {
+    let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
     let at = |by: f64| {
-        let mut values = values.to_vec();
-        values[parameter] += by;
+        let values: Vec<f64> = values.iter().enumerate().map(|(k, value)| value + by * speed(k)).collect();
         model.with_parameters(&values).map(|model| model.problem()).map_err(|error| error.to_string())
     };
     Ok(Shifted { by, problems: [at(by)?, at(-by)?] })
@@ -315,6 +383,7 @@ fn compared(asked: &Sensitivities, plan: &Plan, ended: &Ended) -> Vec<At> {
         };
         places.iter().skip(apart / 2).step_by(apart).map(at).collect::<Vec<At>>()
     });
+    let on_the_way = on_the_way.filter(|_| asked.objective.is_none());
     on_the_way.chain([At { t: plan.end, rows: ended.derivatives.clone() }]).collect()
 }
 
@@ -328,6 +397,7 @@ fn compare(
 ) {
     let Some(asked) = &plan.sensitivities else { return };
     let compared = compared(asked, plan, ended);
+    let observables = asked.objective.as_ref().map_or(&plan.observables, |objective| &objective.observables);
     let checks = &mut ended.solution.diagnostics.checks;
     if ended.solution.ended_by.is_some() {
         let message =
@@ -359,6 +429,7 @@ fn compare(
         let mut reference = Plan {
             times: Some(compared.iter().map(|at| at.t).collect()),
             fields: asked.of.clone(),
+            observables: observables.clone(),
             sensitivities: None,
             reducers: None,
             interpolants: None,
@@ -402,7 +473,7 @@ fn compare(
             };
             let off = if distance == 0.0 { 0.0 } else { distance / (SLACK * uncertainty) };
             if worst.as_ref().is_none_or(|(worst, ..)| off > *worst || off.is_nan()) {
-                let name = plan.names.get(of).or_else(|| plan.observables.names.get(of - plan.names.len()));
+                let name = plan.names.get(of).or_else(|| observables.names.get(of - plan.names.len()));
                 let of = name.cloned().unwrap_or_default();
                 let direction = direction.clone();
                 worst = Some((off, *t, Checked { of, direction, derivative, finite_difference: near, uncertainty }));

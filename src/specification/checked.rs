@@ -148,11 +148,19 @@ impl Specification {
             let request = observables::Request { named, stop: &stop, view: view.as_ref(), differentiated };
             let are_inputs = model.parameters().is_some();
             let observables = request.lower(&names, are_inputs, (&of_problem, start), &mut found);
-            request.check(&*model, (output.global_error, study.is_some()), &mut found);
+            let objective = sensitivities.as_ref().and_then(|asked| asked.objective.as_ref());
+            let is_adjoint = objective.is_some();
+            request.check(&*model, (output.global_error, study.is_some(), is_adjoint), &mut found);
+            let objective = objective.and_then(|objective| {
+                let states = model.state_names().len();
+                request.lower_objective(objective, &names, (are_inputs, states), (&of_problem, start), &mut found)
+            });
+            let is_lowered = objective.is_some() == is_adjoint;
             // Parameters of a problem that cannot be read are not known: what names them is checked once it can be.
             let is_read = found.is_empty() && errors.is_empty() || model.parameters().is_some();
-            let sensitivities = sensitivities.filter(|_| is_read).and_then(|asked| {
-                asked.check((&*model, &observables, &method), &root.key("sensitivities"), &mut found)
+            let sensitivities = sensitivities.filter(|_| is_read && is_lowered).and_then(|asked| {
+                let of_model = (&*model, &observables, &method);
+                asked.check(of_model, &root.key("sensitivities"), objective, &mut found)
             });
             let alone = [
                 ("sensitivities", sensitivities.is_some()),
@@ -183,6 +191,14 @@ impl Specification {
             if study.is_some() && sensitivities.is_some() {
                 let why = "a `study` compares several runs, and only one of them has derivatives";
                 found.report(&root.key("sensitivities"), "conflict", why);
+            }
+            if is_adjoint && sweep.is_some() {
+                let place = root.key("sensitivities");
+                let detail = "a `sweep` collects columns, and adjoint mode has none";
+                let error = SpecificationError::new(place.key("mode").to_string(), "conflict", detail);
+                found.push(
+                    error.expected("forward mode, whose derivatives `collect` names, such as `{\"final\": \"dx/dm\"}`"),
+                );
             }
             if study.is_some() && sweep.is_some() {
                 found.report(

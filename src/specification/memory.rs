@@ -4,11 +4,13 @@
 
 use super::checked::Specification;
 use super::search::Search;
+use radau::MOST_STAGES;
 
 /// Bytes of a run with one unknown, measured: all kinds of lists, the diagnostics and the verdict.
 const OF_A_RUN: usize = 6 << 10;
 
-/// Number of steps assumed for a trajectory without output times; that of a long run is only known during the run.
+/// Number of steps assumed for a trajectory without output times, and for the sweep back of adjoint mode; that of a long run
+/// is only known during the run.
 const FEW_STEPS: usize = 100;
 
 /// Columns of a table other than swept and collected values.
@@ -23,6 +25,7 @@ impl Specification {
     pub fn memory_bytes(&self) -> usize {
         let runs = self.model().runs(self);
         let numbers = self.trajectory_numbers().saturating_add(self.model().numbers(self).saturating_mul(runs));
+        let numbers = numbers.saturating_add(self.stored_numbers());
         numbers
             .saturating_mul(size_of::<f64>())
             .saturating_add(self.load.bytes().saturating_mul(runs))
@@ -49,7 +52,19 @@ impl Specification {
             Search::Branch(_) => self.model().initial().len() + 1,
             Search::Periodic(_) | Search::SteadyState => self.model().initial().len(),
         });
-        self.sensitivities().map_or(of_search, |sensitivities| sensitivities.by.len())
+        let basis = if self.is_adjoint() { self.model().initial().len() } else { 0 };
+        self.sensitivities().map_or(of_search, |sensitivities| sensitivities.by.len() + basis)
+    }
+
+    fn is_adjoint(&self) -> bool {
+        self.sensitivities().is_some_and(|sensitivities| sensitivities.objective.is_some())
+    }
+
+    /// The steps that adjoint mode stores: unknowns at the beginning and at the stages of each.
+    fn stored_numbers(&self) -> usize {
+        let sizes = self.model().sizes();
+        let of_step = (sizes.states + sizes.variables).saturating_mul(1 + MOST_STAGES);
+        if self.is_adjoint() { of_step.saturating_mul(FEW_STEPS) } else { 0 }
     }
 
     /// The members of a sweep keep no steps that nobody asked for.

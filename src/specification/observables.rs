@@ -9,6 +9,7 @@ use super::label;
 use super::lowering::{Lowering, Named, Start};
 use super::model::Model;
 use super::pointer::Pointer;
+use super::sensitivities::Objective;
 use super::view::View;
 use super::wording::abridged;
 use expression::{Node, Tape};
@@ -107,12 +108,61 @@ impl Request<'_> {
         Observables { names, integrals: integrals.len(), reach, inputs, monitors, program, slopes }
     }
 
+    /// Compiles the number whose gradient is asked for, as the only definition or integral. Errors in the definitions
+    /// that it uses are reported with these.
+    pub fn lower_objective(
+        &self,
+        objective: &Objective,
+        outputs: &[&str],
+        (are_inputs, states): (bool, usize),
+        (problem, start): (&Pointer<'_>, Start<'_>),
+        errors: &mut Errors,
+    ) -> Option<Observables> {
+        let mut lowering = match are_inputs {
+            true => Lowering::with_inputs(start, self.named, problem),
+            false => Lowering::new(start, self.named, problem),
+        };
+        lowering.bind_outputs(outputs);
+        lowering.use_definitions(self.named.definitions);
+        lowering.errors = Errors::default();
+        let (key, expression) = objective.expression();
+        let place = Pointer::Root.key("sensitivities");
+        let place = place.key("objective");
+        let place = place.key(key);
+        let node = lowering.node(expression, &place);
+        errors.append(std::mem::take(&mut lowering.errors));
+        let node = node?;
+        let is_integral = matches!(objective, Objective::Integral(_));
+        let slopes = slopes(&mut lowering, &[node], states, |_| is_integral);
+        if let Some(why) = slopes.refused[0] {
+            let detail = format!("the objective has no derivative here: {why}");
+            let error = SpecificationError::new(place.to_string(), "conflict", detail);
+            errors.push(error.expected(
+                "an expression in states, definitions, parameters and `t`, without jumps where it is integrated",
+            ));
+            return None;
+        }
+        let reach = vec![lowering.graph.inputs(node).into_iter().max().unwrap_or(0)];
+        Some(Observables {
+            names: vec!["objective".to_owned()],
+            integrals: usize::from(is_integral),
+            reach: if is_integral { Vec::new() } else { reach },
+            inputs: vec![outputs_in(&lowering, node)],
+            monitors: Vec::new(),
+            program: Tape::compile(&lowering.graph, &[node]),
+            slopes,
+        })
+    }
+
     /// Refuses events that end the run where all of it is needed.
-    pub fn check(&self, model: &dyn Model, (global_error, study): (bool, bool), errors: &mut Errors) {
+    pub fn check(&self, model: &dyn Model, (global_error, study, adjoint): (bool, bool, bool), errors: &mut Errors) {
         let Some(i) = self.stop.iter().position(|stop| !stop.record) else { return };
         let why = match model.no_stop() {
             Some(why) => why,
             None if global_error => "`output.global_error` compares two runs at `time.end`",
+            None if adjoint => {
+                "the gradient of adjoint mode is that of a run to `time.end`, and a `stop` ends it elsewhere"
+            }
             None if study => "a `study` compares runs at `time.end`",
             None => return,
         };

@@ -69,6 +69,7 @@ impl Specification {
                 && self.output_times().is_some_and(|times| times.iter().any(|t| is_inside(*t))))
                 || self.keeps_interpolants
                 || self.observables().is_followed()
+                || self.integrates_objective()
                 || self.search().is_some()
                 || self.sweep().is_some_and(|sweep| sweep.reducers.is_dense()),
             switches: match method.switches {
@@ -78,6 +79,12 @@ impl Specification {
             vi_solver: solver(method.vi_solver),
             vi_tolerance: method.vi_tolerance.unwrap_or(VI_TOLERANCE),
         }
+    }
+
+    /// Whether a gradient is asked for of an integral.
+    fn integrates_objective(&self) -> bool {
+        let objective = self.sensitivities().and_then(|asked| asked.objective.as_ref());
+        objective.is_some_and(|objective| objective.observables.integrals > 0)
     }
 
     /// Settings for obstacle problems.

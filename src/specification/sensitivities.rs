@@ -1,14 +1,17 @@
 //! Requested sensitivities: of which states, with respect to which parameters and initial values.
 
+use super::choices::choices;
 use super::error::{Errors, SpecificationError};
+use super::expression::Expression;
 use super::method::{Impacts, Method};
 use super::model::Model;
 use super::pointer::Pointer;
 use super::wording::{abridged, listed};
 use expression::nearest;
 use models::{DviModel, MechanicalModel, Unbindable};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 use solution::{By, Observables, Sensitivities};
+use std::sync::Arc;
 use utoipa::ToSchema;
 
 /// Most unknowns of a differentiated problem: the sensitivity equations of all stages form one dense matrix.
@@ -22,8 +25,43 @@ const SHIFT: f64 = 1e-6;
 /// Suffix to the name of a state that denotes its initial value.
 pub(super) const INITIAL: &str = ".initial";
 
+choices! {
+    /// How derivatives are computed: with the run, or backwards from its end.
+    SensitivityMode {
+        "forward" Forward: "Columns `dx/dm` of any number of states, at a cost that grows with the number of parameters."
+        "adjoint" Adjoint: "The gradient of one `objective`, at a cost that does not depend on the number of parameters."
+    }
+}
+
+impl Serialize for SensitivityMode {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+/// The number whose gradient is computed in adjoint mode.
+#[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Objective {
+    /// An expression in states, definitions, parameters and `t`, at the end.
+    Final(Expression),
+    /// The integral over time of an expression in states, definitions, parameters and `t`.
+    Integral(Expression),
+}
+
+impl Objective {
+    /// The expression, with its key.
+    pub(super) fn expression(&self) -> (&'static str, &Expression) {
+        match self {
+            Self::Final(expression) => ("final", expression),
+            Self::Integral(expression) => ("integral", expression),
+        }
+    }
+}
+
 /// Derivatives of states, definitions and integrals with respect to parameters and initial values, as columns `dx/dm`
-/// beside the states; for a motion with located impacts also those of the times of its events, as `event_slopes`.
+/// beside the states; for a motion with located impacts also those of the times of its events, as `event_slopes`. In
+/// adjoint mode the `gradient` of one number with respect to any number of them.
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensitivitiesRequest {
@@ -31,6 +69,12 @@ pub struct SensitivitiesRequest {
     pub to: Vec<String>,
     /// States to differentiate, and definitions and integrals made of states, parameters and `t`. Default: all states.
     pub of: Option<Vec<String>>,
+    /// How derivatives are computed. Default `forward`.
+    #[serde(default)]
+    #[schema(default = "forward")]
+    pub mode: SensitivityMode,
+    /// The number whose gradient is computed, in adjoint mode.
+    pub objective: Option<Objective>,
 }
 
 impl SensitivitiesRequest {
@@ -39,8 +83,10 @@ impl SensitivitiesRequest {
         &self,
         (model, observables, method): (&dyn Model, &Observables, &Method),
         place: &Pointer<'_>,
+        objective: Option<Observables>,
         errors: &mut Errors,
     ) -> Option<Sensitivities> {
+        self.check_mode(model, place, errors)?;
         match model.mechanical() {
             Some(motion) => differentiable_motion(motion, method, place, errors)?,
             None => differentiable(model, "derivatives are computed", place, errors).map(drop)?,
@@ -65,6 +111,7 @@ impl SensitivitiesRequest {
         }
         let of_names = place.key("of");
         let of = match &self.of {
+            _ if self.mode == SensitivityMode::Adjoint => Vec::new(),
             Some(of) => places(of, states.iter().chain(&observables.names), &of_names, &mut found),
             None => (0..states.len()).collect(),
         };
@@ -86,7 +133,7 @@ impl SensitivitiesRequest {
             );
             found.push(error.expected("parameters, or initial values such as `x.initial`"));
         }
-        if by.len().saturating_mul(of.len()) > MOST_COLUMNS {
+        if by.len().saturating_mul(of.len().max(1)) > MOST_COLUMNS {
             let detail = format!("{} times {} derivatives", of.len(), by.len());
             let error = SpecificationError::new(place.to_string(), "too_many_unknowns", detail);
             found.push(error.expected(format!("at most {MOST_COLUMNS}")));
@@ -108,13 +155,54 @@ impl SensitivitiesRequest {
             })
             .collect();
         let to = by.iter().map(|by| name_of(by).clone()).collect();
+        if let Some(observables) = objective {
+            let objective = Some(Arc::new(solution::Objective { observables }));
+            return Some(Sensitivities { by, to, of: vec![outputs], names: Vec::new(), objective });
+        }
         // Definitions and integrals stand behind all outputs.
         let of = of.into_iter().map(|at| if at < states.len() { at } else { at - states.len() + outputs }).collect();
-        Some(Sensitivities { by, to, of, names })
+        Some(Sensitivities { by, to, of, names, objective: None })
     }
 }
 
 impl SensitivitiesRequest {
+    /// Refuses keys of one mode in the other, and problems without adjoint mode.
+    fn check_mode(&self, model: &dyn Model, place: &Pointer<'_>, errors: &mut Errors) -> Option<()> {
+        let refused = match (self.mode, &self.objective, &self.of) {
+            (SensitivityMode::Forward, Some(_), _) => Some((
+                "objective",
+                "conflict",
+                "an `objective` is that of adjoint mode: forward mode differentiates states, definitions and integrals",
+                "`\"mode\": \"adjoint\"` beside it, or `of` in its place",
+            )),
+            (SensitivityMode::Adjoint, None, _) => Some((
+                "objective",
+                "missing_key",
+                "adjoint mode computes the gradient of one number, and `objective` is missing",
+                "`\"objective\": {\"final\": \"x^2\"}` or `{\"integral\": \"x^2\"}`; or no `mode`, for columns of all states",
+            )),
+            (SensitivityMode::Adjoint, Some(_), Some(_)) => Some((
+                "of",
+                "conflict",
+                "adjoint mode computes the gradient of its `objective` alone, and `of` names columns of forward mode",
+                "no `of`, or no `mode` and no `objective`",
+            )),
+            (SensitivityMode::Adjoint, Some(_), None) if model.dvi().is_none() && model.mechanical().is_none() => {
+                Some((
+                    "mode",
+                    "conflict",
+                    "adjoint mode goes back over the steps of Radau IIA, with variables in a set or with located impacts, and this \
+                 problem has others; forward mode is not available either",
+                    "a problem of type `dvi`, `lcs`, `filippov`, `circuit`, `elastic` or `mechanical`, or no `sensitivities`",
+                ))
+            }
+            _ => None,
+        };
+        let Some((key, code, detail, expected)) = refused else { return Some(()) };
+        errors.push(SpecificationError::new(place.key(key).to_string(), code, detail).expected(expected));
+        None
+    }
+
     /// Refuses parameters of a mechanical system that decide its structure, such as a coefficient of friction at zero or
     /// a ratio: equations of a fixed structure do not show what a change of them does.
     fn check_structure(&self, model: &dyn Model, by: &[By], place: &Pointer<'_>, errors: &mut Errors) {

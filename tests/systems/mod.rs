@@ -1,6 +1,7 @@
 //! The systems of the theory, each solved from its example as by a user, and compared with an answer from outside: a
 //! closed form, or a reference computed in extended precision by two independent codes (`tests/reference/`).
 
+mod adjoint;
 mod branches;
 mod certificates;
 mod circuits;

@@ -28,7 +28,7 @@ mod transition;
 pub use grazing::Grazed;
 pub use mode::Status;
 pub(crate) use mode::held;
-pub(crate) use mode_equations::ModeEquations;
+pub(crate) use mode_equations::{ModeEquations, ModeSetting};
 pub(crate) use monitors::Ending;
 pub use smooth_phase::{ModeEvaluators, SmoothPhase};
 pub(crate) use transition::{Impact, Transition};

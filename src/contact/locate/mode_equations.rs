@@ -71,6 +71,16 @@ pub struct ModeEquations {
     pub mu: Vec<f64>,
 }
 
+/// A contact mode with all that its equations need beside the state.
+#[derive(Clone)]
+pub(crate) struct ModeSetting {
+    mode: Vec<Status>,
+    least: Vec<f64>,
+    rows: Vec<usize>,
+    metric: Metric,
+    rank: Option<usize>,
+}
+
 /// `M^-1` and `(C M^-1 G)^-1`, with the matrices from which they were computed.
 pub(crate) struct Solved {
     pub matrix: DMatrix<f64>,
@@ -198,10 +208,20 @@ impl ModeEquations {
     }
 
     /// Takes up the mode of other equations of the same system, with its loads and slips.
-    pub(crate) fn adopt(&mut self, other: &Self) {
-        (self.mode, self.least, self.rows) = (other.mode.clone(), other.least.clone(), other.rows.clone());
-        self.metric = other.metric.clone();
-        (self.rank, self.last) = (other.rank, None);
+    pub(crate) fn adopt(&mut self, ModeSetting { mode, least, rows, metric, rank }: ModeSetting) {
+        (self.mode, self.least, self.rows, self.metric) = (mode, least, rows, metric);
+        (self.rank, self.last) = (rank, None);
+    }
+
+    /// The mode with its loads and slips.
+    pub(crate) fn setting(&self) -> ModeSetting {
+        ModeSetting {
+            mode: self.mode.clone(),
+            least: self.least.clone(),
+            rows: self.rows.clone(),
+            metric: self.metric.clone(),
+            rank: self.rank,
+        }
     }
 
     /// The structure of the mechanical system.

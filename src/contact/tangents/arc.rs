@@ -46,18 +46,75 @@ impl Arc {
         equations: &mut ModeEquations,
         directions: &mut Directions,
     ) -> Result<Self, NoDerivative> {
+        let LastStep { t, h, y, tableau, .. } = step;
+        let (size, s) = (y.len(), tableau.stages());
+        let singular = NoDerivative::Smooth(radau::NoDerivative::Singular);
+        let ArcEquations { matrix, by_directions: mut right, at_begin: (by_x, by_directions) } =
+            ArcEquations::new(step, equations, directions).ok_or(singular)?;
+        for i in 0..s {
+            let mut own = right.rows_mut(i * size, size);
+            own += before;
+        }
+        if !matrix.lu().solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
+            return Err(singular);
+        }
+        let stages: Vec<DMatrix<f64>> = (0..s).map(|i| right.rows(i * size, size).into_owned()).collect();
+        let mut lacking = (by_x * before + by_directions) * h;
+        for (slope, stage) in tableau.begin_weights().iter().zip(&stages) {
+            lacking -= (stage - before) * *slope;
+        }
+        Ok(Self { begin: t, h, tableau, before: before.clone(), stages, lacking })
+    }
+
+    /// The derivatives at a time within the step, one direction per column.
+    pub fn at(&self, t: f64) -> DMatrix<f64> {
+        let (weights, of_slope) = weights_at(self.tableau, (t - self.begin) / self.h);
+        if of_slope.is_none()
+            && let Some(last) = self.stages.last()
+        {
+            return last.clone();
+        }
+        let mut value = &self.before + &self.lacking * of_slope.unwrap_or(0.0);
+        weights.iter().zip(&self.stages).for_each(|(weight, stage)| value += (stage - &self.before) * *weight);
+        value
+    }
+}
+
+/// The weights of the stages in the increment of the polynomial at a part of the step, and that of the slope that it lacks
+/// at the beginning; at the end of the step the last stage is all, without that slope.
+pub(super) fn weights_at(tableau: &Tableau, theta: f64) -> (Vec<f64>, Option<f64>) {
+    let mut weights = vec![0.0; tableau.stages()];
+    if theta >= 1.0 - AT_END {
+        if let Some(last) = weights.last_mut() {
+            *last = 1.0;
+        }
+        return (weights, None);
+    }
+    tableau.increments_at(theta, &mut weights);
+    (weights, Some(tableau.bubble_at(theta)))
+}
+
+/// The equations `K dX = (dx_n, .., dx_n) + C` of the derivatives `dX` at the stages of a step.
+pub(super) struct ArcEquations {
+    /// `K`
+    pub matrix: DMatrix<f64>,
+    /// `C`, one column per direction.
+    pub by_directions: DMatrix<f64>,
+    /// The derivatives of the rates at the beginning, with respect to the states and to the directions.
+    pub at_begin: (DMatrix<f64>, DMatrix<f64>),
+}
+
+impl ArcEquations {
+    /// The equations in the mode of `equations`; `None` where these are singular.
+    pub fn new(step: LastStep<'_>, equations: &mut ModeEquations, directions: &mut Directions) -> Option<Self> {
         let LastStep { t, h, y, z, tableau } = step;
         let columns = Columns { coordinates: y.len() / 2, directions: directions.count() };
         let (size, s) = (y.len(), tableau.stages());
-        let singular = NoDerivative::Smooth(radau::NoDerivative::Singular);
         let mut matrix = DMatrix::identity(s * size, s * size);
         let mut right = DMatrix::zeros(s * size, columns.directions);
-        for i in 0..s {
-            right.rows_mut(i * size, size).copy_from(before);
-        }
         for (j, z) in z.chunks_exact(size).enumerate() {
             let x: Vec<f64> = y.iter().zip(z).map(|(y, z)| y + z).collect();
-            let linearised = Linearised::at(equations, t + tableau.c[j] * h, &x, directions).ok_or(singular)?;
+            let linearised = Linearised::at(equations, t + tableau.c[j] * h, &x, directions)?;
             let (by_x, by_directions) = rates(&linearised, columns);
             for i in 0..s {
                 let weight = h * tableau.a[(i, j)];
@@ -67,31 +124,7 @@ impl Arc {
                 block += &by_directions * weight;
             }
         }
-        if !matrix.lu().solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
-            return Err(singular);
-        }
-        let stages: Vec<DMatrix<f64>> = (0..s).map(|i| right.rows(i * size, size).into_owned()).collect();
-        let at_begin = Linearised::at(equations, t, y, directions).ok_or(singular)?;
-        let (by_x, by_directions) = rates(&at_begin, columns);
-        let mut lacking = (by_x * before + by_directions) * h;
-        for (j, stage) in stages.iter().enumerate() {
-            let others = (0..s).filter(|i| *i != j);
-            let slope = others.map(|i| -tableau.c[i] / (tableau.c[j] - tableau.c[i])).product::<f64>() / tableau.c[j];
-            lacking -= (stage - before) * slope;
-        }
-        Ok(Self { begin: t, h, tableau, before: before.clone(), stages, lacking })
-    }
-
-    /// The derivatives at a time within the step, one direction per column.
-    pub fn at(&self, t: f64) -> DMatrix<f64> {
-        let theta = (t - self.begin) / self.h;
-        if let Some(last) = self.stages.last().filter(|_| theta >= 1.0 - AT_END) {
-            return last.clone();
-        }
-        let mut weights = vec![0.0; self.stages.len()];
-        self.tableau.increments_at(theta, &mut weights);
-        let mut value = &self.before + &self.lacking * self.tableau.bubble_at(theta);
-        weights.iter().zip(&self.stages).for_each(|(weight, stage)| value += (stage - &self.before) * *weight);
-        value
+        let at_begin = rates(&Linearised::at(equations, t, y, directions)?, columns);
+        Some(Self { matrix, by_directions: right, at_begin })
     }
 }

@@ -16,6 +16,7 @@
 //! time of the limit is that of the last impact and the geometric rest `T rho/(1 - rho)` of the flights of length `T`
 //! behind it.
 
+mod adjoint;
 mod arc;
 mod event;
 mod impact;
@@ -23,10 +24,11 @@ mod linearised;
 mod no_derivative;
 mod transition;
 
+pub use adjoint::{Adjoint, IntegrandJump};
 pub use event::{EventSlope, TimedEvent};
 pub use no_derivative::NoDerivative;
 
-use super::locate::{EventDriven, ModeEquations, SmoothPhase};
+use super::locate::{EventDriven, ModeEquations, SmoothPhase, Transition};
 use super::velocity_step::State;
 use arc::Arc;
 use event::Flights;
@@ -104,6 +106,9 @@ pub struct Tangents {
     instant: Option<Instant>,
     flights: Vec<Flights>,
     events: Vec<EventSlope>,
+    /// Whether the directions are a basis of the states and parameters, some of which lead off contacts and joints that
+    /// hold: monitors of one event need not agree along these.
+    is_basis: bool,
 }
 
 impl Tangents {
@@ -115,6 +120,16 @@ impl Tangents {
         problem: Box<dyn Mechanical>,
         directions: Directions,
         located: &mut EventDriven<'_>,
+    ) -> Result<Self, NoDerivative> {
+        let transition = located.transition.take();
+        Self::begin_along(problem, (directions, false), (located, transition.as_ref()))
+    }
+
+    /// Begins at the start of a run, along directions that may be a basis.
+    fn begin_along(
+        problem: Box<dyn Mechanical>,
+        (directions, is_basis): (Directions, bool),
+        (located, transition): (&mut EventDriven<'_>, Option<&Transition>),
     ) -> Result<Self, NoDerivative> {
         let structure = problem.structure().clone();
         let now = directions.initial.clone();
@@ -132,10 +147,11 @@ impl Tangents {
             arc: None,
             reached: located.state.t,
             events: Vec::new(),
+            is_basis,
         };
-        if let Some(transition) = located.transition.take() {
-            tangents.check_start(located, &transition)?;
-            tangents.pass(located, &transition)?;
+        if let Some(transition) = transition {
+            tangents.check_start(located, transition)?;
+            tangents.pass(located, transition)?;
             tangents.keep_largest();
         }
         Ok(tangents)
@@ -143,7 +159,7 @@ impl Tangents {
 
     /// Takes up the mode of a smooth phase that begins.
     pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
-        self.equations.adopt(phase.watch);
+        self.equations.adopt(phase.watch.setting());
         self.arc = None;
     }
 
@@ -163,10 +179,20 @@ impl Tangents {
             self.now = arc.at(end);
             self.arc = Some(arc);
             self.keep_largest();
-            if transition.is_none() && radau.begins_anew() && !radau.is_done() && end == radau.t() {
-                let (ends, x) = ([step.t + step.h, end], [located.state.q.as_slice(), &located.state.v].concat());
-                self.pass_break(ends, &x)?;
-            }
+        }
+        self.pass_end(phase)
+    }
+
+    /// Continues the derivatives across the end of the last step of a phase, and returns the jump there, if its arc ended.
+    fn pass_end(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
+        let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
+        let located = &*phase.located;
+        let (begin, transition) = (located.last.t, &located.transition);
+        let end = transition.as_ref().map_or(located.state.t, |transition| transition.before.t);
+        if end > begin && transition.is_none() && radau.begins_anew() && !radau.is_done() && end == radau.t() {
+            let step = radau.last_step();
+            let (ends, x) = ([step.t + step.h, end], [located.state.q.as_slice(), &located.state.v].concat());
+            self.pass_break(ends, &x)?;
         }
         self.reached = located.state.t;
         if located.grazes {

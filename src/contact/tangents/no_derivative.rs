@@ -50,6 +50,15 @@ pub enum NoDerivative {
          of that passage no derivatives are made"
     )]
     AtBreak,
+    /// Too many steps to store.
+    #[error(
+        "the steps before it take {mebibytes} MiB, and adjoint mode stores no more of a motion with impacts; a shorter time \
+         takes less, and forward mode stores none"
+    )]
+    TooLong {
+        /// The memory allowed.
+        mebibytes: usize,
+    },
     /// Time stepping took over.
     #[error("no smooth motion could go on, and time stepping did, of which no derivatives are made")]
     SteppedOver,

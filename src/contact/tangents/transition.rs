@@ -91,7 +91,7 @@ impl Tangents {
         located: &EventDriven<'_>,
         transition: &Transition,
     ) -> Result<(), NoDerivative> {
-        let Some(impact) = &transition.impact else { return Ok(()) };
+        let Some(impact) = transition.impact.as_ref().filter(|_| !self.is_basis) else { return Ok(()) };
         let structure = self.structure.clone();
         let columns = Columns { coordinates: structure.coordinates, directions: self.directions.count() };
         let State { t, q, v } = &located.state;
@@ -240,6 +240,7 @@ impl Tangents {
             let slopes = match found.iter().find(|(other, _)| *other == island) {
                 Some((_, times)) if followed.contains(&island) => times.clone(),
                 Some((_, times)) if monitor.agrees(times, ALIKE) => times.clone(),
+                Some((_, times)) if self.is_basis => times.clone(),
                 Some(_) => return Err(NoDerivative::Several),
                 None => {
                     if let Ending::Impact(k) = event {
@@ -363,7 +364,16 @@ impl Tangents {
         let terms = Terms::at(self.equations.problem(), &structure, place, &mut self.directions);
         let tolerance = ALIKE.max(OFF * located.radau.rtol).min(MOST_OFF);
         // The scale of what may cancel: derivatives before and after, and what the time of the event moves.
-        let mut size = self.now.abs() + before.abs() + &self.largest * f64::EPSILON.sqrt();
+        let mut size = self.now.abs() + before.abs();
+        // What forces that hold each other make of a coordinate is rounding of the largest derivative, in units of tolerances.
+        let atol = &located.radau.atol[..2 * n];
+        for (mut size, largest) in size.column_iter_mut().zip(self.largest.column_iter()) {
+            let parts = largest.iter().zip(atol).filter(|(_, atol)| **atol > 0.0).map(|(largest, atol)| largest / atol);
+            let most = f64::EPSILON.sqrt() * parts.fold(0.0, f64::max);
+            let rounding =
+                largest.iter().zip(atol).map(|(largest, atol)| (f64::EPSILON.sqrt() * largest).max(most * atol));
+            size.iter_mut().zip(rounding).for_each(|(size, rounding)| *size += rounding);
+        }
         for (i, (after, before)) in v.iter().chain(&a).zip(rates).enumerate() {
             let mut row = size.row_mut(i);
             row += times.row(i % n).abs() * (after.abs() + before.abs());
@@ -385,7 +395,7 @@ impl Tangents {
                 for column in 0..p {
                     let scale = (gradient.columns(0, 2 * n).abs() * size.column(column))[(0, 0)]
                         + gradient[columns.direction(column)].abs();
-                    if off[(i, column)].abs() > tolerance * scale {
+                    if !self.is_basis && off[(i, column)].abs() > tolerance * scale {
                         return Err(NoDerivative::OffContact);
                     }
                 }

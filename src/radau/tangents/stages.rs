@@ -109,10 +109,26 @@ impl Tangents {
 
     /// Solves for the derivatives of the states at the stages of a step.
     pub(super) fn solve_stages(&mut self, step: &Step, tableau: &Tableau) -> Result<(), NoDerivative> {
+        let (n, unknowns, s) = (self.mass.nrows(), step.y.len(), tableau.stages());
+        let StageEquations { matrix, by_directions: mut right } = self.stage_equations(step, tableau)?;
+        let first = &self.mass * &self.before;
+        for i in 0..s {
+            let mut own = right.rows_mut(i * unknowns, n);
+            own += &first;
+        }
+        if !matrix.lu().solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
+            return Err(NoDerivative::Singular);
+        }
+        self.stages.clear();
+        self.stages.extend((0..s).map(|i| right.rows(i * unknowns, n).into_owned()));
+        Ok(())
+    }
+
+    /// The equations of the derivatives at the stages of a step, on its face.
+    pub(super) fn stage_equations(&mut self, step: &Step, tableau: &Tableau) -> Result<StageEquations, NoDerivative> {
         let (n, unknowns, s, h) = (self.mass.nrows(), step.y.len(), tableau.stages(), step.h);
         let mut matrix = DMatrix::zeros(s * unknowns, s * unknowns);
         let mut right = DMatrix::zeros(s * unknowns, self.count());
-        let first = &self.mass * &self.before;
         for (j, z) in step.z.chunks_exact(unknowns).enumerate() {
             let y: Vec<f64> = step.y.iter().zip(z).map(|(y, z)| y + z).collect();
             let rows = self.rows_at(step.t + tableau.c[j] * h, &y);
@@ -126,8 +142,6 @@ impl Tangents {
             }
             let mut own = matrix.view_mut((j * unknowns, j * unknowns), (n, n));
             own += &self.mass;
-            let mut own = right.rows_mut(j * unknowns, n);
-            own += &first;
             for &((row, column), direction, value) in &self.directions.mass {
                 right[(j * unknowns + row, direction)] -= value * z[column];
             }
@@ -138,11 +152,14 @@ impl Tangents {
                 by_directions.iter().enumerate().for_each(|(column, value)| right[(row, column)] = -value);
             }
         }
-        if !matrix.lu().solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
-            return Err(NoDerivative::Singular);
-        }
-        self.stages.clear();
-        self.stages.extend((0..s).map(|i| right.rows(i * unknowns, n).into_owned()));
-        Ok(())
+        Ok(StageEquations { matrix, by_directions: right })
     }
+}
+
+/// The equations `K dX = (M dx_n, .., M dx_n) + C` of the derivatives `dX` of the unknowns at the stages of a step.
+pub(super) struct StageEquations {
+    /// `K`
+    pub matrix: DMatrix<f64>,
+    /// `C`, one column per direction.
+    pub by_directions: DMatrix<f64>,
 }

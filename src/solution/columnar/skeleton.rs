@@ -7,6 +7,7 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::io;
 use std::ops::RangeInclusive;
 
@@ -39,6 +40,10 @@ struct Parts<'a> {
     diagnostics: Option<Cow<'a, RawValue>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensitivities: Option<Checked>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    gradient: BTreeMap<String, f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    objective: Option<f64>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     event_slopes: Vec<EventSlope>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -80,6 +85,8 @@ impl Skeleton {
             trajectory,
             diagnostics,
             sensitivities,
+            gradient,
+            objective,
             event_slopes,
             orbit,
             steady_state,
@@ -103,6 +110,8 @@ impl Skeleton {
             trajectory: Trajectory { events: trajectory.events.clone(), ..Trajectory::default() },
             diagnostics: Some(evidence(serde_json::value::to_raw_value(diagnostics))?),
             sensitivities: sensitivities.clone(),
+            gradient: gradient.clone(),
+            objective: *objective,
             event_slopes: event_slopes.clone(),
             orbit: orbit.clone(),
             steady_state: steady_state.clone(),

@@ -1,9 +1,10 @@
 //! The derivatives of a motion with located impacts, on the way of a run.
 
+use super::adjoint::{Gradient, MOST_STORED, SweptBack};
 use super::observed::{Jump, ObservedSlopes};
-use super::{By, EventSlope, Sensitivities, SlopedEvent};
+use super::{By, EventSlope, MOVED_ALONE, Sensitivities, SlopedEvent};
 use crate::Plan;
-use contact::tangents::{Directions, NoDerivative, ShiftedMotion, Tangents, TimedEvent};
+use contact::tangents::{Adjoint, Directions, Jumped, NoDerivative, ShiftedMotion, Tangents, TimedEvent};
 use contact::{Elapsed, EventDriven, SmoothPhase};
 use models::{ContactCoefficient, MechanicalModel};
 use nalgebra::DMatrix;
@@ -26,6 +27,23 @@ pub(crate) struct FollowedMotion<'p> {
     pub events: Vec<EventSlope>,
     /// Events beyond the most.
     pub left_out: u64,
+    /// The stored steps, in adjoint mode; the only direction is then one in which everything is moved together.
+    swept: Option<Swept>,
+}
+
+/// The stored steps of a motion.
+struct Swept {
+    adjoint: Adjoint,
+    back: SweptBack,
+    /// The objective along a basis of the states and the directions: what an integral gains at jumps.
+    jumps: ObservedSlopes,
+}
+
+impl Jump {
+    /// A jump by the clock of the user.
+    fn of(start: f64, passed: Jumped) -> Self {
+        Self { t: start + passed.t, before: passed.before, after: passed.after, times: passed.times }
+    }
 }
 
 /// The states of a phase at a time within its last step.
@@ -45,7 +63,34 @@ impl<'p> FollowedMotion<'p> {
         plan: &'p Plan,
         asked: &'p Sensitivities,
         located: &mut EventDriven<'_>,
+        tolerances: (f64, &[f64]),
     ) -> Result<Self, String> {
+        if let Some(objective) = &asked.objective {
+            let values = model.parameters.as_ref().map_or(&[][..], |(parameters, _)| parameters.values());
+            let back = SweptBack::new(plan, (asked, objective), values, tolerances, plan.start);
+            let problem = || Box::new(Elapsed::new(model.problem(), plan.start));
+            let adjoint = Adjoint::new(problem(), directions(model, &asked.by, plan.start)?, located);
+            let adjoint = adjoint.map_err(|error| error.to_string())?;
+            let together = together(model, &asked.by, &back.direction, plan.start)?;
+            let tangents = Tangents::new(problem(), together, located).map_err(|error| error.to_string())?;
+            let outputs = plan.names.len();
+            let speeds = (asked.by.as_slice(), back.direction.as_slice());
+            let observed = ObservedSlopes::together(&objective.observables, outputs, speeds, plan.start);
+            let basis = plan.initial.len() + asked.by.len();
+            let jumps = ObservedSlopes::of_states(&objective.observables, outputs, basis, plan.start);
+            return Ok(Self {
+                tangents,
+                observed: Some(observed),
+                outputs,
+                start: plan.start,
+                by: Vec::new(),
+                names: &model.contacts,
+                events: Vec::new(),
+                left_out: 0,
+                asked,
+                swept: Some(Swept { adjoint, back, jumps }),
+            });
+        }
         let directions = directions(model, &asked.by, plan.start)?;
         let problem = Box::new(Elapsed::new(model.problem(), plan.start));
         let tangents = Tangents::new(problem, directions, located).map_err(|error| error.to_string())?;
@@ -61,12 +106,16 @@ impl<'p> FollowedMotion<'p> {
             events: Vec::new(),
             left_out: 0,
             asked,
+            swept: None,
         })
     }
 
     /// Takes up a smooth phase that begins.
     pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
         self.tangents.begin(phase);
+        if let Some(Swept { adjoint, .. }) = &mut self.swept {
+            adjoint.begin(phase);
+        }
     }
 
     /// Follows the last step of a phase.
@@ -76,19 +125,25 @@ impl<'p> FollowedMotion<'p> {
     pub fn step(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<(), NoDerivative> {
         let begin = phase.located.last.t;
         let passed = self.tangents.follow(phase)?;
-        let Self { tangents, observed, start, .. } = self;
+        let Self { tangents, observed, start, swept, .. } = self;
+        if let Some(Swept { adjoint, back, jumps }) = swept {
+            adjoint.store(phase, &mut |passed: &Jumped| jumps.gained(&Jump::of(*start, passed.clone())))?;
+            back.watch(adjoint.bytes());
+            if adjoint.bytes() > MOST_STORED {
+                return Err(NoDerivative::TooLong { mebibytes: MOST_STORED >> 20 });
+            }
+        }
         if let Some(observed) = observed {
             let end = passed.as_ref().map_or(phase.located.state.t, |passed| passed.t);
-            let jump = passed.map(|passed| Jump {
-                t: *start + passed.t,
-                before: passed.before,
-                after: passed.after,
-                times: passed.times,
-            });
+            let jump = passed.map(|passed| Jump::of(*start, passed));
             let along = |t: f64| (states(phase, t - *start), tangents.at(t - *start));
             observed.step((*start + begin, *start + end), along, jump.as_ref());
         }
-        for event in self.tangents.take_events() {
+        let events = self.tangents.take_events();
+        if swept.is_some() {
+            return Ok(());
+        }
+        for event in events {
             if self.events.len() == MOST_EVENTS {
                 self.left_out += 1;
                 continue;
@@ -110,8 +165,23 @@ impl<'p> FollowedMotion<'p> {
         Ok(())
     }
 
+    /// The gradient of the objective, in adjoint mode, after the last step.
+    pub fn gradient(&mut self, located: &EventDriven<'_>) -> Option<Result<Gradient, String>> {
+        let Self { tangents, observed: Some(observed), start, swept: Some(swept), .. } = self else { return None };
+        let Swept { adjoint, back, .. } = swept;
+        let (t, x) = (located.state.t, [located.state.q.as_slice(), &located.state.v].concat());
+        let along = observed.write(*start + t, |t| (x.clone(), tangents.at(t - *start)));
+        Some(back.sweep((*start + t, &x), along[(0, 0)], |by_states, by_directions, integral| {
+            let slopes = adjoint.sweep(by_states, by_directions, integral).map_err(|why| why.to_string())?;
+            Ok((slopes, adjoint.work.into()))
+        }))
+    }
+
     /// Writes the columns at a time within the last step, by the clock of the user.
     pub fn write(&mut self, phase: &mut SmoothPhase<'_, '_>, t: f64, out: &mut [f64]) {
+        if self.swept.is_some() {
+            return;
+        }
         let elapsed = t - self.start;
         let now = self.tangents.at(elapsed);
         let Self { tangents, observed, start, outputs, .. } = self;
@@ -128,8 +198,69 @@ impl<'p> FollowedMotion<'p> {
     }
 }
 
+/// Directions in which everything moves together, each parameter and initial value at its own speed.
+fn together(model: &MechanicalModel, by: &[By], speeds: &[f64], start: f64) -> Result<Directions, String> {
+    let Directions { initial, mut terms, mu, restitution, .. } = unshifted(model, by, start)?;
+    let speeds = DMatrix::from_column_slice(speeds.len(), 1, speeds);
+    let moves = |parameter: usize| {
+        by.iter().position(|by| *by == By::Parameter(parameter)).map_or(0.0, |direction| speeds[direction])
+    };
+    let is_parametric = by.iter().any(|by| matches!(by, By::Parameter(_)));
+    let is_shifted = is_parametric && model.structure().depends_on_time && model.parameters.is_some();
+    // By how much each parameter moves is a part of its size already.
+    let shifted = is_shifted.then(|| shifted_by(model, CENTRAL_DIFFERENCE, moves, start)).transpose()?;
+    let (of_initial, of_mu, of_restitution) = (&initial * &speeds, &mu * &speeds, &restitution * &speeds);
+    let mut own = DMatrix::zeros(0, 0);
+    let along = move |t: f64, y: &[f64], out: &mut DMatrix<f64>| {
+        if own.nrows() != out.nrows() {
+            own = DMatrix::zeros(out.nrows(), speeds.nrows());
+        }
+        terms(t, y, &mut own);
+        out.copy_from(&(&own * &speeds));
+    };
+    Ok(Directions {
+        initial: of_initial,
+        terms: Box::new(along),
+        mu: of_mu,
+        restitution: of_restitution,
+        shifted: vec![shifted],
+    })
+}
+
+/// A motion with its parameters above and below their values, by so much times the speed of each.
+fn shifted_by(
+    model: &MechanicalModel,
+    by: f64,
+    speed: impl Fn(usize) -> f64,
+    start: f64,
+) -> Result<ShiftedMotion, String> {
+    let values = model.parameters.as_ref().map_or(&[][..], |(parameters, _)| parameters.values());
+    let system = |by: f64| -> Result<Box<dyn Mechanical>, String> {
+        let values: Vec<f64> = values.iter().enumerate().map(|(k, value)| value + by * speed(k)).collect();
+        let moved = model.with_parameters(&values).map_err(|error| error.to_string())?;
+        Ok(Box::new(Elapsed::new(moved.problem(), start)))
+    };
+    Ok(ShiftedMotion { by, systems: [system(by)?, system(-by)?] })
+}
+
 /// The directions of parameters and initial values, of a motion in the time since its start.
 pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
+    let mut directions = unshifted(model, by, start)?;
+    let Some((parameters, _)) = model.parameters.as_ref().filter(|_| model.structure().depends_on_time) else {
+        return Ok(directions);
+    };
+    for (direction, by) in by.iter().enumerate() {
+        let By::Parameter(parameter) = *by else { continue };
+        let value = parameters.values()[parameter];
+        let size = if value == 0.0 { MOVED_ALONE } else { value.abs() };
+        let moves = |k: usize| if k == parameter { 1.0 } else { 0.0 };
+        directions.shifted[direction] = Some(shifted_by(model, CENTRAL_DIFFERENCE * size, moves, start)?);
+    }
+    Ok(directions)
+}
+
+/// The directions of parameters and initial values without the systems that are shifted along them.
+fn unshifted(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, contacts, count) = (2 * structure.coordinates, structure.contacts.len(), by.len());
     let slopes = model.slopes().map_err(|error| error.to_string())?;
@@ -145,7 +276,7 @@ pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Resu
             directions.initial[(state, direction)] = 1.0;
         }
     }
-    let (Some(mut slopes), Some((parameters, coefficients))) = (slopes, &model.parameters) else {
+    let (Some(mut slopes), Some((_, coefficients))) = (slopes, &model.parameters) else {
         return Ok(directions);
     };
     // The direction of a parameter; each is named once.
@@ -161,22 +292,6 @@ pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Resu
         match coefficients[coefficient] {
             ContactCoefficient::Friction(k) => directions.mu[(k, direction)] += value,
             ContactCoefficient::Restitution(k) => directions.restitution[(k, direction)] += value,
-        }
-    }
-    if structure.depends_on_time {
-        let values = parameters.values();
-        for (direction, by) in by.iter().enumerate() {
-            let By::Parameter(parameter) = *by else { continue };
-            let size = if values[parameter] == 0.0 { 1.0 } else { values[parameter].abs() };
-            let change = CENTRAL_DIFFERENCE * size;
-            let system = |change: f64| -> Result<Box<dyn Mechanical>, String> {
-                let mut values = values.to_vec();
-                values[parameter] += change;
-                let moved = model.with_parameters(&values).map_err(|error| error.to_string())?;
-                Ok(Box::new(Elapsed::new(moved.problem(), start)))
-            };
-            let systems = [system(change)?, system(-change)?];
-            directions.shifted[direction] = Some(ShiftedMotion { by: change, systems });
         }
     }
     let pattern = slopes.pattern().iter().enumerate();

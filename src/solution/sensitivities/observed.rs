@@ -6,7 +6,7 @@ use super::By;
 use crate::observables::{Argument, ObservableSlopes, Observables};
 use crate::quadrature::{self, Integrals};
 use expression::Tape;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// The derivatives of definitions and integrals along a run.
 pub(super) struct ObservedSlopes {
@@ -17,8 +17,8 @@ pub(super) struct ObservedSlopes {
     values: Vec<f64>,
     definitions: usize,
     integrals: usize,
-    /// The direction of each parameter that has one.
-    directions: Vec<(usize, usize)>,
+    /// The direction of each parameter that has one, and how fast the parameter moves along it.
+    directions: Vec<(usize, usize, f64)>,
     count: usize,
     /// The derivatives of the integrals at the beginning and the end of the last step, one per row.
     begun: DMatrix<f64>,
@@ -38,10 +38,35 @@ impl ObservedSlopes {
     /// Begins at the start of a run of a problem with so many outputs.
     pub fn new(observables: &Observables, outputs: usize, by: &[By], start: f64) -> Self {
         let parameter = |(direction, by): (usize, &By)| match *by {
-            By::Parameter(parameter) => Some((parameter, direction)),
+            By::Parameter(parameter) => Some((parameter, direction, 1.0)),
             By::Initial(_) => None,
         };
-        let none = DMatrix::zeros(observables.integrals, by.len());
+        let directions = by.iter().enumerate().filter_map(parameter).collect();
+        Self::along(observables, outputs, (directions, by.len()), start)
+    }
+
+    /// Begins at the start of a run with one direction, in which everything moves together, each at its own speed.
+    pub fn together(observables: &Observables, outputs: usize, (by, speeds): (&[By], &[f64]), start: f64) -> Self {
+        let parameter = |(by, speed): (&By, &f64)| match *by {
+            By::Parameter(parameter) => Some((parameter, 0, *speed)),
+            By::Initial(_) => None,
+        };
+        let directions = by.iter().zip(speeds).filter_map(parameter).collect();
+        Self::along(observables, outputs, (directions, 1), start)
+    }
+
+    /// Begins at the start of a run of a problem in so many directions that no parameter moves in.
+    pub fn of_states(observables: &Observables, outputs: usize, count: usize, start: f64) -> Self {
+        Self::along(observables, outputs, (Vec::new(), count), start)
+    }
+
+    fn along(
+        observables: &Observables,
+        outputs: usize,
+        (directions, count): (Vec<(usize, usize, f64)>, usize),
+        start: f64,
+    ) -> Self {
+        let none = DMatrix::zeros(observables.integrals, count);
         Self {
             of: observables.slopes.clone(),
             program: observables.program.clone(),
@@ -49,8 +74,8 @@ impl ObservedSlopes {
             values: vec![0.0; observables.names.len() + observables.monitors.len()],
             definitions: observables.definitions(),
             integrals: observables.integrals,
-            directions: by.iter().enumerate().filter_map(parameter).collect(),
-            count: by.len(),
+            directions,
+            count,
             begun: none.clone(),
             ended: none,
             step: (start, start),
@@ -69,8 +94,8 @@ impl ObservedSlopes {
                     row += slopes.row(state) * value;
                 }
                 Argument::Parameter(parameter) => {
-                    let directions = self.directions.iter().filter(|(of, _)| *of == parameter);
-                    directions.for_each(|&(_, direction)| out[(row, direction)] += value);
+                    let directions = self.directions.iter().filter(|(of, ..)| *of == parameter);
+                    directions.for_each(|&(_, direction, speed)| out[(row, direction)] += speed * value);
                 }
             }
         }
@@ -107,6 +132,16 @@ impl ObservedSlopes {
         if let Some(jump) = jump {
             self.pass(jump);
         }
+    }
+
+    /// What the only integral changes by where its integrand jumps, one per direction; `None` if there is none.
+    pub fn gained(&mut self, jump: &Jump) -> Option<DVector<f64>> {
+        if self.integrals == 0 {
+            return None;
+        }
+        self.ended.fill(0.0);
+        self.pass(jump);
+        Some(self.ended.row(0).transpose())
     }
 
     /// Adds what the integrals change by where integrands jump.

@@ -1,0 +1,228 @@
+//! The adjoint of the derivatives along an event-driven motion: the gradient of one number with respect to many directions,
+//! by the transposed maps of arcs and transitions, backwards over the stored steps ([`radau::Adjoint`]). The map of a
+//! transition, `S+ = A S + C`, is found along a basis of the states and the directions as the run passes it.
+
+use super::arc::{ArcEquations, weights_at};
+use super::{Directions, Jumped, NoDerivative, Tangents, TermsBy};
+use crate::locate::{EventDriven, ModeSetting, SmoothPhase};
+use nalgebra::{DMatrix, DVector};
+use problem::Mechanical;
+use radau::{AdjointWork, IntegralWeights, StoredStep};
+use std::rc::Rc;
+
+/// What the sweep back needs of a motion.
+enum Record {
+    Arc {
+        step: Box<StoredStep>,
+        mode: Rc<ModeSetting>,
+    },
+    /// A passage with the map `(A, C)` of its derivatives, and the derivatives of what an integral gains there.
+    Passage {
+        map: DMatrix<f64>,
+        gained: Option<DVector<f64>>,
+    },
+}
+
+/// The derivatives of what an integral gains at a jump at a time that moves, one per direction.
+pub type IntegrandJump<'a> = &'a mut dyn FnMut(&Jumped) -> Option<DVector<f64>>;
+
+/// The adjoint of an event-driven motion.
+pub struct Adjoint {
+    /// Along a basis of the states, then the directions.
+    basis: Tangents,
+    /// The derivatives of the states at the start.
+    initial: DMatrix<f64>,
+    identity: DMatrix<f64>,
+    mode: Rc<ModeSetting>,
+    records: Vec<Record>,
+    bytes: usize,
+    /// Counters.
+    pub work: AdjointWork,
+}
+
+impl Directions {
+    /// A basis of `q` and `v`, then these directions, none of which moves the states at once.
+    fn with_basis(self) -> Self {
+        let (states, count) = (self.initial.nrows(), self.count());
+        let mut initial = DMatrix::zeros(states, states + count);
+        initial.fill_with_identity();
+        let Self { mut terms, mu, restitution, shifted, .. } = self;
+        let mut own = DMatrix::zeros(0, 0);
+        let terms: TermsBy = Box::new(move |t: f64, y: &[f64], out: &mut DMatrix<f64>| {
+            if own.nrows() != out.nrows() {
+                own = DMatrix::zeros(out.nrows(), count);
+            }
+            terms(t, y, &mut own);
+            out.columns_mut(0, states).fill(0.0);
+            out.columns_mut(states, count).copy_from(&own);
+        });
+        let behind = |own: DMatrix<f64>| own.insert_columns(0, states, 0.0);
+        let shifted = (0..states).map(|_| None).chain(shifted).collect();
+        Self { initial, terms, mu: behind(mu), restitution: behind(restitution), shifted }
+    }
+}
+
+impl Adjoint {
+    /// Begins at the start of a run of `problem`, before the derivatives that are followed with it.
+    ///
+    /// # Errors
+    /// Why there is no derivative from the start on.
+    pub fn new(
+        problem: Box<dyn Mechanical>,
+        directions: Directions,
+        located: &mut EventDriven<'_>,
+    ) -> Result<Self, NoDerivative> {
+        let initial = directions.initial.clone();
+        let directions = directions.with_basis();
+        let identity = directions.initial.clone();
+        let transition = located.transition.clone();
+        let basis = Tangents::begin_along(problem, (directions, true), (located, transition.as_ref()))?;
+        let mode = Rc::new(basis.equations.setting());
+        let mut adjoint =
+            Self { basis, initial, identity, mode, records: Vec::new(), bytes: 0, work: AdjointWork::default() };
+        if transition.is_some() {
+            adjoint.note_passage(None);
+        }
+        Ok(adjoint)
+    }
+
+    /// The number of bytes of the stored steps.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Takes up the mode of a smooth phase that begins.
+    pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
+        self.basis.begin(phase);
+        self.mode = Rc::new(phase.watch.setting());
+    }
+
+    /// Stores the last step of a phase, which has been followed.
+    ///
+    /// # Errors
+    /// Why there is no derivative from the end of this step on.
+    pub fn store(
+        &mut self,
+        phase: &mut SmoothPhase<'_, '_>,
+        integrand_jump: IntegrandJump<'_>,
+    ) -> Result<(), NoDerivative> {
+        let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
+        let located = &*phase.located;
+        let end = located.transition.as_ref().map_or(located.state.t, |transition| transition.before.t);
+        if end > located.last.t {
+            let step = radau.store_step(end, true);
+            self.bytes += size_of::<Record>() + step.bytes();
+            self.records.push(Record::Arc { step: Box::new(step), mode: self.mode.clone() });
+            self.basis.instant = None;
+            self.basis.now.copy_from(&self.identity);
+        }
+        let jumped = self.basis.pass_end(phase)?;
+        self.basis.events.clear();
+        if jumped.is_some() || self.basis.now != self.identity {
+            self.note_passage(jumped.as_ref().and_then(integrand_jump));
+        }
+        Ok(())
+    }
+
+    /// Stores a passage; what happens at the time of another one is composed with it already.
+    fn note_passage(&mut self, gained: Option<DVector<f64>>) {
+        let before = match self.records.pop() {
+            Some(Record::Passage { gained, .. }) => gained,
+            Some(arc) => {
+                self.records.push(arc);
+                self.bytes += size_of::<Record>() + size_of_val(self.basis.now.as_slice());
+                None
+            }
+            None => None,
+        };
+        let gained = match (before, gained) {
+            (Some(before), Some(gained)) => Some(before + gained),
+            (before, gained) => before.or(gained),
+        };
+        self.records.push(Record::Passage { map: self.basis.now.clone(), gained });
+    }
+
+    /// Carries the derivatives of a number with respect to the states at the end, and directly with respect to the
+    /// directions, back to the start: its gradient. `integral` gives the weights of an integral over a step that the
+    /// number contains; the last step comes first.
+    ///
+    /// # Errors
+    /// Singular equations of a step.
+    pub fn sweep(
+        &mut self,
+        by_states: &[f64],
+        by_directions: &[f64],
+        mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
+    ) -> Result<Vec<f64>, NoDerivative> {
+        let mut states = DVector::from_column_slice(by_states);
+        let mut gradient = DVector::from_column_slice(by_directions);
+        let (n, count) = (states.len(), gradient.len());
+        while let Some(record) = self.records.pop() {
+            match record {
+                Record::Passage { map, gained } => {
+                    gradient += map.columns(n, count).tr_mul(&states);
+                    states = map.columns(0, n).tr_mul(&states);
+                    if let Some(gained) = gained {
+                        states += gained.rows(0, n);
+                        gradient += gained.rows(n, count);
+                    }
+                }
+                Record::Arc { mut step, mode } => {
+                    let weights = integral(&mut step);
+                    self.basis.equations.adopt((*mode).clone());
+                    self.step_back(&step, weights, &mut states, &mut gradient)?;
+                }
+            }
+        }
+        self.bytes = 0;
+        gradient += self.initial.tr_mul(&states);
+        Ok(gradient.as_slice().to_vec())
+    }
+
+    /// Carries a row of derivatives over one step.
+    fn step_back(
+        &mut self,
+        stored: &StoredStep,
+        integral: Option<IntegralWeights>,
+        states: &mut DVector<f64>,
+        gradient: &mut DVector<f64>,
+    ) -> Result<(), NoDerivative> {
+        let step = stored.step();
+        let (n, s, h, tableau) = (states.len(), step.tableau.stages(), step.h, step.tableau);
+        let count = gradient.len();
+        let (of_stages, of_slope) = weights_at(tableau, (stored.ends().1 - step.t) / h);
+        let mut begin = &*states * (1.0 - of_stages.iter().sum::<f64>());
+        let mut slope = &*states * of_slope.unwrap_or(0.0);
+        let mut stages: Vec<DVector<f64>> = of_stages.iter().map(|weight| &*states * *weight).collect();
+        if let Some(integral) = integral {
+            begin += integral.begin;
+            slope += integral.slope;
+            stages.iter_mut().zip(integral.stages).for_each(|(stage, own)| *stage += own);
+            *gradient += integral.directions;
+        }
+        let singular = NoDerivative::Smooth(radau::NoDerivative::Singular);
+        let Tangents { equations, directions, .. } = &mut self.basis;
+        let ArcEquations { matrix, by_directions, at_begin: (by_x, by_directions_at_begin) } =
+            ArcEquations::new(step, equations, directions).ok_or(singular)?;
+        self.work.steps += 1;
+        self.work.jacobians += s as u64 + 1;
+        self.work.factorisations += 1;
+        for (stage, weight) in stages.iter_mut().zip(tableau.begin_weights()) {
+            *stage -= &slope * weight;
+            begin += &slope * weight;
+        }
+        begin += by_x.tr_mul(&slope) * h;
+        *gradient += by_directions_at_begin.columns(n, count).tr_mul(&slope) * h;
+        let mut right = DVector::zeros(s * n);
+        for (i, stage) in stages.iter().enumerate() {
+            right.rows_mut(i * n, n).copy_from(stage);
+        }
+        if !matrix.transpose().lu().solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
+            return Err(singular);
+        }
+        *gradient += by_directions.columns(n, count).tr_mul(&right);
+        (0..s).for_each(|i| begin += right.rows(i * n, n));
+        *states = begin;
+        Ok(())
+    }
+}

@@ -1,0 +1,427 @@
+//! The adjoint of the derivatives along a run: the gradient of one number with respect to many directions.
+//!
+//! A step and a switch change the derivatives `S` of the states by a linear map, `S+ = A S + C`, one column per
+//! direction. A number with the derivative `l+ S+ + g` at its end has the derivative `l S + (g + l+ C)` at its beginning,
+//! with `l = l+ A`: one row `l` is carried backwards over the accepted steps, at a cost that does not depend on the
+//! number of directions but for the products with `C`. The maps are those of [`Tangents`]:
+//!
+//! ```text
+//! step:     K dX = (M dx_n, .., M dx_n) + C,  dx_{n+1} = dX_s:    K^T w = (0, .., l+),  l = M^T sum_i w_i,  g += C^T w
+//! switch:   dx+ = dx- + j (a dx- + c),  dtau = a dx- + c:         l = l+ + a (l+ j),  g += c (l+ j)
+//! ```
+//!
+//! so that the gradient is the derivative of the same steps, to rounding (the discrete adjoint; Hairer, Lubich and Wanner
+//! 2006, VI.10.2; at events Hiskens and Pai 2000). The rows `a` and `c` of a switch are found along a basis of the
+//! states and the directions, by [`Tangents::saltation`].
+//!
+//! Steps are stored in segments. Where all of them would take more memory than allowed, the oldest segments are dropped but
+//! for the point at which they begin, from which the run makes them a second time (checkpointing; Griewank and Walther
+//! 2008, chapter 12, with one level): at most twice the work, in the memory allowed and that of the points.
+//!
+//! The integral of a function `L(t, x, p)` over a step is a linear function of what determines the polynomial of the
+//! derivatives within it ([`IntegralWeights`]), whose weights are added to those of its stages.
+
+use super::{Directions, NoDerivative, Point, RowsBy, Saltation, Tangents};
+use crate::dense_output::Step;
+use crate::settings::StepError;
+use crate::stepper::{LastStep, Radau, Saved};
+use crate::tableau::Tableau;
+use hybrid::OneStep;
+use nalgebra::{DMatrix, DVector};
+use problem::Dvi;
+
+/// Counters of the sweep back.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Steps swept.
+    pub steps: u64,
+    /// Evaluations of the derivatives of all rows, at the stages.
+    pub jacobians: u64,
+    /// Factorisations of the transposed equations of the stages, each with one solution.
+    pub factorisations: u64,
+    /// Steps that were made a second time.
+    pub repeated: u64,
+}
+
+/// Number of segments in the memory allowed.
+const SEGMENTS: usize = 8;
+
+/// Consecutive steps, with what happened at their ends.
+struct Segment {
+    /// The point at which they begin.
+    begin: (Saved, Point),
+    /// The time at which they end.
+    end: f64,
+    /// What is stored of them; `None` if that was dropped.
+    records: Option<Vec<Record>>,
+    bytes: usize,
+}
+
+/// What the sweep back needs of a run.
+enum Record {
+    Step(Box<StoredStep>),
+    Switch(Saltation),
+}
+
+/// Why a sweep back over the steps failed.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum SweepError {
+    /// There is no derivative.
+    #[error(transparent)]
+    NoDerivative(#[from] NoDerivative),
+    /// A step could not be made a second time.
+    #[error("a step that was made once failed the second time: {0}")]
+    Step(#[from] StepError),
+    /// Steps that were made a second time ended elsewhere.
+    #[error("steps up to t = {t:?} that were made a second time are others than the first time")]
+    NotRepeated {
+        /// The time at which they ended.
+        t: f64,
+    },
+}
+
+/// The adjoint of a run.
+pub struct Adjoint {
+    /// Along a basis of the states, then the directions.
+    basis: Tangents,
+    /// The derivatives of the states at the start.
+    initial: DMatrix<f64>,
+    segments: Vec<Segment>,
+    /// The number of bytes of all that is stored, and the most allowed.
+    bytes: usize,
+    most: usize,
+    /// Counters.
+    pub work: Work,
+}
+
+/// An accepted step, stored.
+pub struct StoredStep {
+    step: Step,
+    tableau: &'static Tableau,
+    /// Whether the polynomial of the derivatives is corrected by the slope at its beginning.
+    is_corrected: bool,
+    /// Time at which the run left the step.
+    end: f64,
+}
+
+/// The derivative of an integral over a step as a linear function of the derivatives of the states at its beginning and
+/// at its stages, of the slope that their polynomial lacks at the beginning, times the step size, and of the directions.
+#[derive(Clone, Debug)]
+pub struct IntegralWeights {
+    /// Of the derivatives at the beginning.
+    pub begin: DVector<f64>,
+    /// Of those at each stage.
+    pub stages: Vec<DVector<f64>>,
+    /// Of the lacking slope.
+    pub slope: DVector<f64>,
+    /// Of the directions themselves.
+    pub directions: DVector<f64>,
+}
+
+impl Radau<'_> {
+    /// Stores the last step, which the run left at `end`; `is_corrected` tells whether the polynomial of the derivatives is
+    /// corrected by the slope at its beginning.
+    pub fn store_step(&self, end: f64, is_corrected: bool) -> StoredStep {
+        let mut step = self.last.clone();
+        // What only the next step needs.
+        step.end_slope = Vec::new();
+        StoredStep { step, tableau: self.orders.last().tableau, is_corrected, end }
+    }
+}
+
+impl StoredStep {
+    /// The step.
+    pub fn step(&self) -> LastStep<'_> {
+        let Step { t, h, y, z, .. } = &self.step;
+        LastStep { t: *t, h: *h, y, z, tableau: self.tableau }
+    }
+
+    /// The beginning, and the time at which the run left the step.
+    pub fn ends(&self) -> (f64, f64) {
+        (self.step.t, self.end)
+    }
+
+    /// The number of bytes that it takes.
+    pub fn bytes(&self) -> usize {
+        let Step { y, z, slope, face, .. } = &self.step;
+        let of_face = size_of_val(face.places.as_slice()) + size_of_val(face.blocks.as_slice());
+        size_of::<Self>() + of_face + (y.len() + z.len() + slope.len()) * size_of::<f64>()
+    }
+
+    /// Writes the states at a time.
+    pub fn states_at(&mut self, t: f64, x: &mut [f64]) {
+        let mut y = vec![0.0; self.step.y.len()];
+        self.step.at(self.tableau, t, &mut y);
+        x.copy_from_slice(&y[..x.len()]);
+    }
+
+    /// Writes the weights of the stages in the increment of the polynomial of the derivatives at a time, and returns that
+    /// of the slope that it lacks at the beginning, times the step size.
+    pub fn weights_at(&self, t: f64, stages: &mut [f64]) -> f64 {
+        let theta = (t - self.step.t) / self.step.h;
+        self.tableau.increments_at(theta, stages);
+        if self.is_corrected { self.tableau.bubble_at(theta) } else { 0.0 }
+    }
+}
+
+impl Directions {
+    /// A basis of so many states, then these directions, none of which moves the states at once.
+    fn with_basis(self, states: usize) -> Self {
+        let count = self.initial.ncols();
+        let mut initial = DMatrix::zeros(states, states + count);
+        initial.fill_with_identity();
+        let Self { mut rows, mass, bounds, shifted, .. } = self;
+        let mut own = DMatrix::zeros(0, 0);
+        let rows: RowsBy = Box::new(move |t: f64, y: &[f64], out: &mut DMatrix<f64>| {
+            if own.nrows() != out.nrows() {
+                own = DMatrix::zeros(out.nrows(), count);
+            }
+            rows(t, y, &mut own);
+            out.columns_mut(0, states).fill(0.0);
+            out.columns_mut(states, count).copy_from(&own);
+        });
+        Self {
+            initial,
+            rows,
+            mass: mass.into_iter().map(|(place, direction, value)| (place, states + direction, value)).collect(),
+            bounds: bounds.into_iter().map(|(bound, direction, value)| (bound, states + direction, value)).collect(),
+            shifted: (0..states).map(|_| None).chain(shifted).collect(),
+        }
+    }
+}
+
+impl Adjoint {
+    /// Begins at the start of a run of a problem. Stored steps take at most about `most` bytes.
+    ///
+    /// # Errors
+    /// A singular mass matrix.
+    pub fn new(problem: Box<dyn Dvi>, directions: Directions, most: usize) -> Result<Self, NoDerivative> {
+        let states = problem.structure().states;
+        let initial = directions.initial.clone();
+        let mut basis = Tangents::new(problem, directions.with_basis(states))?;
+        basis.is_basis = true;
+        Ok(Self { basis, initial, segments: Vec::new(), bytes: 0, most, work: Work::default() })
+    }
+
+    /// The number of bytes of the stored steps.
+    pub fn bytes(&self) -> usize {
+        self.bytes
+    }
+
+    /// Prepares for the next step of a run, which `tangents` follow: begins a segment where the last one is full.
+    pub fn prepare(&mut self, radau: &mut Radau<'_>, tangents: &Tangents) {
+        if self.segments.last().is_some_and(|last| last.bytes < self.most / SEGMENTS) {
+            return;
+        }
+        let begin = (radau.save(), tangents.point());
+        self.segments.push(Segment { begin, end: radau.t(), records: Some(Vec::new()), bytes: 0 });
+        let full = self.segments.len() - 1;
+        for segment in &mut self.segments[..full] {
+            if self.bytes <= self.most {
+                break;
+            }
+            if segment.records.take().is_some() {
+                self.bytes -= std::mem::take(&mut segment.bytes);
+            }
+        }
+    }
+
+    /// Stores the last accepted step of a run, which `tangents` have followed.
+    ///
+    /// # Errors
+    /// Why there is no derivative from the end of this step on.
+    pub fn store(&mut self, radau: &mut Radau<'_>, tangents: &Tangents) -> Result<(), NoDerivative> {
+        let mut records = Vec::new();
+        let bytes = self.record(radau, tangents, &mut records)?;
+        if let Some(segment) = self.segments.last_mut() {
+            segment.end = radau.t();
+            segment.bytes += bytes;
+            segment.records.get_or_insert_default().append(&mut records);
+        }
+        self.bytes += bytes;
+        Ok(())
+    }
+
+    /// Appends the last accepted step of a run to records, and returns the number of bytes.
+    fn record(
+        &mut self,
+        radau: &mut Radau<'_>,
+        tangents: &Tangents,
+        records: &mut Vec<Record>,
+    ) -> Result<usize, NoDerivative> {
+        let stored = radau.store_step(radau.t(), tangents.slopes[0].is_some());
+        let mut bytes = size_of::<Record>() + stored.bytes();
+        records.push(Record::Step(Box::new(stored)));
+        if radau.continues || radau.is_done() {
+            return Ok(bytes);
+        }
+        let basis = &mut self.basis;
+        basis.now.copy_from(&basis.directions.initial);
+        if let Some(saltation) = basis.saltation(radau)? {
+            let numbers = saltation.jump.len() + saltation.times.len();
+            bytes += size_of::<Record>() + numbers * size_of::<f64>();
+            records.push(Record::Switch(saltation));
+        }
+        Ok(bytes)
+    }
+
+    /// Makes the steps of a segment a second time.
+    fn repeat(
+        &mut self,
+        Segment { begin: (saved, point), end, .. }: &Segment,
+        radau: &mut Radau<'_>,
+        tangents: &mut Tangents,
+    ) -> Result<Vec<Record>, SweepError> {
+        radau.restore(saved);
+        tangents.restore(point);
+        let mut records = Vec::new();
+        while radau.t() < *end {
+            radau.step()?;
+            tangents.follow(radau)?;
+            self.record(radau, tangents, &mut records)?;
+            self.work.repeated += 1;
+        }
+        if radau.t() == *end { Ok(records) } else { Err(SweepError::NotRepeated { t: *end }) }
+    }
+
+    /// Carries the derivatives of a number with respect to the states at the end, and directly with respect to the
+    /// directions, back to the start: its gradient. `integral` gives the weights of an integral over a step that the
+    /// number contains; the last step comes first. The run, followed by `tangents`, ends where it was.
+    ///
+    /// # Errors
+    /// Singular equations of a step, or steps that could not be made a second time.
+    pub fn sweep(
+        &mut self,
+        (radau, tangents): (&mut Radau<'_>, &mut Tangents),
+        (by_states, by_directions): (&[f64], &[f64]),
+        mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
+    ) -> Result<Vec<f64>, SweepError> {
+        let segments = std::mem::take(&mut self.segments);
+        let end = segments.iter().any(|segment| segment.records.is_none()).then(|| radau.save());
+        let mut costate = Costate {
+            states: DVector::from_column_slice(by_states),
+            slope: None,
+            gradient: DVector::from_column_slice(by_directions),
+        };
+        for mut segment in segments.into_iter().rev() {
+            let records = match segment.records.take() {
+                Some(records) => records,
+                None => self.repeat(&segment, radau, tangents)?,
+            };
+            for record in records.into_iter().rev() {
+                match record {
+                    Record::Switch(saltation) => costate.pass_switch(&saltation),
+                    Record::Step(mut stored) => {
+                        let weights = integral(&mut stored);
+                        self.step_back(&stored, weights, &mut costate)?;
+                    }
+                }
+            }
+        }
+        if let Some(end) = &end {
+            radau.restore(end);
+        }
+        self.bytes = 0;
+        costate.gradient += self.initial.tr_mul(&costate.states);
+        Ok(costate.gradient.as_slice().to_vec())
+    }
+
+    /// Carries a costate over one step.
+    fn step_back(
+        &mut self,
+        stored: &StoredStep,
+        weights: Option<IntegralWeights>,
+        costate: &mut Costate,
+    ) -> Result<(), NoDerivative> {
+        let StoredStep { step, tableau, is_corrected, .. } = stored;
+        let (n, unknowns, s) = (self.basis.mass.nrows(), step.y.len(), tableau.stages());
+        let mut begin = DVector::zeros(n);
+        let mut stages = vec![DVector::zeros(n); s];
+        stages[s - 1] += &costate.states;
+        // Of an increment of the polynomial with these weights of the stages.
+        let mut add_increment = |of: &[f64], row: &DVector<f64>, begin: &mut DVector<f64>| {
+            for (stage, weight) in stages.iter_mut().zip(of) {
+                *stage += row * *weight;
+                *begin -= row * *weight;
+            }
+        };
+        if let Some(slope) = costate.slope.take() {
+            add_increment(&tableau.end_weights(step.h), &slope, &mut begin);
+        }
+        let mut of_stages = Vec::new();
+        if let Some(weights) = weights {
+            begin += &weights.begin;
+            costate.gradient += &weights.directions;
+            of_stages = weights.stages;
+            if *is_corrected {
+                add_increment(&tableau.begin_weights(), &-&weights.slope, &mut begin);
+                let slope = weights.slope * step.h;
+                if n == unknowns {
+                    self.add_slope(step, &slope, &mut begin, &mut costate.gradient)?;
+                } else {
+                    costate.slope = Some(slope);
+                }
+            }
+        }
+        let mut right = DVector::zeros(s * unknowns);
+        for (i, stage) in stages.iter().enumerate() {
+            right.rows_mut(i * unknowns, n).copy_from(stage);
+        }
+        for (i, stage) in of_stages.iter().enumerate() {
+            let mut own = right.rows_mut(i * unknowns, n);
+            own += stage;
+        }
+        let equations = self.basis.stage_equations(step, tableau)?;
+        self.work.steps += 1;
+        self.work.jacobians += s as u64;
+        self.work.factorisations += 1;
+        if !equations.matrix.transpose().lu().solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
+            return Err(NoDerivative::Singular);
+        }
+        let count = self.initial.ncols();
+        costate.gradient += equations.by_directions.columns(n, count).tr_mul(&right);
+        let mut first = DVector::zeros(n);
+        (0..s).for_each(|i| first += right.rows(i * unknowns, n));
+        costate.states = begin + self.basis.mass.tr_mul(&first);
+        Ok(())
+    }
+
+    /// Adds `row` times the slope of the derivatives at the beginning of a step without variables.
+    fn add_slope(
+        &mut self,
+        step: &Step,
+        row: &DVector<f64>,
+        begin: &mut DVector<f64>,
+        gradient: &mut DVector<f64>,
+    ) -> Result<(), NoDerivative> {
+        let (rows, (rates, _)) = (self.basis.rows_at(step.t, &step.y), self.basis.rates(step.t, &step.y));
+        self.work.jacobians += 1;
+        let row = self.basis.mass.transpose().lu().solve(row).ok_or(NoDerivative::Singular)?;
+        let n = row.len();
+        *begin += rows.by_y.rows(0, n).tr_mul(&row);
+        *gradient += rows.by_directions.view((0, n), (n, gradient.len())).tr_mul(&row);
+        for &((i, j), direction, value) in &self.basis.directions.mass {
+            gradient[direction - n] -= value * rates[j] * row[i];
+        }
+        Ok(())
+    }
+}
+
+/// The derivatives of a number with respect to what determines the rest of a run.
+struct Costate {
+    /// To the states.
+    states: DVector<f64>,
+    /// To the slope of their derivatives at the end of the step before.
+    slope: Option<DVector<f64>>,
+    /// To the directions.
+    gradient: DVector<f64>,
+}
+
+impl Costate {
+    fn pass_switch(&mut self, Saltation { jump, times }: &Saltation) {
+        let jump: f64 = jump.iter().zip(self.states.iter()).map(|(jump, state)| jump * state).sum();
+        let (by_states, by_directions) = times.split_at(self.states.len());
+        self.states.iter_mut().zip(by_states).for_each(|(state, time)| *state += time * jump);
+        self.gradient.iter_mut().zip(by_directions).for_each(|(slope, time)| *slope += time * jump);
+    }
+}

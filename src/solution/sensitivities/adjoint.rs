@@ -1,0 +1,271 @@
+//! The gradient of one number, the objective, with respect to many parameters and initial values, by the adjoint of the
+//! accepted steps ([`radau::Adjoint`]). The objective is a function of the states at the end, or the integral of one over
+//! time, whose derivatives are those of a definition or of an integral of the user.
+//!
+//! With the run, derivatives are followed in one direction in which everything moves together: they bound the steps as
+//! those of forward mode do, tell where there is no derivative, and are what the gradient must give in that direction,
+//! to rounding.
+
+use super::{By, MOVED_ALONE, Sensitivities, generic_parts, shifted_by, unshifted};
+use crate::observables::{Argument, Observables};
+use crate::quadrature::{self, Integrals};
+use crate::run::{Ended, Plan};
+use crate::{CheckCode, Diagnostics};
+use expression::Tape;
+use models::DviModel;
+use nalgebra::{DMatrix, DVector};
+use numerics::CENTRAL_DIFFERENCE;
+use radau::{Directions, IntegralWeights, StoredStep};
+use serde::Serialize;
+use utoipa::ToSchema;
+
+/// Part of the terms of the derivative in one direction by which the gradient may miss it. Both are sums over the same
+/// steps up to rounding, but derivatives of breakpoints of time and of hidden constraints are central differences, along
+/// each parameter or along all at once, which have as many digits as their step is small.
+const ALIKE: f64 = CENTRAL_DIFFERENCE;
+
+/// Most bytes of stored steps: what a run of a few unknowns fills with some hundred thousand of them, and no more than a
+/// small part of the memory of a machine.
+pub(super) const MOST_STORED: usize = 64 << 20;
+
+/// The number whose gradient is asked for: a single definition, at the end, or a single integral.
+#[derive(Clone, Debug)]
+pub struct Objective {
+    /// The objective as the only definition or integral, with its derivatives.
+    pub observables: Observables,
+}
+
+/// The work of the sweep back over the steps.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, ToSchema)]
+pub struct AdjointWork {
+    /// Number of steps swept.
+    pub steps: u64,
+    /// Number of steps that were made a second time, because all of them would have taken too much memory.
+    pub repeated: u64,
+    /// Evaluations of the Jacobian of the rates and of `G`.
+    pub jacobians: u64,
+    /// Factorisations of the transposed equations of a step, each with one solution, whatever the number of parameters.
+    pub factorisations: u64,
+    /// The largest memory of the stored steps, in bytes.
+    pub stored_bytes: u64,
+}
+
+/// A gradient with its evidence.
+#[derive(Clone, Debug)]
+pub struct Gradient {
+    value: f64,
+    slopes: Vec<f64>,
+    /// The difference from the derivative that was followed with the run in one direction, relative to its terms.
+    mismatch: f64,
+    work: AdjointWork,
+}
+
+impl Gradient {
+    /// Writes the gradient into an answer.
+    pub(crate) fn put(self, plan: &Plan, ended: &mut Ended) {
+        let Some(asked) = &plan.sensitivities else { return };
+        let solution = &mut ended.solution;
+        solution.gradient = asked.to.iter().cloned().zip(self.slopes.iter().copied()).collect();
+        solution.objective = Some(self.value);
+        let Diagnostics { checks, adjoint, .. } = &mut solution.diagnostics;
+        *adjoint = Some(self.work);
+        checks.record(CheckCode::Derivatives, self.mismatch / ALIKE, 1.0, || {
+            format!(
+                "the gradient differs by {:.0e} of its terms from the derivative of the same steps in one direction",
+                self.mismatch
+            )
+        });
+        ended.derivatives = self.slopes;
+    }
+}
+
+/// The objective of a run, and the direction that is followed with it.
+pub(super) struct SweptBack {
+    objective: ObjectiveSlopes,
+    /// How fast each parameter and initial value moves in the direction that is followed with the run.
+    pub direction: Vec<f64>,
+    /// The time of the user at time zero of the steps.
+    ahead: f64,
+    /// The largest memory of the stored steps, in bytes.
+    largest: usize,
+}
+
+/// Directions in which everything moves together, each parameter and initial value at its own speed.
+pub(super) fn together(model: &DviModel, by: &[By], speeds: &[f64]) -> Result<Directions, String> {
+    let Directions { initial, mut rows, mass, bounds, .. } = unshifted(model, by)?;
+    let speeds_of_all = DVector::from_column_slice(speeds);
+    let mut own = DMatrix::zeros(0, 0);
+    let along = move |t: f64, y: &[f64], out: &mut DMatrix<f64>| {
+        if own.nrows() != out.nrows() {
+            own = DMatrix::zeros(out.nrows(), speeds_of_all.len());
+        }
+        rows(t, y, &mut own);
+        out.column_mut(0).copy_from(&(&own * &speeds_of_all));
+    };
+    let moves = |parameter: usize| by.iter().position(|by| *by == By::Parameter(parameter)).map_or(0.0, |k| speeds[k]);
+    let is_parametric = by.iter().any(|by| matches!(by, By::Parameter(_)));
+    // By how much each parameter moves is a part of its size already.
+    let shifted = is_parametric.then(|| shifted_by(model, CENTRAL_DIFFERENCE, moves)).transpose()?;
+    Ok(Directions {
+        initial: &initial * DMatrix::from_column_slice(speeds.len(), 1, speeds),
+        rows: Box::new(along),
+        mass: mass.into_iter().map(|(place, direction, value)| (place, 0, value * speeds[direction])).collect(),
+        bounds: bounds.into_iter().map(|(bound, direction, value)| (bound, 0, value * speeds[direction])).collect(),
+        shifted: vec![shifted],
+    })
+}
+
+impl SweptBack {
+    /// The objective `asked` for, of a run with these values of its parameters.
+    pub fn new(
+        plan: &Plan,
+        (asked, objective): (&Sensitivities, &Objective),
+        values: &[f64],
+        (rtol, atol): (f64, &[f64]),
+        ahead: f64,
+    ) -> Self {
+        let size = |by: &By| match *by {
+            By::Parameter(k) if values[k] == 0.0 => MOVED_ALONE,
+            By::Parameter(k) => values[k].abs(),
+            // A state that begins at zero moves by what its tolerance resolves.
+            By::Initial(state) => plan.initial[state].abs().max(atol[state] / rtol),
+        };
+        let direction = asked.by.iter().zip(generic_parts()).map(|(by, part)| part * size(by)).collect();
+        let objective = ObjectiveSlopes::new(&objective.observables, plan.names.len(), &asked.by);
+        Self { objective, direction, ahead, largest: 0 }
+    }
+
+    /// Notes the memory of the steps stored so far.
+    pub fn watch(&mut self, bytes: usize) {
+        self.largest = self.largest.max(bytes);
+    }
+
+    /// The gradient of the objective, after the last step, whose end is given by the clock of the user; `back` carries
+    /// derivatives with respect to the states and the directions back to the start. The derivative of the objective in
+    /// the direction that was followed is `along`.
+    pub fn sweep(
+        &mut self,
+        (t, x): (f64, &[f64]),
+        along: f64,
+        back: impl FnOnce(&[f64], &[f64], IntegralOver<'_>) -> Result<(Vec<f64>, AdjointWork), String>,
+    ) -> Result<Gradient, String> {
+        let Self { objective, direction, ahead, .. } = self;
+        let mut by_states = vec![0.0; x.len()];
+        let mut by_directions = vec![0.0; direction.len()];
+        let mut value = 0.0;
+        if !objective.is_integral {
+            value = objective.at(t, x, &mut by_states, &mut by_directions);
+        }
+        let mut over = |step: &mut StoredStep| {
+            objective.is_integral.then(|| {
+                let (gained, weights) = objective.over(step, (x.len(), *ahead));
+                value += gained;
+                weights
+            })
+        };
+        let not_finite = "the objective or a derivative of it is not finite: a division by zero, a root of zero, or a \
+                          number too large";
+        let is_finite = |slopes: &[f64]| slopes.iter().all(|slope| slope.is_finite());
+        if !is_finite(&by_states) || !is_finite(&by_directions) {
+            return Err(not_finite.to_owned());
+        }
+        let (slopes, work) = back(&by_states, &by_directions, &mut over)?;
+        if !value.is_finite() || !is_finite(&slopes) {
+            return Err(not_finite.to_owned());
+        }
+        let terms = slopes.iter().zip(&self.direction).map(|(slope, speed)| slope * speed);
+        let (sum, size) = terms.fold((0.0, along.abs()), |(sum, size), term| (sum + term, size.max(term.abs())));
+        let mismatch = if size > 0.0 { (sum - along).abs() / size } else { 0.0 };
+        let work = AdjointWork { stored_bytes: self.largest as u64, ..work };
+        Ok(Gradient { value, slopes, mismatch, work })
+    }
+}
+
+/// The weights of the integral that the objective is, over a step; `None` if it is none.
+pub(super) type IntegralOver<'a> = &'a mut dyn FnMut(&mut StoredStep) -> Option<IntegralWeights>;
+
+impl From<radau::AdjointWork> for AdjointWork {
+    fn from(radau::AdjointWork { steps, jacobians, factorisations, repeated }: radau::AdjointWork) -> Self {
+        Self { steps, repeated, jacobians, factorisations, stored_bytes: 0 }
+    }
+}
+
+/// The objective, or the integrand of it, with its derivatives.
+struct ObjectiveSlopes {
+    is_integral: bool,
+    program: Tape,
+    slopes: Tape,
+    pattern: Vec<Argument>,
+    /// The direction of each parameter that has one.
+    directions: Vec<(usize, usize)>,
+    count: usize,
+    outputs: Vec<f64>,
+}
+
+impl ObjectiveSlopes {
+    fn new(observables: &Observables, outputs: usize, by: &[By]) -> Self {
+        let parameter = |(direction, by): (usize, &By)| match *by {
+            By::Parameter(parameter) => Some((parameter, direction)),
+            By::Initial(_) => None,
+        };
+        Self {
+            is_integral: observables.integrals > 0,
+            program: observables.program.clone(),
+            slopes: observables.slopes.program.clone(),
+            pattern: observables.slopes.pattern.iter().map(|&(_, argument)| argument).collect(),
+            directions: by.iter().enumerate().filter_map(parameter).collect(),
+            count: by.len(),
+            outputs: vec![0.0; outputs],
+        }
+    }
+
+    /// Returns the value at a time and states, and writes the derivatives with respect to the states and directly to
+    /// the directions.
+    fn at(&mut self, t: f64, x: &[f64], by_states: &mut [f64], by_directions: &mut [f64]) -> f64 {
+        let mut value = [0.0];
+        self.outputs[..x.len()].copy_from_slice(x);
+        self.program.evaluate(t, &self.outputs, &mut value);
+        let mut slopes = vec![0.0; self.pattern.len()];
+        self.slopes.evaluate(t, x, &mut slopes);
+        by_states.fill(0.0);
+        by_directions.fill(0.0);
+        for (argument, slope) in self.pattern.iter().zip(slopes) {
+            match *argument {
+                Argument::State(state) => by_states[state] += slope,
+                Argument::Parameter(parameter) => {
+                    let own = self.directions.iter().filter(|(of, _)| *of == parameter);
+                    own.for_each(|&(_, direction)| by_directions[direction] += slope);
+                }
+            }
+        }
+        value[0]
+    }
+
+    /// The integral over a step, by a clock that is `ahead` of that of the step, and its derivatives.
+    fn over(&mut self, step: &mut StoredStep, (states, ahead): (usize, f64)) -> (f64, IntegralWeights) {
+        let (n, s, p) = (states, step.step().tableau.stages(), self.count);
+        let (mut x, mut by_states, mut by_directions) = (vec![0.0; n], vec![0.0; n], vec![0.0; p]);
+        let mut weights = vec![0.0; s];
+        let mut sums = Integrals::new(1 + (s + 2) * n + p);
+        let (from, to) = step.ends();
+        quadrature::integrate(from, to, &mut sums, |t: f64, out: &mut [f64]| {
+            step.states_at(t, &mut x);
+            out[0] = self.at(ahead + t, &x, &mut by_states, &mut by_directions);
+            let of_slope = step.weights_at(t, &mut weights);
+            let of_begin = 1.0 - weights.iter().sum::<f64>();
+            let all = [of_begin, of_slope].into_iter().chain(weights.iter().copied());
+            for (weight, out) in all.zip(out[1..].chunks_exact_mut(n.max(1))) {
+                out.iter_mut().zip(&by_states).for_each(|(out, slope)| *out = weight * slope);
+            }
+            out[1 + (s + 2) * n..].copy_from_slice(&by_directions);
+        });
+        let row = |place: usize| DVector::from_column_slice(&sums.values[1 + place * n..][..n]);
+        let weights = IntegralWeights {
+            begin: row(0),
+            slope: row(1),
+            stages: (0..s).map(|j| row(2 + j)).collect(),
+            directions: DVector::from_column_slice(&sums.values[1 + (s + 2) * n..]),
+        };
+        (sums.values[0], weights)
+    }
+}
