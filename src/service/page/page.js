@@ -57,6 +57,7 @@ let leave = null; // leaves it
 let quick = true; // whether the last live answer came in time
 let dragging = false; // whether a slider is held
 let filling = false; // whether the page itself changes the text
+let brings = false; // whether the next live answer is brought into view
 
 // ---- writing and checking
 
@@ -205,6 +206,8 @@ function showLive(answer, text) {
   const specification = lenient(text);
   const run = runOf(answer, { text, specification, label: specification?.label, id: null });
   present(run, { keep: ghost !== null });
+  if (brings) bringResult();
+  brings = false;
   byId("outcome").dataset.status = run.status === "completed" ? "successful" : "failed";
   byId("outcome").textContent = took(run.status === "completed" ? "successful" : run.status.replaceAll("_", " "), run);
   tellMessage(run.error?.message ?? run.error?.detail);
@@ -250,7 +253,7 @@ async function solve() {
   }
 }
 
-// On a narrow screen the result is below the text.
+// On a narrow screen the result is below the text. A page that becomes shorter or longer as an answer comes moves it.
 function bringResult() {
   if (matchMedia("(max-width: 60rem)").matches) byId("result").scrollIntoView();
 }
@@ -636,6 +639,7 @@ async function choose(name) {
     tellMessage();
     if (hadFocus) byId("result").focus();
     const runs = byId("live").checked && isSmall(text);
+    brings = runs;
     markStale("", runs ? "Solving ..." : "Press Solve: this example is not run by itself.");
     if (runs) live.solve(text);
     await checkText();
