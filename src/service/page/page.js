@@ -57,7 +57,7 @@ let leave = null; // leaves it
 let quick = true; // whether the last live answer came in time
 let dragging = false; // whether a slider is held
 let filling = false; // whether the page itself changes the text
-let brings = false; // whether the next live answer is brought into view
+let awaited = null; // the text of the example whose answer is to be brought into view
 
 // ---- writing and checking
 
@@ -206,8 +206,8 @@ function showLive(answer, text) {
   const specification = lenient(text);
   const run = runOf(answer, { text, specification, label: specification?.label, id: null });
   present(run, { keep: ghost !== null });
-  if (brings) bringResult();
-  brings = false;
+  if (text === awaited) bringResult();
+  awaited = null;
   byId("outcome").dataset.status = run.status === "completed" ? "successful" : "failed";
   byId("outcome").textContent = took(run.status === "completed" ? "successful" : run.status.replaceAll("_", " "), run);
   tellMessage(run.error?.message ?? run.error?.detail);
@@ -639,7 +639,7 @@ async function choose(name) {
     tellMessage();
     if (hadFocus) byId("result").focus();
     const runs = byId("live").checked && isSmall(text);
-    brings = runs;
+    awaited = runs ? text : null;
     markStale("", runs ? "Solving ..." : "Press Solve: this example is not run by itself.");
     if (runs) live.solve(text);
     await checkText();
