@@ -4,6 +4,7 @@
 //! Monotone functions are evaluated at the ends of an interval; sine, cosine and tangent also check for extrema and
 //! poles inside. Library functions have errors of a few units in the last place: their values are widened by [`SLACK`].
 
+use super::cube_root::cube_root;
 use super::graph::is_power_of_two;
 use super::operator::Operator;
 use super::tape::Tape;
@@ -90,7 +91,7 @@ impl Operator {
             Self::Ln => within(a, 0.0, f64::INFINITY, |b| increasing(b, f64::ln).defined_if(a.lo > 0.0)),
             Self::Log10 => within(a, 0.0, f64::INFINITY, |b| increasing(b, f64::log10).defined_if(a.lo > 0.0)),
             Self::Sqrt => within(a, 0.0, f64::INFINITY, |a| clamped(increasing(a, f64::sqrt), 0.0, f64::INFINITY)),
-            Self::Cbrt => increasing(a, f64::cbrt),
+            Self::Cbrt => increasing(a, cube_root),
             Self::Abs => a.abs(),
             Self::Sign | Self::Heaviside | Self::Floor | Self::Round => {
                 between(self.apply(a.lo, a.lo), self.apply(a.hi, a.hi), defined)

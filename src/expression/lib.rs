@@ -18,6 +18,7 @@ mod breaks;
 mod calls;
 mod caret;
 mod conditions;
+mod cube_root;
 mod derivative;
 mod discontinuous;
 mod enclosure;
@@ -47,6 +48,7 @@ mod tests;
 mod vectors;
 
 pub use breaks::Breaks;
+pub use cube_root::cube_root;
 pub use enclosure::IntervalWorkspace;
 pub use error::ExpressionError;
 pub use features::Jumps;

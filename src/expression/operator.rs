@@ -1,6 +1,8 @@
 //! Operators of terms. Constant folding and program evaluation both call [`Operator::apply`], so that folding never
 //! changes a value.
 
+use super::cube_root::cube_root;
+
 /// The operator of a term.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) enum Operator {
@@ -115,7 +117,7 @@ impl Operator {
             Self::Ln => a.ln(),
             Self::Log10 => a.log10(),
             Self::Sqrt => a.sqrt(),
-            Self::Cbrt => a.cbrt(),
+            Self::Cbrt => cube_root(a),
             Self::Abs => a.abs(),
             Self::Sign if a > 0.0 => 1.0,
             Self::Sign if a < 0.0 => -1.0,

@@ -1,6 +1,7 @@
 //! Equations given as functions of Rust. Nothing is known of them but their values: they have no enclosures, and derivatives that
 //! are not given are central differences.
 
+use expression::cube_root;
 use problem::{Dvi, Structure};
 use std::fmt;
 use std::sync::Arc;
@@ -35,7 +36,7 @@ impl fmt::Debug for Closures {
 /// The change that balances truncation and rounding of a central difference, relative to the size of what is changed: the cube
 /// root of the rounding unit.
 fn change() -> f64 {
-    f64::EPSILON.cbrt()
+    cube_root(f64::EPSILON)
 }
 
 impl Closures {

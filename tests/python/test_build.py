@@ -17,26 +17,6 @@ def read(path):
     return tomllib.loads((ROOT / path).read_text())
 
 
-def test_the_profiles_are_those_of_the_house():
-    house, binding = read("Cargo.toml")["profile"], read("api/python/Cargo.toml")["profile"]
-    locked = {package["name"] for package in read("api/python/Cargo.lock")["package"]}
-    of_house, of_binding = house["release"].pop("package"), binding["release"].pop("package")
-    assert binding == house
-    for name, settings in of_binding.items():
-        assert of_house[name] == settings, name
-    # Packages of the service alone are in the lock of neither.
-    assert {name for name in of_house if name in locked} - {"dvi-service", "clap_builder"} == set(of_binding)
-
-
-def test_the_versions_are_those_of_the_house():
-    house = {(package["name"], package["version"]) for package in read("Cargo.lock")["package"]}
-    names = {name for name, _ in house}
-    binding = [(package["name"], package["version"]) for package in read("api/python/Cargo.lock")["package"]]
-    numerics = ("faer", "nalgebra", "gemm", "clarabel", "parry", "realfft", "rustfft", "serde")
-    strange = [one for one in binding if one[0].startswith(numerics) and one[0] in names and one not in house]
-    assert strange == []
-
-
 def test_the_version_is_that_of_the_house():
     assert dvi.__version__ == read("Cargo.toml")["workspace"]["package"]["version"]
 

@@ -12,6 +12,7 @@
 //! zero, to the accuracy of `J`, is not determined.
 
 use super::least_squares::{LeastSquares, Loss, Minimum};
+use expression::cube_root;
 use nalgebra::DMatrix;
 
 /// The iteration limit of singular value decompositions, far above the number that any of them takes.
@@ -157,7 +158,7 @@ fn within(angle: f64, freedoms: usize) -> f64 {
 /// and Hilferty 1931).
 pub fn is_too_large(squares: f64, freedoms: usize) -> bool {
     let part = 2.0 / (9.0 * freedoms as f64);
-    freedoms > 0 && ((squares / freedoms as f64).cbrt() - (1.0 - part)) / part.sqrt() > RARE
+    freedoms > 0 && (cube_root(squares / freedoms as f64) - (1.0 - part)) / part.sqrt() > RARE
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 use super::{Attempt, TrBdf2};
 use crate::obstacle::ObstacleError;
 use crate::obstacle::resting::Moment;
+use expression::cube_root;
 use hybrid::{Automaton, Located, Proposal, Screened, Solved};
 use numerics::Bracket;
 use std::ops::Range;
@@ -160,7 +161,7 @@ impl Automaton for TrBdf2<'_> {
             return Ok(true);
         }
         self.counts.inaccurate += 1;
-        let factor = if error.is_finite() { (0.9 / error.cbrt()).max(0.1) } else { 0.1 };
+        let factor = if error.is_finite() { (0.9 / cube_root(error)).max(0.1) } else { 0.1 };
         // The next attempt ends where the variation begins that this one has missed.
         let factor = self.hidden.unseen.begin.map_or(factor, |begin| begin.clamp(LEAST, MOST));
         self.shrink(factor * h, "the error was too large")?;
@@ -181,7 +182,7 @@ impl Automaton for TrBdf2<'_> {
         self.restarts = false;
         if event.is_none() && self.settings.step.is_none() && next < self.end {
             let most = if self.was_rejected { 1.0 } else { 5.0 };
-            let factor = (0.9 / error.cbrt()).clamp(0.2, most);
+            let factor = (0.9 / cube_root(error)).clamp(0.2, most);
             let factor = if UNCHANGED.contains(&factor) { 1.0 } else { factor };
             let wished = (factor * h).min(self.settings.max_step);
             // A step that a breakpoint has cut says nothing against a longer one.
