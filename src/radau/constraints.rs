@@ -22,6 +22,7 @@ use super::newton_control::NewtonControl;
 use super::system::System;
 use factorisation::{Singular, equilibrated, scale_of};
 use nalgebra::{DMatrix, FullPivLU};
+use numerics::components;
 use problem::Mass;
 
 /// Relative rank threshold: pivots and singular values below this fraction of the largest are rounding, in matrices
@@ -205,12 +206,13 @@ fn correction(system: &System<'_>, control: &NewtonControl, rows: &mut Vec<usize
     });
     let (scaled, of_rows, of_columns) = equilibrated(of_free);
     let mut correction = DMatrix::<f64>::zeros(unknowns, rows.len());
-    if let Some(mut null) = left_null_space(scaled.clone()) {
+    if let Some(mut null) = left_null_space(&scaled) {
         null.column_iter_mut().zip(&of_rows).for_each(|(mut column, scale)| column.scale_mut(*scale));
         let weights = DMatrix::from_fn(n, n, |i, j| if i == j { 1.0 / control.weight[i] } else { 0.0 });
-        let driven = directions(system, rates).filter(|driven| reaches(&(&null * &of_states * driven)));
+        let held = &null * &of_states;
+        let driven = directions(system, rates).filter(|driven| reaches(&held, driven));
         let directions = driven.unwrap_or(weights);
-        let mut bound = &null * &of_states * &directions;
+        let mut bound = held * &directions;
         for row in 0..bound.nrows() {
             let scale = scale_of(bound.row(row).amax());
             bound.row_mut(row).scale_mut(scale);
@@ -251,10 +253,15 @@ fn directions(system: &System<'_>, mut rates: DMatrix<f64>) -> Option<DMatrix<f6
     Some(rates).filter(|rates| rates.iter().all(|entry| entry.is_finite()))
 }
 
-/// Whether the rows of a matrix are linearly independent.
-fn reaches(bound: &DMatrix<f64>) -> bool {
-    let (scaled, _, _) = equilibrated(bound.clone());
-    Singular::of(&scaled).is_some_and(|singular| singular.rank(RANK) == bound.nrows())
+/// Whether directions of the states reach all constraints, given the derivatives of these by the states.
+fn reaches(constraints: &DMatrix<f64>, directions: &DMatrix<f64>) -> bool {
+    // No more than the states have directions.
+    if constraints.nrows() > constraints.ncols().min(directions.ncols()) {
+        return false;
+    }
+    let bound = constraints * directions;
+    let (scaled, _, _) = equilibrated(bound);
+    Singular::of(&scaled).is_some_and(|singular| singular.rank(RANK) == constraints.nrows())
 }
 
 /// The Moore-Penrose pseudoinverse; zero for a zero matrix, `None` if an entry is not finite.
@@ -267,9 +274,57 @@ fn pseudoinverse(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     Some(inverse)
 }
 
-/// A basis of the left null space of a matrix; `None` if its rows are linearly independent.
-fn left_null_space(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+/// A basis of the left null space of a matrix; `None` if its rows are linearly independent. Blocks that share neither rows nor
+/// columns have null spaces of their own.
+fn left_null_space(matrix: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let mut basis: Vec<(Vec<usize>, DMatrix<f64>)> = Vec::new();
+    for (rows, columns) in independent_blocks(matrix) {
+        let block = matrix.select_rows(&rows).select_columns(&columns);
+        if let Some(null) = left_null_space_of_block(block) {
+            basis.push((rows, null));
+        }
+    }
+    let count: usize = basis.iter().map(|(_, null)| null.nrows()).sum();
+    if count == 0 {
+        return None;
+    }
+    let mut all = DMatrix::<f64>::zeros(count, matrix.nrows());
+    let mut next = 0;
+    for (rows, null) in basis {
+        for (column, &row) in rows.iter().enumerate() {
+            all.view_mut((next, row), (null.nrows(), 1)).copy_from(&null.column(column));
+        }
+        next += null.nrows();
+    }
+    Some(all)
+}
+
+/// The rows and the columns of the blocks of a matrix that share neither; a column of zeros belongs to none.
+fn independent_blocks(matrix: &DMatrix<f64>) -> Vec<(Vec<usize>, Vec<usize>)> {
     let rows = matrix.nrows();
+    let mut edges = vec![Vec::new(); rows + matrix.ncols()];
+    for (j, column) in matrix.column_iter().enumerate() {
+        for (i, _) in column.iter().enumerate().filter(|(_, entry)| **entry != 0.0) {
+            edges[i].push(rows + j);
+            edges[rows + j].push(i);
+        }
+    }
+    let mut blocks = Vec::new();
+    for mut block in components(&edges) {
+        let of_columns = block.split_off(block.partition_point(|&node| node < rows));
+        if !block.is_empty() {
+            blocks.push((block, of_columns.into_iter().map(|node| node - rows).collect()));
+        }
+    }
+    blocks
+}
+
+/// A basis of the left null space of a matrix; `None` if its rows are linearly independent.
+fn left_null_space_of_block(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let rows = matrix.nrows();
+    if matrix.ncols() == 0 {
+        return Some(DMatrix::identity(rows, rows));
+    }
     let lu = FullPivLU::new(matrix);
     let u = lu.u();
     let pivots: Vec<f64> = (0..u.nrows().min(u.ncols())).map(|i| u[(i, i)].abs()).collect();
@@ -301,9 +356,21 @@ mod tests {
     fn null_vectors_are_those_of_the_combinations_that_vanish() {
         // Row three is the sum of the first two.
         let matrix = DMatrix::from_row_slice(3, 3, &[1.0, 2.0, 0.0, 0.0, 1.0, 1.0, 1.0, 3.0, 1.0]);
-        let null = left_null_space(matrix.clone()).expect("one combination");
+        let null = left_null_space(&matrix).expect("one combination");
         assert_eq!(null.nrows(), 1);
         assert!((null * matrix).amax() < 1e-15);
-        assert!(left_null_space(DMatrix::identity(3, 3)).is_none());
+        assert!(left_null_space(&DMatrix::identity(3, 3)).is_none());
+    }
+
+    #[test]
+    fn blocks_that_share_neither_rows_nor_columns_have_null_spaces_of_their_own() {
+        // Rows 0 and 3 are parallel, row 1 is empty, row 2 stands alone.
+        let mut matrix = DMatrix::<f64>::zeros(4, 5);
+        (matrix[(0, 1)], matrix[(0, 4)], matrix[(3, 1)], matrix[(3, 4)], matrix[(2, 2)]) = (1.0, 2.0, 0.5, 1.0, 3.0);
+        assert_eq!(independent_blocks(&matrix).len(), 3);
+        let null = left_null_space(&matrix).expect("two combinations");
+        assert_eq!(null.nrows(), 2);
+        assert!((&null * matrix).amax() < 1e-15);
+        assert_eq!(Singular::of(&null).expect("finite").rank(RANK), 2);
     }
 }

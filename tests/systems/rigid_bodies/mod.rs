@@ -5,6 +5,7 @@ mod balance;
 mod chains;
 mod driven;
 mod events;
+mod feet;
 mod free;
 mod friction;
 mod heap;

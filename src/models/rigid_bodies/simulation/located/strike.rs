@@ -13,7 +13,7 @@ impl MoreauStepping<'_> {
     pub(super) fn strike(&mut self, located: &mut Located, control: &Control) -> Result<(), StepFailure> {
         self.ground_at(located, self.t);
         self.detect(0.0, control)?;
-        self.contacts.retain(|contact| located.lasting.contains(&contact.key) || contact.gap <= contact.no_gap);
+        self.retain_closed(located);
         let (mut strikes, mut fastest) = (false, 0.0_f64);
         let mut noise = Vec::with_capacity(self.contacts.len());
         let mut told = Vec::new();
@@ -62,6 +62,33 @@ impl MoreauStepping<'_> {
         located.lasting.extend(lasting.iter().map(|contact| contact.key));
         self.tell(located, lasting);
         Ok(())
+    }
+
+    /// Keeps the contacts that are closed: those that last, and those whose gap is zero. Where one of these strikes, a gap is zero
+    /// that is no larger than its error: the sum of the gaps of the other closed contacts of its bodies, which are zero but for
+    /// errors of the last arc, and of which that of the last foot of a face is a combination. Feet of a face that lands from one of
+    /// its edges strike at once, in whatever order their errors bring them.
+    fn retain_closed(&mut self, located: &Located) {
+        let lasts = |contact: &Contact| located.lasting.contains(&contact.key);
+        let strikes = |contact: &Contact| !lasts(contact) && -contact.before.x > self.rounding(located, contact);
+        let of_moving = |contact: &Contact| contact.bodies.into_iter().flatten().map(|body| body as usize);
+        let mut closed: Vec<bool> =
+            self.contacts.iter().map(|contact| lasts(contact) || contact.gap <= contact.no_gap).collect();
+        let mut is_struck = self.contacts.iter().zip(&closed).any(|(contact, closed)| *closed && strikes(contact));
+        let mut errors = vec![0.0; self.moving.len()];
+        while is_struck {
+            errors.fill(0.0);
+            for (contact, _) in self.contacts.iter().zip(&closed).filter(|(_, closed)| **closed) {
+                of_moving(contact).for_each(|body| errors[body] += contact.gap.abs());
+            }
+            is_struck = false;
+            for (contact, closed) in self.contacts.iter().zip(&mut closed).filter(|(_, closed)| !**closed) {
+                *closed = contact.gap <= contact.no_gap + of_moving(contact).map(|body| errors[body]).sum::<f64>();
+                is_struck |= *closed;
+            }
+        }
+        let mut closed = closed.into_iter();
+        self.contacts.retain(|_| closed.next().unwrap_or(false));
     }
 
     /// Solves the law of impact for the contacts, and changes the velocities; the impacts of some contacts are told.

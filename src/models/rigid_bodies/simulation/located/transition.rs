@@ -162,8 +162,7 @@ impl MoreauStepping<'_> {
     /// What changed of the lasting contacts in an arc of the step, which is at its end.
     pub(super) fn change(&self, located: &Located, begun: &[Begun]) -> Change {
         let mut change = Change { slip: f64::INFINITY, sticks: true, ..Change::default() };
-        let fall = located.step * self.scene.gravity.norm();
-        let zero = |contact: &Contact, change: f64| ZERO * (change + fall) + rounding(contact, &self.moving);
+        let zero = |contact: &Contact, change: f64| self.zero(located, contact, change);
         let after = |contact: &Contact| self.velocity_of(contact);
         // Contacts move apart by errors of second order at the beginning of an arc, and by no more while they are pressed
         // together.
@@ -218,11 +217,21 @@ impl MoreauStepping<'_> {
         contact.velocity(|body| (self.moving[body as usize].velocity, self.moving[body as usize].omega))
     }
 
-    /// The least slip of the lasting contacts along their slip at the beginning of the arc, relative to it.
-    pub(super) fn least_slip(&self, begun: &[Begun]) -> f64 {
+    /// The velocity of a lasting contact that counts as zero, where the arc changes it by `change`.
+    fn zero(&self, located: &Located, contact: &Contact, change: f64) -> f64 {
+        let fall = located.step * self.scene.gravity.norm();
+        ZERO * (change + fall) + rounding(contact, &self.moving)
+    }
+
+    /// The least slip of the lasting contacts along their slip at the beginning of the arc, relative to it; zero where it is none
+    /// but for errors of the law's solution.
+    pub(super) fn least_slip(&self, located: &Located, begun: &[Begun]) -> f64 {
         let slip = |start: &Begun| {
             let contact = self.contacts.iter().find(|contact| contact.key == start.key)?;
-            slip_along(contact, &start.u, &self.velocity_of(contact))
+            let slip = slip_along(contact, &start.u, &self.velocity_of(contact))?;
+            let speed = start.u.y.hypot(start.u.z);
+            let is_zero = (slip * speed).abs() <= self.zero(located, contact, (slip - 1.0).abs() * speed);
+            Some(if is_zero { 0.0 } else { slip })
         };
         begun.iter().filter_map(slip).fold(f64::INFINITY, f64::min)
     }
