@@ -114,6 +114,10 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
         (Json::Text(_), Some(_)) if parent == Some("variables") && is_member => {
             return Some(format!("`{{\"inequality\": {shown}}}`"));
         }
+        (Json::List(items), Some(name)) if is_member && matches!(parent, Some("parameters" | "definitions")) => {
+            return ranges(items)
+                .map(|ranges| format!("a range with the name: `{}: {shown}`", quoted(&format!("{name}[{ranges}]"))));
+        }
         (Json::List(items), Some("sensitivities")) if !items.is_empty() => {
             return Some(format!("`{{\"to\": {shown}}}`"));
         }
@@ -152,6 +156,18 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
         _ if expected.starts_with("3 entries") || expected.contains("length 3") => Some("`[0, 0, 1]`".to_owned()),
         _ => None,
     }
+}
+
+/// The ranges of the indices of a list of values, or of rows of equal length.
+fn ranges(items: &[Json]) -> Option<String> {
+    let lengths = items.iter().map(|item| if let Json::List(row) = item { Some(row.len()) } else { None });
+    let lengths: Vec<Option<usize>> = lengths.collect();
+    let first = *lengths.first()?;
+    let range = match first {
+        Some(columns) => format!("1..{},1..{columns}", items.len()),
+        None => format!("1..{}", items.len()),
+    };
+    lengths.iter().all(|length| *length == first).then_some(range)
 }
 
 /// Whether an object has members, and all of them are objects.

@@ -194,3 +194,27 @@ fn coordinates_and_their_velocities_are_vectors() {
     let names: Vec<&str> = solution.trajectory.fields.iter().map(|field| field.name.as_str()).collect();
     assert_eq!(names, ["q[1]", "q[2]", "q_dot[1]", "q_dot[2]"]);
 }
+
+#[test]
+fn a_matrix_of_data_is_a_list_of_rows_of_a_name_with_two_ranges() {
+    let of = |parameters: Value| {
+        json!({"problem": {"vi": {
+            "parameters": parameters,
+            "variables": {"p[1..2]": {"inequality": "sum(A[i,j]*p[j] for j in 1..3) - 1", "initial": 0}},
+            "set": [{"nonnegative": ["p[1..2]"]}],
+            "definitions": {"p[3]": "2"}
+        }}})
+    };
+    let solved = |specification: &Value| {
+        let specification = Specification::from_json(specification.to_string().as_bytes()).expect("a specification");
+        let found = dvi::solve(&specification, &Control::new()).solution.expect("a solution");
+        [found.z["p[1]"], found.z["p[2]"]]
+    };
+    // 4 p1 + p2 - 2 = 1 and p1 + 2 p2 - 1 = 1.
+    let rows = solved(&of(json!({"A[1..2,1..3]": [[4, 1, "-1"], [1, 2, -0.5]]})));
+    let flat = solved(&of(json!({"A[1..2,1..3]": [4, 1, -1, 1, 2, -0.5]})));
+    assert_eq!(rows, flat);
+    assert!((rows[0] - 4.0 / 7.0).abs() < 1e-12 && (rows[1] - 5.0 / 7.0).abs() < 1e-12, "{rows:?}");
+    let errors = errors_of(of(json!({"A": [[4, 1, -1], [1, 2, -0.5]]})).to_string());
+    assert!(errors.iter().any(|error| format!("{error:?}").contains("A[1..2,1..3]")), "{errors:?}");
+}

@@ -17,6 +17,7 @@ mod functions_of_time;
 mod global_error;
 pub mod harness;
 mod library;
+mod mcplib;
 pub mod memory;
 mod memory_switches;
 mod netlists;

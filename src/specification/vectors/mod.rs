@@ -1,7 +1,7 @@
 //! Expansion of vectors before a document is read. A member `"x[1..n]"` becomes one member per element, in which the
 //! index `i` is replaced by its value; a name with a range in a list of names becomes the names of all elements; a list
 //! entry whose `name`, `label` or (for a box) `of` has a range becomes one entry per element. A list in the place of a
-//! number or an expression gives one value for each element.
+//! number or an expression gives one value for each element; that of a name with two ranges may be a list of rows.
 //!
 //! Later stages see only the expanded document; their errors are mapped back to the place of the range.
 
@@ -106,6 +106,20 @@ pub(super) fn write_out(json: &mut Json, errors: &mut Errors) -> Vectors {
     expansion.vectors
 }
 
+/// The values of a list of rows of equal length, row by row.
+fn of_rows(value: &Json) -> Option<Json> {
+    let Json::List(rows) = value else { return None };
+    let values = |row: &Json| match row {
+        Json::List(values) if values.iter().all(|value| matches!(value, Json::Number(_) | Json::Text(_))) => {
+            Some(values.clone())
+        }
+        _ => None,
+    };
+    let rows = rows.iter().map(values).collect::<Option<Vec<_>>>()?;
+    let is_even = rows.windows(2).all(|two| two[0].len() == two[1].len());
+    (is_even && !rows.is_empty()).then(|| Json::List(rows.concat()))
+}
+
 /// A path in the expanded document, and the corresponding path in the user's.
 struct ExpandedPath {
     new: Vec<Step>,
@@ -147,6 +161,9 @@ impl Expansion<'_> {
                 continue;
             };
             place.old.push(step);
+            if let Some(values) = of_rows(&value) {
+                value = values;
+            }
             for (position, (name, values)) in range.elements().enumerate() {
                 place.new.push(Step::Key(name.clone()));
                 let element = self.element(&value, &values, (position, range.len()), place);

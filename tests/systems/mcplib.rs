@@ -1,0 +1,55 @@
+//! Problems of the collection MCPLIB (Dirkse and Ferris 1995), from the starts from which PATH solves them, to solutions that were
+//! found apart: each file has the data with their source, and the solution to its last digits.
+
+use crate::systems::harness::solve;
+use serde_json::Value;
+
+const PROBLEMS: [(&str, &str); 8] = [
+    ("hansmcp", include_str!("mcplib/hansmcp.json")),
+    ("harkmcp_cspe2", include_str!("mcplib/harkmcp_cspe2.json")),
+    ("hydroc06", include_str!("mcplib/hydroc06.json")),
+    ("hydroc20", include_str!("mcplib/hydroc20.json")),
+    ("methan08", include_str!("mcplib/methan08.json")),
+    ("scarfmcp", include_str!("mcplib/scarfmcp.json")),
+    ("two3mcp", include_str!("mcplib/two3mcp.json")),
+    ("wallmcp", include_str!("mcplib/wallmcp.json")),
+];
+
+/// Solves the problem of a file, and compares with its solution.
+fn assert_solved(name: &str, specification: &Value, exact: &Value) {
+    let mut solution = solve(specification);
+    assert!(solution.verdict.trusted, "{name}: {:?}", solution.verdict);
+    let found = solution.solution.take().expect("a solution");
+    for (variable, exact) in exact.as_object().expect("values by name") {
+        let (value, exact) = (found.z[variable], exact.as_f64().expect("a number"));
+        assert!((value - exact).abs() <= 1e-11 * exact.abs().max(1.0), "{name}, {variable}: {value} for {exact}");
+    }
+}
+
+#[test]
+fn problems_of_the_collection_are_solved_from_their_starts() {
+    for (name, text) in PROBLEMS {
+        let problem: Value = serde_json::from_str(text).expect("JSON");
+        assert_solved(name, &problem["specification"], &problem["solution"]);
+    }
+}
+
+/// A column of distillation from flows that are a third too large and temperatures that are five degrees too low, from where the
+/// damped Newton method converges.
+#[test]
+fn a_distant_start_of_a_smooth_system_is_no_obstacle() {
+    let problem: Value = serde_json::from_str(include_str!("mcplib/hydroc06.json")).expect("JSON");
+    let mut specification = problem["specification"].clone();
+    for (variable, initial) in problem["far"].as_object().expect("starts by name") {
+        specification["problem"]["vi"]["variables"][variable]["initial"] = initial.clone();
+    }
+    assert_solved("hydroc06", &specification, &problem["solution"]);
+}
+
+/// A household of the economy of Scarf and Hansen owns one unit of labour: its published income is the price.
+#[test]
+fn the_economy_of_scarf_and_hansen_has_its_published_income() {
+    let problem: Value = serde_json::from_str(include_str!("mcplib/hansmcp.json")).expect("JSON");
+    let found = solve(&problem["specification"]).solution.expect("a solution");
+    assert!((found.z["p_labor"] - 0.587_581_431_692_033_5).abs() < 1e-12, "{:?}", found.z["p_labor"]);
+}
