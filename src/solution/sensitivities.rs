@@ -139,7 +139,7 @@ impl Followed {
             let tangents = Tangents::new(model.problem(), adjoint::together(model, &of.by, speeds)?);
             let observed = ObservedSlopes::together(&objective.observables, outputs, (&of.by, speeds), plan.start);
             return Ok(Self {
-                tangents: tangents.map_err(|error| error.to_string())?,
+                tangents: tangents.and_then(Tangents::with_terms).map_err(|error| error.to_string())?,
                 observed: Some(observed),
                 states,
                 outputs,
