@@ -314,3 +314,27 @@ impl ObjectiveSlopes {
         OverStep { gained: sums.values[0], direct: sums.sizes()[1 + (s + 2) * n..].to_vec(), weights }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Compared;
+
+    #[test]
+    fn rounding_of_what_cancels_is_permitted_and_a_wrong_gradient_is_not() {
+        // Terms of size one cancel to rounding.
+        let rest = Compared { swept: 1e-16, followed: -3e-15, terms: 1e-16, made_of: 1.0 };
+        assert!(rest.off() < 1e-6, "{}", rest.off());
+        // A millionth of them is none.
+        assert!(Compared { swept: 1e-6, ..rest }.off() > 1.0);
+        // Against a derivative that does not cancel, a hundred thousandth is wrong, and the sign.
+        let whole = Compared { swept: 2.0, followed: 2.0, terms: 2.0, made_of: 2.0 };
+        assert_eq!(whole.off(), 0.0);
+        assert!(Compared { swept: 2.0001, ..whole }.off() > 1.0);
+        assert!(Compared { swept: -2.0, ..whole }.off() > 1e4);
+        // Derivatives that were a million times as large on the way do not hide that.
+        assert!(Compared { swept: -2.0, made_of: 2e6, ..whole }.off() > 1.0);
+        // Where there is nothing, nothing may be left.
+        assert!(Compared { swept: 1e-300, followed: 0.0, terms: 0.0, made_of: 0.0 }.off() > 1.0);
+        assert!(Compared { swept: f64::NAN, ..whole }.off().is_nan());
+    }
+}
