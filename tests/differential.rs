@@ -39,11 +39,12 @@ fn what_is_solved_in_many_ways_has_one_answer() {
 #[test]
 fn derivatives_are_those_of_differences_in_both_modes() {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let tally = derivatives::run(40, 1, &derivatives::KINDS, Duration::from_secs(2), threads, false);
+    let tally = derivatives::run(25, 1, &derivatives::KINDS, Duration::from_secs(1), threads, false);
     println!("{tally}");
     assert_eq!(tally.of(Finding::Silent), 0, "derivatives are wrong in silence:\n{tally}");
     assert!(tally.unlike.is_empty(), "the modes differ:\n{tally}");
-    assert!(tally.of(Finding::Right) >= 40, "few derivatives were compared:\n{tally}");
+    assert!(tally.of(Finding::Right) >= 25, "few derivatives were compared:\n{tally}");
+    assert!(tally.dropped() <= 0.1, "many derivatives have nothing to be compared with:\n{tally}");
 }
 
 /// Problems whose switches were once passed over in silence: by a step that was solved over all stages at once, by one that

@@ -192,6 +192,7 @@ impl Display for Tally {
         ] {
             writeln!(f, "all {finding:?}: {}", self.of(finding))?;
         }
+        writeln!(f, "dropped: {:.1} %", 100.0 * self.dropped())?;
         for ((finding, why), (count, seeds)) in &self.reasons {
             writeln!(f, "  {finding:?}: {count} ({why}): {}", seeds.join(", "))?;
         }
