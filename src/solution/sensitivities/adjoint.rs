@@ -63,7 +63,29 @@ pub struct Gradient {
     value: f64,
     slopes: Vec<f64>,
     compared: Compared,
+    /// What the objective is known to.
+    resolution: Resolution,
     work: AdjointWork,
+}
+
+/// What the objective and its derivatives are known to.
+#[derive(Clone, Debug)]
+pub(crate) struct Resolution {
+    /// The absolute tolerances of the states, each times the derivative of the objective with respect to that state.
+    tolerated: f64,
+    /// What the derivative in the direction that was followed was made of before terms cancelled, in absolute values.
+    made_of: f64,
+    /// How fast each parameter and initial value moves in that direction.
+    speeds: Vec<f64>,
+}
+
+impl Resolution {
+    /// What a difference of the objective along a direction is known to.
+    pub fn along(&self, direction: &[f64]) -> f64 {
+        let parts = direction.iter().zip(&self.speeds).filter(|(_, speed)| **speed != 0.0);
+        let farthest = parts.map(|(way, speed)| (way / speed).abs()).fold(0.0, f64::max);
+        self.tolerated + ROUNDING * self.made_of * farthest
+    }
 }
 
 /// A gradient in the direction that was followed with the run.
@@ -106,6 +128,7 @@ impl Gradient {
             )
         });
         ended.derivatives = self.slopes;
+        ended.resolution = Some(self.resolution);
     }
 }
 
@@ -116,6 +139,8 @@ pub(super) struct SweptBack {
     pub direction: Vec<f64>,
     /// The time of the user at time zero of the steps.
     ahead: f64,
+    /// The absolute tolerance of each state.
+    atol: Vec<f64>,
     /// The largest memory of the stored steps, in bytes.
     largest: usize,
 }
@@ -162,7 +187,7 @@ impl SweptBack {
         };
         let direction = asked.by.iter().zip(generic_parts()).map(|(by, part)| part * size(by)).collect();
         let objective = ObjectiveSlopes::new(&objective.observables, plan.names.len(), &asked.by);
-        Self { objective, direction, ahead, largest: 0 }
+        Self { objective, direction, ahead, atol: atol.to_vec(), largest: 0 }
     }
 
     /// Notes the memory of the steps stored so far.
@@ -179,19 +204,23 @@ impl SweptBack {
         along: f64,
         back: impl FnOnce(&[f64], &[f64], IntegralOver<'_>) -> Result<(Swept, AdjointWork), String>,
     ) -> Result<Gradient, String> {
-        let Self { objective, direction, ahead, .. } = self;
+        let Self { objective, direction, ahead, atol, .. } = self;
+        let of_tolerances =
+            |slopes: &[f64]| slopes.iter().zip(&*atol).map(|(slope, atol)| slope.abs() * atol).sum::<f64>();
         let mut by_states = vec![0.0; x.len()];
         let mut by_directions = vec![0.0; direction.len()];
         // Of the directions themselves.
-        let (mut value, mut direct) = (0.0, 0.0);
+        let (mut value, mut direct, mut tolerated) = (0.0, 0.0, 0.0);
         if !objective.is_integral {
             value = objective.at(t, x, &mut by_states, &mut by_directions);
+            tolerated = of_tolerances(&by_states);
             direct = by_directions.iter().zip(&*direction).map(|(slope, speed)| (slope * speed).abs()).sum();
         }
         let mut over = |step: &mut StoredStep| {
             objective.is_integral.then(|| {
                 let OverStep { gained, direct: sizes, weights } = objective.over(step, (x.len(), *ahead));
                 value += gained;
+                tolerated += of_tolerances(weights.sizes.as_slice());
                 direct += sizes.iter().zip(&*direction).map(|(size, speed)| size * speed.abs()).sum::<f64>();
                 weights
             })
@@ -208,9 +237,11 @@ impl SweptBack {
         }
         let terms = slopes.iter().zip(&self.direction).map(|(slope, speed)| slope * speed);
         let (swept, terms) = terms.fold((0.0, 0.0_f64), |(sum, most), term| (sum + term, most.max(term.abs())));
-        let compared = Compared { swept, followed: along, terms, made_of: made_of + direct };
+        let made_of = made_of + direct;
+        let compared = Compared { swept, followed: along, terms, made_of };
+        let resolution = Resolution { tolerated, made_of, speeds: self.direction.clone() };
         let work = AdjointWork { stored_bytes: self.largest as u64, ..work };
-        Ok(Gradient { value, slopes, compared, work })
+        Ok(Gradient { value, slopes, compared, resolution, work })
     }
 }
 
