@@ -147,9 +147,9 @@ pub enum Finding {
 pub struct Tally {
     counts: BTreeMap<(Kind, &'static str, Finding), u64>,
     reasons: BTreeMap<(Finding, String), (u64, Vec<String>)>,
-    /// The largest difference of both modes at the tight tolerance, as a part of the size and the growth.
+    /// The largest difference of both modes, where both are trusted, at the tight tolerance, as a part of the size and the growth.
     pub apart: f64,
-    /// Problems whose modes differ by more than is allowed.
+    /// Problems whose modes differ by more than is allowed, though both are trusted.
     pub unlike: Vec<String>,
 }
 
@@ -277,7 +277,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
     let objective = integral.as_ref().map_or_else(|| json!({"final": fields[of]}), |of| json!({"integral": of}));
     let target = if integral.is_some() { own.len() } else { of };
     let end = problem.end();
-    let run = |values: &[f64], rtol: f64, sensitivities: Option<Value>, is_integral: bool| {
+    let written = |values: &[f64], rtol: f64, sensitivities: Option<Value>, is_integral: bool| {
         let integral = integral.as_deref().filter(|_| is_integral);
         let floor = |time: i32| FLOOR * problem.smallest() * (0.1 * end).powi(time) * rtol;
         let atol: Map<String, Value> = own.iter().map(|field| (field.name.clone(), json!(floor(field.time)))).collect();
@@ -289,18 +289,18 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
         if let Some(sensitivities) = sensitivities {
             document["sensitivities"] = sensitivities;
         }
-        solve(&document, time)
+        document
     };
-    let forward = |rtol: f64| run(&values, rtol, Some(json!({"to": names, "of": fields})), true);
-    let adjoint =
-        |rtol: f64| run(&values, rtol, Some(json!({"to": names, "mode": "adjoint", "objective": objective})), false);
+    let forward = |rtol: f64| written(&values, rtol, Some(json!({"to": names, "of": fields})), true);
+    let of_objective = json!({"to": names, "mode": "adjoint", "objective": objective});
+    let adjoint = |rtol: f64| written(&values, rtol, Some(of_objective.clone()), false);
     let note = |mode, finding, why: &str| {
         tally.lock().expect("a tally").note(case, mode, finding, why);
         if tells && !matches!(finding, Finding::Right | Finding::Refused) {
             println!("{} {seed} {mode}: {finding:?} {why}", kind.name());
         }
     };
-    let [found, swept] = [forward(rtol), adjoint(rtol)];
+    let [found, swept] = [forward(rtol), adjoint(rtol)].map(|document| solve(&document, time));
     let (found, swept) = match (found, swept) {
         (Ok(found), Ok(swept)) => (found, swept),
         (found, swept) => {
@@ -324,8 +324,9 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
         (0..fields.len()).map(of).fold(1.0, f64::max)
     };
     // Both modes, at a tolerance at which their steps, which differ, hardly matter.
-    if let (Ok(forward), Ok(adjoint)) = (forward(EXACT), adjoint(EXACT)) {
-        for (by, name) in names.iter().enumerate() {
+    if let [Ok(forward), Ok(adjoint)] = [forward(EXACT), adjoint(EXACT)].map(|document| solve(&document, time)) {
+        let is_trusted = forward.verdict.trusted && adjoint.verdict.trusted;
+        for (by, name) in names.iter().enumerate().filter(|_| is_trusted) {
             let apart = (slope(&forward, target, by) - adjoint.gradient[name]).abs() * values[by].abs();
             let apart = apart / (size(target) * growth(by));
             let mut tally = tally.lock().expect("a tally");
@@ -347,7 +348,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
         let moved = |multiple: f64| {
             let mut moved = values.clone();
             moved[by] *= 1.0 + multiple * part;
-            run(&moved, tight, None, true).map(|solution| End::of(&solution, &fields))
+            solve(&written(&moved, tight, None, true), time).map(|solution| End::of(&solution, &fields))
         };
         let [Ok(above), Ok(below), Ok(far_above), Ok(far_below)] = [1.0, -1.0, 2.0, -2.0].map(moved) else {
             return ["forward", "adjoint"].into_iter().for_each(|mode| note(mode, Finding::Dropped, "no difference"));
@@ -382,8 +383,10 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             (false, true) => Finding::Silent,
             (false, false) => Finding::Caught,
         };
-        if finding == Finding::Silent && tells {
-            println!("{} {seed} {mode}: off by {worst:.1e} of the permitted, rtol {rtol:.1e}", kind.name());
+        if finding != Finding::Right && tells {
+            let document = if mode == "forward" { forward(rtol) } else { adjoint(rtol) };
+            let messages: Vec<&str> = verdict.because.iter().map(|reason| reason.message.as_str()).collect();
+            println!("off by {worst:.1e} of the permitted; {}\n{document}", messages.join("; "));
         }
         note(mode, finding, &because);
     }
