@@ -261,6 +261,10 @@ impl End {
     }
 }
 
+fn exceeds(value: f64, most: f64) -> bool {
+    value > most || value.is_nan()
+}
+
 /// Compares the derivatives of one problem.
 fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
     let (kind, seed) = case;
@@ -331,16 +335,16 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             let apart = apart / (size(target) * growth(by));
             let mut tally = tally.lock().expect("a tally");
             tally.apart = tally.apart.max(apart);
-            if !(apart <= ALIKE) {
+            if exceeds(apart, ALIKE) {
                 let line = format!("{} {seed}: d{}/d{name} {apart:.1e}", kind.name(), fields[target]);
                 tally.unlike.push(line);
             }
         }
     }
     let mut worst = [0.0_f64; 2];
-    for by in 0..names.len().min(DIFFERENCED) {
+    for (by, name) in names.iter().enumerate().take(DIFFERENCED) {
         let growth = growth(by);
-        if !(growth <= MOST_GROWTH) {
+        if exceeds(growth, MOST_GROWTH) {
             return ["forward", "adjoint"].into_iter().for_each(|mode| note(mode, Finding::Dropped, "growth"));
         }
         let tight = rtol / TIGHTER;
@@ -361,7 +365,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             let near = (above.values[field] - below.values[field]) / (2.0 * part);
             let far = (far_above.values[field] - far_below.values[field]) / (4.0 * part);
             let allowed = TOLERANCES * rtol * growth * size(field);
-            if !((near - far).abs() <= allowed) {
+            if exceeds((near - far).abs(), allowed) {
                 return ["forward", "adjoint"]
                     .into_iter()
                     .for_each(|mode| note(mode, Finding::Dropped, "differences do not agree"));
@@ -370,7 +374,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             let off = |slope: f64| ((slope * values[by] - truth) / allowed).abs();
             worst[0] = worst[0].max(off(slope(&found, field, by)));
             if field == target {
-                worst[1] = worst[1].max(off(swept.gradient[&names[by]]));
+                worst[1] = worst[1].max(off(swept.gradient[name]));
             }
         }
     }
