@@ -6,6 +6,7 @@ mod closed_forms;
 #[path = "bench/differential/mod.rs"]
 mod differential;
 
+use differential::derivatives::{self, Finding};
 use differential::{Campaign, Kind};
 use std::time::Duration;
 
@@ -33,6 +34,17 @@ fn what_is_solved_in_many_ways_has_one_answer() {
     let alarms = tally.false_alarms_of(&kinds);
     assert!(alarms <= FALSE_ALARMS, "{:.1} % of the right answers are doubted:\n{tally}", 100.0 * alarms);
     assert!(tally.apart() <= 0.2, "{} of the problems decide nothing", tally.apart());
+}
+
+#[test]
+fn derivatives_are_those_of_differences_in_both_modes() {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let tally = derivatives::run(25, 1, &derivatives::KINDS, Duration::from_secs(1), threads, false);
+    println!("{tally}");
+    assert_eq!(tally.of(Finding::Silent), 0, "derivatives are wrong in silence:\n{tally}");
+    assert!(tally.unlike.is_empty(), "the modes differ:\n{tally}");
+    assert!(tally.of(Finding::Right) >= 25, "few derivatives were compared:\n{tally}");
+    assert!(tally.dropped() <= 0.1, "many derivatives have nothing to be compared with:\n{tally}");
 }
 
 /// Problems whose switches were once passed over in silence: by a step that was solved over all stages at once, by one that

@@ -61,6 +61,7 @@ pub use stepper::{Counts, End, LastStep, Radau, Saved, Variables};
 pub use switches::Switch;
 pub use tableau::{MOST_STAGES, Tableau};
 pub use tangents::{
-    Adjoint, AdjointWork, Directions, IntegralWeights, NoDerivative, RowsBy, Shifted, StoredStep, SweepError, Tangents,
+    Adjoint, AdjointWork, Directions, IntegralWeights, NoDerivative, RowsBy, Shifted, StoredStep, SweepError, Swept,
+    Tangents,
 };
 pub use work::{Rates, Work};

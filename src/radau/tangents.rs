@@ -22,7 +22,7 @@ mod monitors;
 mod stages;
 mod steps;
 
-pub use adjoint::{Adjoint, IntegralWeights, StoredStep, SweepError, Work as AdjointWork};
+pub use adjoint::{Adjoint, IntegralWeights, StoredStep, SweepError, Swept, Work as AdjointWork};
 
 use super::dense_output::Step;
 use super::face::Activity;
@@ -111,6 +111,19 @@ pub struct Tangents {
     /// Whether the directions are a basis of the states and parameters, some of which lead off the constraints of a
     /// face: monitors of one switch need not agree along these.
     is_basis: bool,
+    /// What the derivatives are made of in the last step, if that is asked for.
+    terms: Option<Terms>,
+    /// Number of central differences, one for each direction, at breakpoints of time and of hidden constraints.
+    differences: u64,
+}
+
+/// The absolute values of the terms that add up to the derivatives of the states in a step and at the switch at its end: a
+/// scale for the rounding of derivatives that cancel.
+struct Terms {
+    /// Absolute values of the inverse of the mass matrix.
+    inverse_mass: DMatrix<f64>,
+    /// The terms, one direction per column.
+    now: DMatrix<f64>,
 }
 
 impl Tangents {
@@ -138,11 +151,23 @@ impl Tangents {
             stages: Vec::new(),
             slopes: [None, None],
             is_basis: false,
+            terms: None,
+            differences: 0,
             now,
             directions,
             mass,
             inverse_mass,
         })
+    }
+
+    /// Measures the terms that the derivatives are made of.
+    ///
+    /// # Errors
+    /// A singular mass matrix.
+    pub fn with_terms(mut self) -> Result<Self, NoDerivative> {
+        let inverse_mass = self.inverse_mass.try_inverse().ok_or(NoDerivative::SingularMass)?.abs();
+        self.terms = Some(Terms { inverse_mass, now: self.now.abs() });
+        Ok(self)
     }
 
     /// What the derivatives of the next steps depend on.
@@ -249,7 +274,14 @@ impl Tangents {
     fn pass_switch(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         if let Some(Saltation { jump, times }) = self.saltation(radau)? {
             for (direction, time) in times.iter().enumerate() {
-                jump.iter().enumerate().for_each(|(i, jump)| self.now[(i, direction)] += jump * time);
+                for (i, jump) in jump.iter().enumerate() {
+                    let now = &mut self.now[(i, direction)];
+                    if let Some(Terms { now: terms, .. }) = &mut self.terms {
+                        let terms = &mut terms[(i, direction)];
+                        *terms = terms.max(now.abs() + (jump * time).abs());
+                    }
+                    *now += jump * time;
+                }
             }
         }
         Ok(())

@@ -102,6 +102,11 @@ impl Integrals {
         Self { values: zeros(), uncertain: zeros(), sizes: zeros() }
     }
 
+    /// The integrals of the absolute values.
+    pub fn sizes(&self) -> &[f64] {
+        &self.sizes
+    }
+
     /// The largest uncertainty of an integral, relative to the integral of the absolute value, with the function that has it.
     pub fn uncertainty(&self) -> Option<(usize, f64)> {
         let relative = self.uncertain.iter().zip(&self.sizes).map(|(uncertain, size)| uncertain / size);

@@ -4,7 +4,7 @@ use super::dense::{Dense, Sampling};
 use super::observables::{EndedBy, Observables, Observed};
 use super::quadrature::NEGLIGIBLE;
 use super::reducers::{Reducers, Reducing};
-use super::sensitivities::{Gradient, Sensitivities};
+use super::sensitivities::{Gradient, Resolution, Sensitivities};
 use super::statistics::{OverTime, Statistics};
 use super::{CheckCode, Diagnostics, Event, EventKind, Failure, Field, Solution, Status, Trajectory};
 use numerics::Interval;
@@ -112,6 +112,8 @@ pub(super) struct Ended {
     pub x: Vec<f64>,
     /// The final sensitivities, in the order of [`Sensitivities::names`]; in adjoint mode the gradient.
     pub derivatives: Vec<f64>,
+    /// What the objective of adjoint mode is known to.
+    pub resolution: Option<Resolution>,
     /// Statistics of the fields by name, if [`Plan::statistics`] asks for them.
     pub statistics: BTreeMap<String, OverTime>,
 }
@@ -270,6 +272,7 @@ impl<'a> Run<'a> {
             },
             x: self.x,
             derivatives,
+            resolution: None,
             statistics,
         }
     }

@@ -7,6 +7,7 @@ mod adjoint;
 mod motion;
 mod observed;
 
+pub(super) use adjoint::Resolution;
 pub use adjoint::{AdjointWork, Gradient, Objective};
 pub(super) use motion::{FollowedMotion, directions as directions_of_motion};
 
@@ -139,7 +140,7 @@ impl Followed {
             let tangents = Tangents::new(model.problem(), adjoint::together(model, &of.by, speeds)?);
             let observed = ObservedSlopes::together(&objective.observables, outputs, (&of.by, speeds), plan.start);
             return Ok(Self {
-                tangents: tangents.map_err(|error| error.to_string())?,
+                tangents: tangents.and_then(Tangents::with_terms).map_err(|error| error.to_string())?,
                 observed: Some(observed),
                 states,
                 outputs,
@@ -397,6 +398,7 @@ fn compare(
 ) {
     let Some(asked) = &plan.sensitivities else { return };
     let compared = compared(asked, plan, ended);
+    let resolution = ended.resolution.take();
     let observables = asked.objective.as_ref().map_or(&plan.observables, |objective| &objective.observables);
     let checks = &mut ended.solution.diagnostics.checks;
     if ended.solution.ended_by.is_some() {
@@ -416,6 +418,7 @@ fn compare(
         .zip(generic_parts())
         .map(|(by, moved)| moved * part * if size_of(by) > 0.0 { size_of(by) } else { 1.0 })
         .collect();
+    let resolution = resolution.map_or(0.0, |resolution| resolution.along(&direction));
     // The values of each state at the times that are compared.
     let along = |multiple: f64| -> Option<Vec<Vec<f64>>> {
         let mut parameters = values.to_vec();
@@ -460,7 +463,8 @@ fn compare(
             let is_end = i + 1 == compared.len();
             // On the way errors are as large as the state was before.
             let size = if is_end { here.abs() } else { largest };
-            let uncertainty = (near - far).abs() + rtol * size + atol.get(of).copied().unwrap_or(0.0);
+            let known = rtol * size + atol.get(of).copied().unwrap_or(0.0) + resolution;
+            let uncertainty = (near - far).abs() + known;
             let distance = if is_end {
                 (derivative - near).abs()
             } else {

@@ -306,6 +306,17 @@ def test_derivatives_are_those_of_the_closed_form(decay):
     assert abs(built.derivative(x, p.k)[-1] + math.exp(-1)) < 1e-8
 
 
+def test_a_gradient_is_that_of_the_closed_form(decay):
+    # x = exp(-k t), whose square integrates to (1 - exp(-2 k t))/2k.
+    assert dvi.solve(decay).gradient == {} and dvi.solve(decay).objective is None
+    end, to = decay["time"]["end"], ["k", "x.initial"]
+    decay["sensitivities"] = {"to": to, "mode": "adjoint", "objective": {"integral": "x^2"}}
+    r, left = dvi.solve(decay), math.exp(-2 * end)
+    assert list(r.gradient) == to and abs(r.objective - (1 - left) / 2) < 1e-8
+    assert abs(r.gradient["k"] - (end * left - (1 - left) / 2)) < 1e-7
+    assert abs(r.gradient["x.initial"] - (1 - left)) < 1e-7
+
+
 def test_an_orbit_has_its_multipliers_and_means():
     # x = (sin t - cos t)/2, and what is off dies as exp(-2 pi).
     spec = {"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "-x + sin(t)"}}}}, "method": {"rtol": 1e-9}}

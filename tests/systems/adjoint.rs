@@ -4,8 +4,11 @@
 
 use crate::systems::harness::{last, solve};
 use dvi::problem::Control;
+use dvi::radau::{Adjoint, AdjointWork, Directions, Radau, Tangents};
 use dvi::solution::{Solution, Status};
 use dvi::specification::Specification;
+use hybrid::OneStep;
+use nalgebra::DMatrix;
 use serde_json::{Value, json};
 
 /// A run to `end` whose derivatives are asked for.
@@ -234,6 +237,8 @@ fn a_hundred_parameters_cost_as_much_as_one() {
     assert_eq!(of_all.factorisations, of_all.steps);
     assert_eq!(of_all.steps, all.diagnostics.steps.accepted);
     assert!(of_all.jacobians <= 7 * of_all.steps && of_all.repeated == 0, "{of_all:?}");
+    // Nothing is differenced where there are neither breakpoints nor hidden constraints.
+    assert_eq!(of_all.differences, 0);
     let ratio = |a: u64, b: u64| a as f64 / b as f64;
     assert!(ratio(of_all.factorisations, of_one.factorisations) < 1.5, "{of_all:?} {of_one:?}");
     assert!(ratio(of_all.jacobians, of_one.jacobians) < 1.5, "{of_all:?} {of_one:?}");
@@ -366,4 +371,105 @@ fn what_adjoint_mode_cannot_do_is_refused_with_its_place() {
         "sensitivities": adjoint(json!({"final": "ball.z"}))});
     let errors = Specification::from_json(spheres.to_string().as_bytes()).expect_err("errors");
     assert!(errors.iter().any(|error| error.pointer.starts_with("/sensitivities")), "{errors:#?}");
+}
+
+#[test]
+fn a_gradient_that_cancels_is_not_doubted() {
+    // Two bodies without anything between them fall on the floor and lie there: their heights are zero, whatever their
+    // weight, which the floor bears.
+    let falls = |name: &str| json!({"name": name, "gap": name, "restitution": 0.3});
+    let rest = json!({"mechanical": {"parameters": {"m": 2.1, "n": 0.7, "g": 9.80665, "h": 0.4},
+        "coordinates": {"x": {"initial": "h"}, "y": {"initial": 0}}, "mass": [["m", 0], [0, "n"]],
+        "potential": "(m*x + n*y)*g", "contacts": [falls("x"), falls("y")]}});
+    for (of, to) in
+        [("y", &["n", "g"][..]), ("y", &["m", "n", "g", "h"]), ("x", &["m", "n", "g", "h"]), ("y_dot", &["g"])]
+    {
+        let solution = gradient(&rest, 3.0, to, &json!({"final": of}));
+        for (name, slope) in &solution.gradient {
+            assert!(slope.abs() < 1e-9, "d{of}/d{name} = {slope:e}");
+        }
+    }
+    // A state that slides at zero, whatever pushes it, and one that follows it.
+    let slides = json!({"dvi": {"parameters": {"a": 0.3, "b": 0.7},
+        "states": {"x": {"initial": 0.4, "rate": "a*b - z"}, "y": {"initial": 1, "rate": "x"}},
+        "variables": {"z": {"inequality": "-x"}}, "set": [{"box": {"of": ["z"], "lower": -1, "upper": 1}}]}});
+    let solution = gradient(&slides, 5.0, &["a", "b", "x.initial"], &json!({"final": "x"}));
+    assert!(solution.gradient.values().all(|slope| slope.abs() < 1e-9), "{:?}", solution.gradient);
+    // The integral of a wave over its period, and the difference of two things that are alike.
+    let wave = json!({"dvi": {"parameters": {"p": 1.3}, "states": {"x": {"initial": "p", "rate": "-p*x"},
+        "y": {"initial": "p", "rate": "-x*p"}}}});
+    for objective in [json!({"integral": "p*cos(2*pi*t)"}), json!({"final": "x - y"}), json!({"integral": "y - x"})] {
+        let solution = gradient(&wave, 3.0, &["p"], &objective);
+        assert!(solution.gradient["p"].abs() < 1e-9, "{objective} {:?}", solution.gradient);
+    }
+}
+
+#[test]
+fn differences_along_each_parameter_are_counted() {
+    // A breakpoint whose time depends on one of many parameters.
+    let breaks = |count: usize| {
+        let names: Vec<String> = (0..count).map(|k| format!("p{k}")).collect();
+        let mut parameters = json!({});
+        names.iter().for_each(|name| parameters[name] = json!(0.25));
+        let problem = json!({"dvi": {"parameters": parameters,
+            "states": {"x": {"initial": 0, "rate": format!("heaviside(t - {})", names.join(" - "))}}}});
+        let to: Vec<&str> = names.iter().map(String::as_str).collect();
+        let solution = gradient(&problem, 4.0, &to, &json!({"final": "x"}));
+        names.iter().for_each(|name| assert_near(solution.gradient[name], -1.0, 1e-8, name));
+        solution.diagnostics.adjoint.expect("a sweep back").differences
+    };
+    assert_eq!(breaks(2), 2);
+    assert_eq!(breaks(8), 8);
+}
+
+/// The gradient of `x` at the end by all initial values, with so many bytes for stored steps, and the bytes and the work.
+fn with_memory(specification: &Specification, most: usize) -> (Vec<f64>, usize, AdjointWork) {
+    let (model, time, control) =
+        (specification.model().dvi().expect("a problem"), specification.time(), Control::new());
+    let mut problem = model.problem();
+    let (n, settings) = (model.initial.len(), specification.settings());
+    let mut radau =
+        Radau::new(&mut *problem, settings, time.start, &model.initial, time.end, &control).expect("a start");
+    let directions = |initial: DMatrix<f64>| Directions {
+        shifted: (0..initial.ncols()).map(|_| None).collect(),
+        initial,
+        rows: Box::new(|_: f64, _: &[f64], out: &mut DMatrix<f64>| out.fill(0.0)),
+        mass: Vec::new(),
+        bounds: Vec::new(),
+    };
+    let mut tangents = Tangents::new(model.problem(), directions(DMatrix::from_element(n, 1, 1.0))).expect("tangents");
+    let mut adjoint = Adjoint::new(model.problem(), directions(DMatrix::identity(n, n)), most).expect("an adjoint");
+    let mut largest = 0;
+    while !radau.is_done() {
+        adjoint.prepare(&mut radau, &tangents);
+        radau.step().expect("a step");
+        tangents.follow(&mut radau).expect("derivatives");
+        adjoint.store(&mut radau, &tangents).expect("derivatives");
+        largest = largest.max(adjoint.bytes());
+    }
+    let mut by_states = vec![0.0; n];
+    by_states[0] = 1.0;
+    let end = (radau.t(), radau.y().to_vec());
+    let swept = adjoint.sweep((&mut radau, &mut tangents), (&by_states, &vec![0.0; n]), |_| None).expect("a sweep");
+    assert_eq!((radau.t(), radau.y().to_vec()), end, "the run ends where it was");
+    (swept.gradient, largest, adjoint.work)
+}
+
+#[test]
+fn steps_that_are_not_kept_are_made_again_and_give_the_same_gradient() {
+    // A block on a belt, which sticks and slips.
+    let specification = json!({"problem": {"dvi": {"parameters": {"mu": 0.6},
+        "states": {"x": {"initial": 0.2, "rate": "v"}, "v": {"initial": 0.1, "rate": "-x - F"}},
+        "variables": {"F": {"inequality": "0.5 - v"}}, "set": [{"box": {"of": ["F"], "lower": "-mu", "upper": "mu"}}]}},
+        "time": {"end": 40}, "method": {"rtol": 1e-9, "atol": 1e-11}});
+    let specification = Specification::from_json(specification.to_string().as_bytes()).expect("a specification");
+    let (all, bytes, work) = with_memory(&specification, usize::MAX);
+    assert_eq!(work.repeated, 0);
+    let most = bytes / 5;
+    let (parts, largest, again) = with_memory(&specification, most);
+    assert!(largest <= most + most / 4, "{largest} bytes, {most} allowed");
+    assert!(again.repeated > again.steps / 2 && again.repeated <= again.steps, "{again:?}");
+    for (all, parts) in all.iter().zip(&parts) {
+        assert!((all - parts).abs() <= 1e-7 * all.abs().max(1.0), "{all:e} {parts:e}");
+    }
 }

@@ -219,6 +219,12 @@ impl<'p> EventDriven<'p> {
         self.state.t >= self.end
     }
 
+    /// The times at which the last step began, and at which its smooth arc ended: before the transition, if there was one.
+    pub(crate) fn last_arc(&self) -> (f64, f64) {
+        let end = self.transition.as_ref().map_or(self.state.t, |transition| transition.before.t);
+        (self.last.t, end)
+    }
+
     /// Handles the end of a mode: applies the law of impact, records events, and selects the next mode.
     fn switch_mode(&mut self, ending: Ending, control: &Control) -> Result<(), ContactError> {
         self.stalls = if self.state.t > self.last.t { 0 } else { self.stalls + 1 };

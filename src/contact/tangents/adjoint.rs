@@ -7,7 +7,7 @@ use super::{Directions, Jumped, NoDerivative, Tangents, TermsBy};
 use crate::locate::{EventDriven, ModeSetting, SmoothPhase};
 use nalgebra::{DMatrix, DVector};
 use problem::Mechanical;
-use radau::{AdjointWork, IntegralWeights, StoredStep};
+use radau::{AdjointWork, IntegralWeights, StoredStep, Swept};
 use std::rc::Rc;
 
 /// What the sweep back needs of a motion.
@@ -15,12 +15,17 @@ enum Record {
     Arc {
         step: Box<StoredStep>,
         mode: Rc<ModeSetting>,
+        /// The terms of the derivatives that are followed with the run, one per state.
+        terms: Vec<f64>,
     },
     /// A passage with the map `(A, C)` of its derivatives, and the derivatives of what an integral gains there.
-    Passage {
-        map: DMatrix<f64>,
-        gained: Option<DVector<f64>>,
-    },
+    Passage { map: DMatrix<f64>, gained: Option<DVector<f64>> },
+}
+
+impl Record {
+    fn terms_mut(&mut self) -> Option<&mut Vec<f64>> {
+        if let Self::Arc { terms, .. } = self { Some(terms) } else { None }
+    }
 }
 
 /// The derivatives of what an integral gains at a jump at a time that moves, one per direction.
@@ -97,26 +102,32 @@ impl Adjoint {
         self.mode = Rc::new(phase.watch.setting());
     }
 
-    /// Stores the last step of a phase, which has been followed.
+    /// Stores the last step of a phase, which `tangents` have followed in one direction.
     ///
     /// # Errors
     /// Why there is no derivative from the end of this step on.
     pub fn store(
         &mut self,
         phase: &mut SmoothPhase<'_, '_>,
+        tangents: &Tangents,
         integrand_jump: IntegrandJump<'_>,
     ) -> Result<(), NoDerivative> {
         let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
         let located = &*phase.located;
-        let end = located.transition.as_ref().map_or(located.state.t, |transition| transition.before.t);
-        if end > located.last.t {
+        let (begin, end) = located.last_arc();
+        if end > begin {
             let step = radau.store_step(end, true);
-            self.bytes += size_of::<Record>() + step.bytes();
-            self.records.push(Record::Arc { step: Box::new(step), mode: self.mode.clone() });
+            let terms = tangents.terms.as_slice().to_vec();
+            self.bytes += size_of::<Record>() + step.bytes() + size_of_val(terms.as_slice());
+            self.records.push(Record::Arc { step: Box::new(step), mode: self.mode.clone(), terms });
             self.basis.instant = None;
             self.basis.now.copy_from(&self.identity);
+        } else if let Some(last) = self.records.iter_mut().rev().find_map(Record::terms_mut) {
+            // A further transition at the end of that arc.
+            last.iter_mut().zip(tangents.terms.iter()).for_each(|(last, terms)| *last = last.max(*terms));
         }
         let jumped = self.basis.pass_end(phase)?;
+        self.work.differences = self.basis.differences;
         self.basis.events.clear();
         if jumped.is_some() || self.basis.now != self.identity {
             self.note_passage(jumped.as_ref().and_then(integrand_jump));
@@ -153,13 +164,17 @@ impl Adjoint {
         by_states: &[f64],
         by_directions: &[f64],
         mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
-    ) -> Result<Vec<f64>, NoDerivative> {
+    ) -> Result<Swept, NoDerivative> {
+        let mut swept = Swept::default();
+        // Behind the passage at the end of an arc.
+        let mut behind: Option<DVector<f64>> = None;
         let mut states = DVector::from_column_slice(by_states);
         let mut gradient = DVector::from_column_slice(by_directions);
         let (n, count) = (states.len(), gradient.len());
         while let Some(record) = self.records.pop() {
             match record {
                 Record::Passage { map, gained } => {
+                    behind.get_or_insert_with(|| states.clone());
                     gradient += map.columns(n, count).tr_mul(&states);
                     states = map.columns(0, n).tr_mul(&states);
                     if let Some(gained) = gained {
@@ -167,8 +182,11 @@ impl Adjoint {
                         gradient += gained.rows(n, count);
                     }
                 }
-                Record::Arc { mut step, mode } => {
+                Record::Arc { mut step, mode, terms } => {
                     let weights = integral(&mut step);
+                    let sizes = weights.as_ref().map(|weights| &weights.sizes);
+                    swept.note(&terms, [&states].into_iter().chain(&behind).chain(sizes));
+                    behind = None;
                     self.basis.equations.adopt((*mode).clone());
                     self.step_back(&step, weights, &mut states, &mut gradient)?;
                 }
@@ -176,7 +194,8 @@ impl Adjoint {
         }
         self.bytes = 0;
         gradient += self.initial.tr_mul(&states);
-        Ok(gradient.as_slice().to_vec())
+        swept.gradient = gradient.as_slice().to_vec();
+        Ok(swept)
     }
 
     /// Carries a row of derivatives over one step.
@@ -202,7 +221,7 @@ impl Adjoint {
         }
         let singular = NoDerivative::Smooth(radau::NoDerivative::Singular);
         let Tangents { equations, directions, .. } = &mut self.basis;
-        let ArcEquations { matrix, by_directions, at_begin: (by_x, by_directions_at_begin) } =
+        let ArcEquations { matrix, by_directions, at_begin: (by_x, by_directions_at_begin), .. } =
             ArcEquations::new(step, equations, directions).ok_or(singular)?;
         self.work.steps += 1;
         self.work.jacobians += s as u64 + 1;

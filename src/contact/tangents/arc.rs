@@ -25,6 +25,8 @@ pub(super) struct Arc {
     stages: Vec<DMatrix<f64>>,
     /// The slope that the polynomial lacks at the beginning, times the step size.
     lacking: DMatrix<f64>,
+    /// The absolute values of the terms that add up to the derivatives in the step: a scale for their rounding.
+    pub terms: DMatrix<f64>,
 }
 
 /// The derivatives of `x' = (v, a)` with respect to `x` and to the directions.
@@ -49,7 +51,7 @@ impl Arc {
         let LastStep { t, h, y, tableau, .. } = step;
         let (size, s) = (y.len(), tableau.stages());
         let singular = NoDerivative::Smooth(radau::NoDerivative::Singular);
-        let ArcEquations { matrix, by_directions: mut right, at_begin: (by_x, by_directions) } =
+        let ArcEquations { matrix, by_directions: mut right, at_begin: (by_x, by_directions), terms: of_stages } =
             ArcEquations::new(step, equations, directions).ok_or(singular)?;
         for i in 0..s {
             let mut own = right.rows_mut(i * size, size);
@@ -63,7 +65,18 @@ impl Arc {
         for (slope, stage) in tableau.begin_weights().iter().zip(&stages) {
             lacking -= (stage - before) * *slope;
         }
-        Ok(Self { begin: t, h, tableau, before: before.clone(), stages, lacking })
+        let (n, p) = (size / 2, before.ncols());
+        let mut gained: DMatrix<f64> = DMatrix::zeros(n, p);
+        for (stage, terms) in stages.iter().zip(of_stages) {
+            let of_stage = (terms.columns(0, size) * stage.abs() + terms.columns(size, p)) * h;
+            gained.zip_apply(&of_stage, |most, terms| *most = most.max(terms));
+        }
+        let mut terms = before.abs();
+        for (first, part) in [(0, &gained * h), (n, gained)] {
+            let mut own = terms.rows_mut(first, n);
+            own += part;
+        }
+        Ok(Self { begin: t, h, tableau, before: before.clone(), stages, lacking, terms })
     }
 
     /// The derivatives at a time within the step, one direction per column.
@@ -102,6 +115,8 @@ pub(super) struct ArcEquations {
     pub by_directions: DMatrix<f64>,
     /// The derivatives of the rates at the beginning, with respect to the states and to the directions.
     pub at_begin: (DMatrix<f64>, DMatrix<f64>),
+    /// What the derivatives of the accelerations are made of at each stage, in absolute values, in [`Columns`].
+    pub terms: Vec<DMatrix<f64>>,
 }
 
 impl ArcEquations {
@@ -112,6 +127,7 @@ impl ArcEquations {
         let (size, s) = (y.len(), tableau.stages());
         let mut matrix = DMatrix::identity(s * size, s * size);
         let mut right = DMatrix::zeros(s * size, columns.directions);
+        let mut terms = Vec::with_capacity(s);
         for (j, z) in z.chunks_exact(size).enumerate() {
             let x: Vec<f64> = y.iter().zip(z).map(|(y, z)| y + z).collect();
             let linearised = Linearised::at(equations, t + tableau.c[j] * h, &x, directions)?;
@@ -123,8 +139,9 @@ impl ArcEquations {
                 let mut block = right.rows_mut(i * size, size);
                 block += &by_directions * weight;
             }
+            terms.push(linearised.terms);
         }
         let at_begin = rates(&Linearised::at(equations, t, y, directions)?, columns);
-        Some(Self { matrix, by_directions: right, at_begin })
+        Some(Self { matrix, by_directions: right, at_begin, terms })
     }
 }

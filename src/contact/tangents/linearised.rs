@@ -98,6 +98,8 @@ impl Terms {
 /// The derivatives of accelerations and multipliers on a mode, in [`Columns`], with those of velocities and gaps.
 pub(super) struct Linearised {
     pub a: DMatrix<f64>,
+    /// What those of the accelerations are made of, in absolute values: of forces, and of the reactions to them.
+    pub terms: DMatrix<f64>,
     pub lambda: DMatrix<f64>,
     pub velocity: DMatrix<f64>,
     pub values: DMatrix<f64>,
@@ -143,6 +145,8 @@ impl Linearised {
         let solved = equations.solved_last()?;
         let right = DMatrix::from_fn(held.len(), columns.all(), |i, j| -acceleration[(held[i], j)]);
         let (by_a, of_held) = solved.solve(&-balance, &right);
+        let reacted = &solved.y * &of_held;
+        let terms = (&by_a - &reacted).abs() + reacted.abs();
         let mut lambda = friction;
         for (i, &row) in held.iter().enumerate() {
             lambda.row_mut(row).copy_from(&of_held.row(i));
@@ -156,7 +160,7 @@ impl Linearised {
             }
         }
         let is_redundant = equations.solved_last()?.shift.is_some();
-        Some(Self { a: by_a, lambda, velocity, values, is_redundant })
+        Some(Self { a: by_a, terms, lambda, velocity, values, is_redundant })
     }
 }
 

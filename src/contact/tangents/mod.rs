@@ -99,6 +99,8 @@ pub struct Tangents {
     now: DMatrix<f64>,
     /// Their largest values so far: a scale for rounding.
     largest: DMatrix<f64>,
+    /// The absolute values of the terms that add up to them in the last step and the transition at its end.
+    terms: DMatrix<f64>,
     /// The last arc.
     arc: Option<Arc>,
     reached: f64,
@@ -109,6 +111,8 @@ pub struct Tangents {
     /// Whether the directions are a basis of the states and parameters, some of which lead off contacts and joints that
     /// hold: monitors of one event need not agree along these.
     is_basis: bool,
+    /// Number of central differences, one for each direction, at breakpoints of time.
+    differences: u64,
 }
 
 impl Tangents {
@@ -140,6 +144,7 @@ impl Tangents {
             instant: Some(start),
             equations: ModeEquations::new(problem),
             largest: now.abs(),
+            terms: now.abs(),
             flights: vec![Flights::default(); structure.contacts.len()],
             now,
             directions,
@@ -148,6 +153,7 @@ impl Tangents {
             reached: located.state.t,
             events: Vec::new(),
             is_basis,
+            differences: 0,
         };
         if let Some(transition) = transition {
             tangents.check_start(located, transition)?;
@@ -170,13 +176,13 @@ impl Tangents {
     pub fn follow(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
         let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
         let located = &*phase.located;
-        let (begin, transition) = (located.last.t, &located.transition);
-        let end = transition.as_ref().map_or(located.state.t, |transition| transition.before.t);
+        let (begin, end) = located.last_arc();
         if end > begin {
             self.instant = None;
             let step = radau.last_step();
             let arc = Arc::new(step, &self.now, &mut self.equations, &mut self.directions)?;
             self.now = arc.at(end);
+            self.terms.copy_from(&arc.terms);
             self.arc = Some(arc);
             self.keep_largest();
         }
@@ -187,9 +193,8 @@ impl Tangents {
     fn pass_end(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
         let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
         let located = &*phase.located;
-        let (begin, transition) = (located.last.t, &located.transition);
-        let end = transition.as_ref().map_or(located.state.t, |transition| transition.before.t);
-        if end > begin && transition.is_none() && radau.begins_anew() && !radau.is_done() && end == radau.t() {
+        let (begin, end) = located.last_arc();
+        if end > begin && located.transition.is_none() && radau.begins_anew() && !radau.is_done() && end == radau.t() {
             let step = radau.last_step();
             let (ends, x) = ([step.t + step.h, end], [located.state.q.as_slice(), &located.state.v].concat());
             self.pass_break(ends, &x)?;
@@ -222,6 +227,12 @@ impl Tangents {
     pub fn rates(&mut self, x: &[f64]) -> Vec<f64> {
         self.equations.evaluate_at(self.reached, x);
         [&x[self.structure.coordinates..], &self.equations.a].concat()
+    }
+
+    /// The absolute values of the terms that add up to the derivatives of `q` and `v` in the last step and the transition at
+    /// its end, one direction per column.
+    pub fn terms(&self) -> &DMatrix<f64> {
+        &self.terms
     }
 
     /// Hands over the derivatives of the times of events since the last call.
@@ -260,6 +271,7 @@ impl Tangents {
             if !time.is_finite() {
                 return Err(NoDerivative::Smooth(radau::NoDerivative::Grazing));
             }
+            self.differences += 1;
             jump.iter().enumerate().for_each(|(i, jump)| self.now[(n + i, direction)] += jump * time);
         }
         Ok(())

@@ -171,6 +171,11 @@ impl Tangents {
         if self.now.iter().any(|value| !value.is_finite()) {
             return Err(NoDerivative::Smooth(radau::NoDerivative::Singular));
         }
+        for (i, rate) in rates.iter().enumerate() {
+            let of_time = moved.times.row(i % n).abs() * rate.abs();
+            let mut terms = self.terms.row_mut(i);
+            terms += unmoved.row(i).abs() + of_time;
+        }
         self.keep_to_constraints(&mode, located, (&unmoved, &rates), &moved.times)?;
         Ok(moved.times)
     }

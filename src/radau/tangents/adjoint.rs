@@ -41,6 +41,8 @@ pub struct Work {
     pub factorisations: u64,
     /// Steps that were made a second time.
     pub repeated: u64,
+    /// Central differences, one for each state and direction, at breakpoints of time and of hidden constraints.
+    pub differences: u64,
 }
 
 /// Number of segments in the memory allowed.
@@ -59,8 +61,32 @@ struct Segment {
 
 /// What the sweep back needs of a run.
 enum Record {
-    Step(Box<StoredStep>),
+    Step {
+        step: Box<StoredStep>,
+        /// The terms of the derivatives that are followed with the run, one per state; none if they are not measured.
+        terms: Vec<f64>,
+    },
     Switch(Saltation),
+}
+
+/// The result of a sweep back.
+#[derive(Clone, Debug, Default)]
+pub struct Swept {
+    /// The derivatives of the number with respect to the directions.
+    pub gradient: Vec<f64>,
+    /// What the derivative of the number in the direction that is followed with the run is made of: the largest sum, over
+    /// all steps, of the terms of the derivatives of the states, each times the derivative of the number with respect to
+    /// that state, in absolute values. The gradient is known to the rounding of these, however much of them cancels.
+    pub terms: f64,
+}
+
+impl Swept {
+    /// Notes the terms of the derivatives of the states in one step, and the derivatives of the number with respect to
+    /// these states.
+    pub fn note<'a>(&mut self, terms: &[f64], rows: impl IntoIterator<Item = &'a DVector<f64>>) {
+        let of_row = |row: &DVector<f64>| row.iter().zip(terms).map(|(slope, term)| (slope * term).abs()).sum::<f64>();
+        self.terms = self.terms.max(rows.into_iter().map(of_row).sum());
+    }
 }
 
 /// Why a sweep back over the steps failed.
@@ -116,6 +142,9 @@ pub struct IntegralWeights {
     pub slope: DVector<f64>,
     /// Of the directions themselves.
     pub directions: DVector<f64>,
+    /// The integrals of the absolute values of the derivatives with respect to the states: what weights of opposite signs
+    /// are made of.
+    pub sizes: DVector<f64>,
 }
 
 impl Radau<'_> {
@@ -249,15 +278,18 @@ impl Adjoint {
         tangents: &Tangents,
         records: &mut Vec<Record>,
     ) -> Result<usize, NoDerivative> {
-        let stored = radau.store_step(radau.t(), tangents.slopes[0].is_some());
-        let mut bytes = size_of::<Record>() + stored.bytes();
-        records.push(Record::Step(Box::new(stored)));
+        let step = radau.store_step(radau.t(), tangents.slopes[0].is_some());
+        let terms = tangents.terms.as_ref().map_or(Vec::new(), |terms| terms.now.as_slice().to_vec());
+        let mut bytes = size_of::<Record>() + step.bytes() + size_of_val(terms.as_slice());
+        records.push(Record::Step { step: Box::new(step), terms });
         if radau.continues || radau.is_done() {
             return Ok(bytes);
         }
         let basis = &mut self.basis;
         basis.now.copy_from(&basis.directions.initial);
-        if let Some(saltation) = basis.saltation(radau)? {
+        let saltation = basis.saltation(radau)?;
+        self.work.differences = basis.differences;
+        if let Some(saltation) = saltation {
             let numbers = saltation.jump.len() + saltation.times.len();
             bytes += size_of::<Record>() + numbers * size_of::<f64>();
             records.push(Record::Switch(saltation));
@@ -286,7 +318,7 @@ impl Adjoint {
 
     /// Carries the derivatives of a number with respect to the states at the end, and directly with respect to the
     /// directions, back to the start: its gradient. `integral` gives the weights of an integral over a step that the
-    /// number contains; the last step comes first. The run, followed by `tangents`, ends where it was.
+    /// number contains; the last step comes first. The run, followed by `tangents` in one direction, ends where it was.
     ///
     /// # Errors
     /// Singular equations of a step, or steps that could not be made a second time.
@@ -295,7 +327,7 @@ impl Adjoint {
         (radau, tangents): (&mut Radau<'_>, &mut Tangents),
         (by_states, by_directions): (&[f64], &[f64]),
         mut integral: impl FnMut(&mut StoredStep) -> Option<IntegralWeights>,
-    ) -> Result<Vec<f64>, SweepError> {
+    ) -> Result<Swept, SweepError> {
         let segments = std::mem::take(&mut self.segments);
         let end = segments.iter().any(|segment| segment.records.is_none()).then(|| radau.save());
         let mut costate = Costate {
@@ -303,17 +335,26 @@ impl Adjoint {
             slope: None,
             gradient: DVector::from_column_slice(by_directions),
         };
+        let mut swept = Swept::default();
         for mut segment in segments.into_iter().rev() {
             let records = match segment.records.take() {
                 Some(records) => records,
                 None => self.repeat(&segment, radau, tangents)?,
             };
+            // Behind the switch at the end of a step.
+            let mut behind: Option<DVector<f64>> = None;
             for record in records.into_iter().rev() {
                 match record {
-                    Record::Switch(saltation) => costate.pass_switch(&saltation),
-                    Record::Step(mut stored) => {
-                        let weights = integral(&mut stored);
-                        self.step_back(&stored, weights, &mut costate)?;
+                    Record::Switch(saltation) => {
+                        behind = Some(costate.states.clone());
+                        costate.pass_switch(&saltation);
+                    }
+                    Record::Step { mut step, terms } => {
+                        let weights = integral(&mut step);
+                        let sizes = weights.as_ref().map(|weights| &weights.sizes);
+                        swept.note(&terms, [&costate.states].into_iter().chain(&behind).chain(sizes));
+                        behind = None;
+                        self.step_back(&step, weights, &mut costate)?;
                     }
                 }
             }
@@ -323,7 +364,8 @@ impl Adjoint {
         }
         self.bytes = 0;
         costate.gradient += self.initial.tr_mul(&costate.states);
-        Ok(costate.gradient.as_slice().to_vec())
+        swept.gradient = costate.gradient.as_slice().to_vec();
+        Ok(swept)
     }
 
     /// Carries a costate over one step.

@@ -181,6 +181,7 @@ impl Tangents {
     ) -> DMatrix<f64> {
         let (m, columns) = (variables.nrows(), states.ncols());
         let mut slopes = DMatrix::zeros(m, columns);
+        self.differences += columns as u64;
         for column in 0..columns {
             let way: Vec<f64> = states.column(column).iter().chain(variables.column(column).iter()).copied().collect();
             let parts = way.iter().zip(sizes).filter(|(way, _)| **way != 0.0).map(|(way, size)| size / way.abs());
@@ -243,6 +244,7 @@ impl Tangents {
         let rate = (self.problem.breaks(after + by)[place] - self.problem.breaks(before - by)[place]) / (2.0 * by);
         let times = self.directions.shifted.iter_mut().map(|shifted| {
             let Some(shifted) = shifted else { return 0.0 };
+            self.differences += 1;
             let [above, below] = shifted.problems.each_mut().map(|problem| problem.breaks(before)[place]);
             -(above - below) / (2.0 * shifted.by) / rate
         });

@@ -1,6 +1,6 @@
 //! The derivatives of the stages of one step.
 
-use super::{NoDerivative, Tangents};
+use super::{NoDerivative, Tangents, Terms};
 use crate::dense_output::Step;
 use crate::face::{ActiveFace, Activity};
 use crate::tableau::Tableau;
@@ -112,12 +112,24 @@ impl Tangents {
         let (n, unknowns, s) = (self.mass.nrows(), step.y.len(), tableau.stages());
         let StageEquations { matrix, by_directions: mut right } = self.stage_equations(step, tableau)?;
         let first = &self.mass * &self.before;
+        let mut terms = self.terms.is_some().then(|| right.abs());
+        let absolute = terms.is_some().then(|| matrix.abs());
         for i in 0..s {
             let mut own = right.rows_mut(i * unknowns, n);
             own += &first;
         }
         if !matrix.lu().solve_mut(&mut right) || right.iter().any(|value| !value.is_finite()) {
             return Err(NoDerivative::Singular);
+        }
+        if let (Some(terms), Some(absolute)) = (&mut terms, absolute) {
+            *terms += absolute * right.abs();
+        }
+        if let (Some(of_step), Some(Terms { inverse_mass, now })) = (&terms, &mut self.terms) {
+            let mut of_rows = first.abs();
+            for i in 0..s {
+                of_rows.zip_apply(&of_step.rows(i * unknowns, n), |most, terms| *most = most.max(terms));
+            }
+            now.copy_from(&(&*inverse_mass * of_rows));
         }
         self.stages.clear();
         self.stages.extend((0..s).map(|i| right.rows(i * unknowns, n).into_owned()));

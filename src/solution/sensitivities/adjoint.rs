@@ -15,7 +15,7 @@ use expression::Tape;
 use models::DviModel;
 use nalgebra::{DMatrix, DVector};
 use numerics::CENTRAL_DIFFERENCE;
-use radau::{Directions, IntegralWeights, StoredStep};
+use radau::{Directions, IntegralWeights, StoredStep, Swept};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -23,6 +23,10 @@ use utoipa::ToSchema;
 /// steps up to rounding, but derivatives of breakpoints of time and of hidden constraints are central differences, along
 /// each parameter or along all at once, which have as many digits as their step is small.
 const ALIKE: f64 = CENTRAL_DIFFERENCE;
+
+/// Part of what derivatives were made of that is left of them where they cancel: half the digits of a double, as the
+/// rounding of many steps adds up.
+const ROUNDING: f64 = 1.5e-8;
 
 /// Most bytes of stored steps: what a run of a few unknowns fills with some hundred thousand of them, and no more than a
 /// small part of the memory of a machine.
@@ -46,6 +50,9 @@ pub struct AdjointWork {
     pub jacobians: u64,
     /// Factorisations of the transposed equations of a step, each with one solution, whatever the number of parameters.
     pub factorisations: u64,
+    /// Central differences at breakpoints of time and where hidden constraints determine the time of a switch, one for each
+    /// state and parameter: this work grows with the number of parameters.
+    pub differences: u64,
     /// The largest memory of the stored steps, in bytes.
     pub stored_bytes: u64,
 }
@@ -55,9 +62,54 @@ pub struct AdjointWork {
 pub struct Gradient {
     value: f64,
     slopes: Vec<f64>,
-    /// The difference from the derivative that was followed with the run in one direction, relative to its terms.
-    mismatch: f64,
+    compared: Compared,
+    /// What the objective is known to.
+    resolution: Resolution,
     work: AdjointWork,
+}
+
+/// What the objective and its derivatives are known to.
+#[derive(Clone, Debug)]
+pub(crate) struct Resolution {
+    /// The absolute tolerances of the states, each times the derivative of the objective with respect to that state.
+    tolerated: f64,
+    /// What the derivative in the direction that was followed was made of before terms cancelled, in absolute values.
+    made_of: f64,
+    /// How fast each parameter and initial value moves in that direction.
+    speeds: Vec<f64>,
+}
+
+impl Resolution {
+    /// What a difference of the objective along a direction is known to.
+    pub fn along(&self, direction: &[f64]) -> f64 {
+        let parts = direction.iter().zip(&self.speeds).filter(|(_, speed)| **speed != 0.0);
+        let farthest = parts.map(|(way, speed)| (way / speed).abs()).fold(0.0, f64::max);
+        self.tolerated + ROUNDING * self.made_of * farthest
+    }
+}
+
+/// A gradient in the direction that was followed with the run.
+#[derive(Clone, Copy, Debug)]
+struct Compared {
+    /// The derivative in that direction by the gradient.
+    swept: f64,
+    /// The derivative that was followed.
+    followed: f64,
+    /// The largest term of the derivative by the gradient.
+    terms: f64,
+    /// What the derivative was made of before terms cancelled, in absolute values.
+    made_of: f64,
+}
+
+impl Compared {
+    /// The difference as a part of what may be left: of the derivative and its terms what central differences leave, and of
+    /// all that cancelled on the way its rounding.
+    fn off(self) -> f64 {
+        let Self { swept, followed, terms, made_of } = self;
+        let distance = (swept - followed).abs();
+        let permitted = ALIKE * terms.max(followed.abs()) + ROUNDING * made_of;
+        if distance == 0.0 { 0.0 } else { distance / permitted }
+    }
 }
 
 impl Gradient {
@@ -69,13 +121,14 @@ impl Gradient {
         solution.objective = Some(self.value);
         let Diagnostics { checks, adjoint, .. } = &mut solution.diagnostics;
         *adjoint = Some(self.work);
-        checks.record(CheckCode::Derivatives, self.mismatch / ALIKE, 1.0, || {
+        let Compared { swept, followed, .. } = self.compared;
+        checks.record(CheckCode::Derivatives, self.compared.off(), 1.0, || {
             format!(
-                "the gradient differs by {:.0e} of its terms from the derivative of the same steps in one direction",
-                self.mismatch
+                "the gradient gives {swept:e} in a direction in which the derivative of the same steps is {followed:e}"
             )
         });
         ended.derivatives = self.slopes;
+        ended.resolution = Some(self.resolution);
     }
 }
 
@@ -86,6 +139,8 @@ pub(super) struct SweptBack {
     pub direction: Vec<f64>,
     /// The time of the user at time zero of the steps.
     ahead: f64,
+    /// The absolute tolerance of each state.
+    atol: Vec<f64>,
     /// The largest memory of the stored steps, in bytes.
     largest: usize,
 }
@@ -132,7 +187,7 @@ impl SweptBack {
         };
         let direction = asked.by.iter().zip(generic_parts()).map(|(by, part)| part * size(by)).collect();
         let objective = ObjectiveSlopes::new(&objective.observables, plan.names.len(), &asked.by);
-        Self { objective, direction, ahead, largest: 0 }
+        Self { objective, direction, ahead, atol: atol.to_vec(), largest: 0 }
     }
 
     /// Notes the memory of the steps stored so far.
@@ -147,19 +202,26 @@ impl SweptBack {
         &mut self,
         (t, x): (f64, &[f64]),
         along: f64,
-        back: impl FnOnce(&[f64], &[f64], IntegralOver<'_>) -> Result<(Vec<f64>, AdjointWork), String>,
+        back: impl FnOnce(&[f64], &[f64], IntegralOver<'_>) -> Result<(Swept, AdjointWork), String>,
     ) -> Result<Gradient, String> {
-        let Self { objective, direction, ahead, .. } = self;
+        let Self { objective, direction, ahead, atol, .. } = self;
+        let of_tolerances =
+            |slopes: &[f64]| slopes.iter().zip(&*atol).map(|(slope, atol)| slope.abs() * atol).sum::<f64>();
         let mut by_states = vec![0.0; x.len()];
         let mut by_directions = vec![0.0; direction.len()];
-        let mut value = 0.0;
+        // Of the directions themselves.
+        let (mut value, mut direct, mut tolerated) = (0.0, 0.0, 0.0);
         if !objective.is_integral {
             value = objective.at(t, x, &mut by_states, &mut by_directions);
+            tolerated = of_tolerances(&by_states);
+            direct = by_directions.iter().zip(&*direction).map(|(slope, speed)| (slope * speed).abs()).sum();
         }
         let mut over = |step: &mut StoredStep| {
             objective.is_integral.then(|| {
-                let (gained, weights) = objective.over(step, (x.len(), *ahead));
+                let OverStep { gained, direct: sizes, weights } = objective.over(step, (x.len(), *ahead));
                 value += gained;
+                tolerated += of_tolerances(weights.sizes.as_slice());
+                direct += sizes.iter().zip(&*direction).map(|(size, speed)| size * speed.abs()).sum::<f64>();
                 weights
             })
         };
@@ -169,15 +231,17 @@ impl SweptBack {
         if !is_finite(&by_states) || !is_finite(&by_directions) {
             return Err(not_finite.to_owned());
         }
-        let (slopes, work) = back(&by_states, &by_directions, &mut over)?;
+        let (Swept { gradient: slopes, terms: made_of }, work) = back(&by_states, &by_directions, &mut over)?;
         if !value.is_finite() || !is_finite(&slopes) {
             return Err(not_finite.to_owned());
         }
         let terms = slopes.iter().zip(&self.direction).map(|(slope, speed)| slope * speed);
-        let (sum, size) = terms.fold((0.0, along.abs()), |(sum, size), term| (sum + term, size.max(term.abs())));
-        let mismatch = if size > 0.0 { (sum - along).abs() / size } else { 0.0 };
+        let (swept, terms) = terms.fold((0.0, 0.0_f64), |(sum, most), term| (sum + term, most.max(term.abs())));
+        let made_of = made_of + direct;
+        let compared = Compared { swept, followed: along, terms, made_of };
+        let resolution = Resolution { tolerated, made_of, speeds: self.direction.clone() };
         let work = AdjointWork { stored_bytes: self.largest as u64, ..work };
-        Ok(Gradient { value, slopes, mismatch, work })
+        Ok(Gradient { value, slopes, compared, resolution, work })
     }
 }
 
@@ -185,9 +249,18 @@ impl SweptBack {
 pub(super) type IntegralOver<'a> = &'a mut dyn FnMut(&mut StoredStep) -> Option<IntegralWeights>;
 
 impl From<radau::AdjointWork> for AdjointWork {
-    fn from(radau::AdjointWork { steps, jacobians, factorisations, repeated }: radau::AdjointWork) -> Self {
-        Self { steps, repeated, jacobians, factorisations, stored_bytes: 0 }
+    fn from(work: radau::AdjointWork) -> Self {
+        let radau::AdjointWork { steps, jacobians, factorisations, repeated, differences } = work;
+        Self { steps, repeated, jacobians, factorisations, differences, stored_bytes: 0 }
     }
+}
+
+/// The objective over a step, if it is an integral.
+struct OverStep {
+    gained: f64,
+    /// The integrals of the absolute values of the derivatives directly with respect to the directions.
+    direct: Vec<f64>,
+    weights: IntegralWeights,
 }
 
 /// The objective, or the integrand of it, with its derivatives.
@@ -242,7 +315,7 @@ impl ObjectiveSlopes {
     }
 
     /// The integral over a step, by a clock that is `ahead` of that of the step, and its derivatives.
-    fn over(&mut self, step: &mut StoredStep, (states, ahead): (usize, f64)) -> (f64, IntegralWeights) {
+    fn over(&mut self, step: &mut StoredStep, (states, ahead): (usize, f64)) -> OverStep {
         let (n, s, p) = (states, step.step().tableau.stages(), self.count);
         let (mut x, mut by_states, mut by_directions) = (vec![0.0; n], vec![0.0; n], vec![0.0; p]);
         let mut weights = vec![0.0; s];
@@ -259,13 +332,40 @@ impl ObjectiveSlopes {
             }
             out[1 + (s + 2) * n..].copy_from_slice(&by_directions);
         });
-        let row = |place: usize| DVector::from_column_slice(&sums.values[1 + place * n..][..n]);
+        let row = |values: &[f64], place: usize| DVector::from_column_slice(&values[1 + place * n..][..n]);
+        let mut sizes = row(sums.sizes(), 0);
+        (0..s).for_each(|j| sizes += row(sums.sizes(), 2 + j));
         let weights = IntegralWeights {
-            begin: row(0),
-            slope: row(1),
-            stages: (0..s).map(|j| row(2 + j)).collect(),
+            begin: row(&sums.values, 0),
+            slope: row(&sums.values, 1),
+            stages: (0..s).map(|j| row(&sums.values, 2 + j)).collect(),
             directions: DVector::from_column_slice(&sums.values[1 + (s + 2) * n..]),
+            sizes,
         };
-        (sums.values[0], weights)
+        OverStep { gained: sums.values[0], direct: sums.sizes()[1 + (s + 2) * n..].to_vec(), weights }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Compared;
+
+    #[test]
+    fn rounding_of_what_cancels_is_permitted_and_a_wrong_gradient_is_not() {
+        // Terms of size one cancel to rounding.
+        let rest = Compared { swept: 1e-16, followed: -3e-15, terms: 1e-16, made_of: 1.0 };
+        assert!(rest.off() < 1e-6, "{}", rest.off());
+        // A millionth of them is none.
+        assert!(Compared { swept: 1e-6, ..rest }.off() > 1.0);
+        // Against a derivative that does not cancel, a hundred thousandth is wrong, and the sign.
+        let whole = Compared { swept: 2.0, followed: 2.0, terms: 2.0, made_of: 2.0 };
+        assert_eq!(whole.off(), 0.0);
+        assert!(Compared { swept: 2.0001, ..whole }.off() > 1.0);
+        assert!(Compared { swept: -2.0, ..whole }.off() > 1e4);
+        // Derivatives that were a million times as large on the way do not hide that.
+        assert!(Compared { swept: -2.0, made_of: 2e6, ..whole }.off() > 1.0);
+        // Where there is nothing, nothing may be left.
+        assert!(Compared { swept: 1e-300, followed: 0.0, terms: 0.0, made_of: 0.0 }.off() > 1.0);
+        assert!(Compared { swept: f64::NAN, ..whole }.off().is_nan());
     }
 }

@@ -127,7 +127,7 @@ impl<'p> FollowedMotion<'p> {
         let passed = self.tangents.follow(phase)?;
         let Self { tangents, observed, start, swept, .. } = self;
         if let Some(Swept { adjoint, back, jumps }) = swept {
-            adjoint.store(phase, &mut |passed: &Jumped| jumps.gained(&Jump::of(*start, passed.clone())))?;
+            adjoint.store(phase, tangents, &mut |passed: &Jumped| jumps.gained(&Jump::of(*start, passed.clone())))?;
             back.watch(adjoint.bytes());
             if adjoint.bytes() > MOST_STORED {
                 return Err(NoDerivative::TooLong { mebibytes: MOST_STORED >> 20 });

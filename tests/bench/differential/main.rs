@@ -1,23 +1,27 @@
 //! The differential fuzz: `cargo bench --bench differential` for 20,000 problems. Environment variables change that:
 //! `COUNT=500 SEED=7 KIND=circuit` select problems, `REFERENCE=1` compares all of them with an independent method,
 //! `SECONDS=3` limits the time of each solve, `THREADS=2` solves problems in parallel, `TELL=1` reports each finding as
-//! it comes, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications for `dvi solve`;
+//! it comes, `KIND=derivatives` compares derivatives with differences of runs, of the kinds in `OF=circuit,sets`, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications for `dvi solve`;
 //! without it they go to a temporary folder.
 
 #[path = "mod.rs"]
 mod differential;
 
+use differential::derivatives::{self, Finding};
 use differential::{Campaign, Kind};
 use std::time::{Duration, Instant};
 
 fn main() {
     let number = |name: &str, default| std::env::var(name).ok().and_then(|text| text.parse().ok()).unwrap_or(default);
     let chosen = std::env::var("KIND").ok();
+    if chosen.as_deref() == Some("derivatives") {
+        return compare_derivatives(&number);
+    }
     let is_chosen = |kind: &Kind| chosen.as_ref().is_none_or(|names| names.split(',').any(|name| name == kind.name()));
     let kinds: Vec<Kind> = Kind::ALL.into_iter().filter(is_chosen).collect();
     if kinds.is_empty() {
         let names: Vec<&str> = Kind::ALL.iter().map(|kind| kind.name()).collect();
-        eprintln!("no such kind; there are {}", names.join(", "));
+        eprintln!("no such kind; there are {}, derivatives", names.join(", "));
         std::process::exit(2);
     }
     let named = std::env::args().skip(1).find(|argument| !argument.starts_with("--"));
@@ -39,6 +43,20 @@ fn main() {
     let tally = campaign.run();
     println!("{tally}in {:.0} s", began.elapsed().as_secs_f64());
     if tally.panics() + tally.not_finite() > 0 || tally.silent() > 0 {
+        std::process::exit(1);
+    }
+}
+
+/// Compares derivatives with differences of runs.
+fn compare_derivatives(number: &dyn Fn(&str, u64) -> u64) {
+    let of = std::env::var("OF").ok();
+    let is_chosen = |kind: &Kind| of.as_ref().is_none_or(|names| names.split(',').any(|name| name == kind.name()));
+    let kinds: Vec<Kind> = derivatives::KINDS.into_iter().filter(is_chosen).collect();
+    let (began, time) = (Instant::now(), Duration::from_secs(number("SECONDS", 3)));
+    let (count, seed, threads) = (number("COUNT", 2_000), number("SEED", 1), number("THREADS", 1) as usize);
+    let tally = derivatives::run(count, seed, &kinds, time, threads, number("TELL", 0) > 0);
+    println!("{tally}in {:.0} s", began.elapsed().as_secs_f64());
+    if tally.of(Finding::Silent) > 0 || !tally.unlike.is_empty() {
         std::process::exit(1);
     }
 }

@@ -6,6 +6,7 @@
 //! its verdict trusts it, caught otherwise. A correct run that is not trusted is a false alarm; one to a later end is compared up
 //! to the end of the others only, so that its doubts count where those with the same method have them too.
 
+pub mod derivatives;
 mod experiment;
 mod failures;
 mod generators;

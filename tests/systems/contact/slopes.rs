@@ -273,6 +273,20 @@ fn a_block_slides_to_rest_and_is_pushed_off_again() {
 }
 
 #[test]
+fn rounding_of_what_gravity_and_the_floor_add_up_to_is_not_taken_for_a_motion_off_it() {
+    // The weight and the force of the floor change together; their sum is zero but for rounding, with most masses.
+    for (m, g) in [(2.1, 9.80665), (0.7, 1.62), (3.3, 9.81)] {
+        let mut problem = block();
+        (problem["parameters"]["m"], problem["parameters"]["g"]) = (json!(m), json!(g));
+        problem["forces"]["x"] = json!(0);
+        let solution = derived(problem, 5.0, json!({"to": ["m", "g"]}));
+        // It stops at w^2/2 mu g.
+        assert!((last(&solution, "dx/dg") + 4.0 / (0.6 * g * g)).abs() < 1e-8);
+        assert!(last(&solution, "dx/dm").abs() < 1e-8);
+    }
+}
+
+#[test]
 fn a_ball_that_strikes_a_rough_floor_aslant_and_slides_on_after_its_bounces() {
     // Each impact of speed u takes mu (1 + e) u of the slip; after the bounces mu g does. Nothing stops it within the time.
     let values = [0.2, 0.5, 9.81];

@@ -285,6 +285,18 @@ class Result:
         return self._part("fit")
 
     @property
+    def gradient(self) -> dict[str, float]:
+        """The derivatives of the objective of adjoint mode, by the names of what it is differentiated by."""
+        gradient: dict[str, float] = self._evidence.get("gradient") or {}
+        return gradient
+
+    @property
+    def objective(self) -> Optional[float]:
+        """The value of the objective of adjoint mode."""
+        value: Optional[float] = self._evidence.get("objective")
+        return value
+
+    @property
     def event_slopes(self) -> list[dict[str, Any]]:
         """The derivatives of the times of events, of a motion with impacts."""
         slopes: list[dict[str, Any]] = self._evidence.get("event_slopes") or []
