@@ -5,13 +5,14 @@ use super::{CheckCode, Diagnostics, Event, Failure, Solution, Status, ViCounts};
 use models::{Inequality, StaticModel};
 use nalgebra::DMatrix;
 use numerics::Interval;
-use problem::{Control, ConvexSet};
+use problem::{Control, ConvexSet, Workspace};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 use vi::{
-    AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SolverKind, SparseVi, Worst, certificate, start,
+    AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SINGULAR, SolverKind, SparseVi, Worst,
+    certificate, start,
 };
 
 /// Most variables of a problem that is solved again from other starts to find other solutions, and the number of
@@ -20,6 +21,9 @@ const MOST_SEARCHED: usize = 60;
 const SEARCHES: usize = 8;
 /// Relative distance above which two solutions count as different.
 const APART: f64 = 1e-4;
+/// How far along a direction another solution is searched for, relative to the size of the one found: far more than solutions
+/// differ that count as the same, and near enough for Newton's method to find what is there.
+const ASIDE: f64 = 1e-2;
 /// Most variables named in a message.
 const NAMED: usize = 6;
 /// Relative tolerance for negative eigenvalues of a positive semidefinite symmetric part.
@@ -233,9 +237,11 @@ impl Search<'_> {
                      intervals{also} is regular, with {least:.3e} its least singular value"
                 )
             }
+            Certificate::Singular(_) => format!("a solution: {SINGULAR}"),
             Certificate::Nothing(why) => format!("a solution: {why}"),
         };
-        match self.another(z) {
+        let along = if let Certificate::Singular(direction) = &found { direction.as_slice() } else { &[] };
+        match self.another(z, along) {
             Some(other) => {
                 let moved: Vec<f64> = other.iter().zip(z).map(|(other, z)| other - z).collect();
                 let shown: Vec<String> = (0..z.len())
@@ -269,18 +275,24 @@ impl Search<'_> {
         format!("{}{more}", parts.join(", "))
     }
 
-    /// Searches for another solution from other starts.
-    fn another(&mut self, z: &[f64]) -> Option<Vec<f64>> {
-        if z.len() > MOST_SEARCHED {
-            return None;
-        }
+    /// Searches for another solution, on both sides along a direction if there is one, and from other starts.
+    fn another(&mut self, z: &[f64], along: &[f64]) -> Option<Vec<f64>> {
         let size = z.iter().fold(1.0_f64, |most, z| most.max(z.abs()));
+        let length = along.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        let sides = if length > 0.0 { [ASIDE, -ASIDE].map(|part| part * size / length).to_vec() } else { Vec::new() };
+        let searches = if z.len() > MOST_SEARCHED { 0 } else { SEARCHES };
         let mut other = z.to_vec();
-        for number in 1..=SEARCHES {
+        for number in 0..sides.len() + searches {
             if self.control.poll().is_some() {
                 return None;
             }
-            start(number, z, self.problem.set(), &mut other);
+            match sides.get(number) {
+                Some(by) => {
+                    other.iter_mut().zip(z).zip(along).for_each(|((other, z), v)| *other = z + by * v);
+                    self.problem.set().project_all(&mut other, &mut Workspace::default());
+                }
+                None => start(number + 1 - sides.len(), z, self.problem.set(), &mut other),
+            }
             let found = self.portfolio.once(&mut self.problem, self.asked.tolerance, &mut other, self.control);
             let distance = other.iter().zip(z).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
             if found.report.outcome == Outcome::Solved && distance > APART * size {

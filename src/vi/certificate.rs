@@ -5,7 +5,8 @@
 //! - `J_aa` regular and the Schur complement `J_bb - J_ba J_aa^-1 J_ab` a P-matrix: the only one near (Robinson 1980, *Strongly
 //!   regular generalized equations*), and, where `G` is affine and `J` positive semidefinite, so that solutions form a convex
 //!   set, the only one;
-//! - `G` affine, `b` empty and `J_aa` singular: solutions are all points `z + s v`, `J_aa v = 0`, near it.
+//! - `G` affine, `b` empty and `J_aa` singular: solutions are all points `z + s v`, `J_aa v = 0`, near it. Otherwise these points
+//!   are where other solutions may be.
 
 use factorisation::{Singular, least_eigenvalue};
 use nalgebra::DMatrix;
@@ -23,6 +24,9 @@ const MOST_UNDECIDED: usize = 12;
 /// The most variables: values and vectors of full matrices.
 pub const MOST_VARIABLES: usize = 400;
 
+/// Why nothing is certain where `J_aa` is singular.
+pub const SINGULAR: &str = "the derivative with respect to the inactive variables is singular";
+
 /// What is certain.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Certificate {
@@ -34,6 +38,8 @@ pub enum Certificate {
     Isolated(f64, usize, usize),
     /// One of a continuum, along this direction.
     Continuum(Vec<f64>),
+    /// Nothing, as `J_aa` is singular: if there are others near, then along this direction.
+    Singular(Vec<f64>),
     /// Nothing, for this reason.
     Nothing(&'static str),
 }
@@ -82,14 +88,12 @@ pub fn certificate(
     let is_regular = own.rank(ZERO * m as f64) == inside.len();
     let is_convex = is_affine && least >= -zero;
     if !is_regular {
-        return match (is_affine && undecided.is_empty(), own.v_t.nrows()) {
-            (true, rows) if rows > 0 => {
-                let mut direction = vec![0.0; m];
-                let row = own.v_t.row(rows - 1);
-                inside.iter().zip(row.iter()).for_each(|(&i, v)| direction[i] = *v);
-                Certificate::Continuum(direction)
-            }
-            _ => Certificate::Nothing("the derivative with respect to the inactive variables is singular"),
+        let Some(last) = own.v_t.nrows().checked_sub(1) else { return Certificate::Nothing(SINGULAR) };
+        let mut direction = vec![0.0; m];
+        inside.iter().zip(own.v_t.row(last).iter()).for_each(|(&i, v)| direction[i] = *v);
+        return match is_affine && undecided.is_empty() {
+            true => Certificate::Continuum(direction),
+            false => Certificate::Singular(direction),
         };
     }
     if undecided.len() > MOST_UNDECIDED {
@@ -98,7 +102,7 @@ pub fn certificate(
     let mut schur = part(&undecided, &undecided);
     if !inside.is_empty() && !undecided.is_empty() {
         let Some(correction) = part(&inside, &inside).lu().solve(&part(&inside, &undecided)) else {
-            return Certificate::Nothing("the derivative with respect to the inactive variables is singular");
+            return Certificate::Nothing(SINGULAR);
         };
         schur -= part(&undecided, &inside) * correction;
     }

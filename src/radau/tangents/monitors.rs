@@ -4,6 +4,7 @@ use super::stages::Rows;
 use super::{NoDerivative, Tangents, changed};
 use crate::face::{ActiveFace, Activity};
 use crate::stepper::Radau;
+use hybrid::OneStep;
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use problem::{Dvi, Side};
@@ -168,6 +169,25 @@ impl Tangents {
             return Err(NoDerivative::Singular);
         }
         Ok(right)
+    }
+
+    /// The slopes of the derivatives on the face on which a run goes on; `None` if the equations do not determine them.
+    pub(super) fn slopes_on_face(&mut self, radau: &Radau<'_>) -> Option<DMatrix<f64>> {
+        let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
+        let (n, count) = (self.mass.nrows(), self.count());
+        let (rows, (rates, _)) = (self.rows_at(t, &y), self.rates(t, &y));
+        let mut states = self.now.clone().insert_column(count, 0.0);
+        states.column_mut(count).copy_from_slice(&rates);
+        let by_time = self.rows_by_time(t, &y);
+        let sizes: Vec<f64> = y.iter().zip(radau.largest()).map(|(y, largest)| y.abs().max(*largest)).collect();
+        let variables = self.variables_along((t, &y), &face, &rows, (&states, &by_time), &sizes).ok()?;
+        let mut right = rows.by_y.view((0, 0), (n, n)) * &self.now
+            + rows.by_y.view((0, n), (n, y.len() - n)) * variables.columns(0, count)
+            + rows.by_directions.rows(0, n);
+        for &((row, column), direction, value) in &self.directions.mass {
+            right[(row, direction)] -= value * rates[column];
+        }
+        self.inverse_mass.solve(&right)
     }
 
     /// The derivatives of `dG/dt = G_t + G_x M^-1 F` along columns of states with variables and along the directions,

@@ -32,11 +32,12 @@ impl Tangents {
 
     /// Bounds the first step behind a switch: derivatives may have jumped into a direction in which the states do not move.
     pub(super) fn limit_first_step(&mut self, radau: &mut Radau<'_>) {
-        if self.mass.nrows() != radau.y().len() {
-            return;
-        }
         let (now, y) = (self.now.clone(), radau.y().to_vec());
-        let Some(slopes) = self.slopes_at(radau.t(), &y, &now) else { return };
+        let slopes = match self.mass.nrows() == y.len() {
+            true => self.slopes_at(radau.t(), &y, &now),
+            false => self.slopes_on_face(radau),
+        };
+        let Some(slopes) = slopes else { return };
         let method = radau.orders.current();
         let reach = method.tolerance.rtol.powf(1.0 / (method.tableau.stages() as f64 + 1.0));
         let speed = self.norm(&slopes, radau);
