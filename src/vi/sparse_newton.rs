@@ -4,9 +4,9 @@
 //! z in [l, u],    <F(z), x - z> >= 0  for all x in [l, u]
 //! ```
 //!
-//! Rows are scaled by `S`, the inverse of the diagonal of `F'` where that says something; steps that are searched along share one
-//! `S`. The Newton step of the natural map `z - P(z - S F)` is taken if it lowers `|psi|`, the Fischer-Burmeister equations of
-//! all components, enough; else that of `psi` with Armijo's line search and a proximal term that vanishes with `|psi|`, so that singular Jacobians, as of problems
+//! Rows are scaled by `S`, the inverse of the diagonal of `F'` where that says something. The Newton step of the natural map
+//! `z - P(z - S F)` is taken if it lowers `|psi|`, the Fischer-Burmeister equations of all components, enough; else that of
+//! `psi` with Armijo's line search and a proximal term that vanishes with `|psi|`, so that singular Jacobians, as of problems
 //! whose solutions form a set, have directions too; else that of steepest descent (De Luca, Facchinei and Kanzow 1996;
 //! Facchinei and Pang 2003, sections 8.3, 9.1 and 12.1). The factors have one pattern, which is analysed once.
 
@@ -98,8 +98,7 @@ impl SparseNewton {
         vi.evaluate(z, &mut self.f);
         let mut before = f64::INFINITY;
         for iterations in 0..ITERATIONS {
-            // A search needs one measure for all steps, which without one is that of each step.
-            if !self.linearise(vi, z, iterations == 0 || !searches) {
+            if !self.linearise(vi, z) {
                 let outcome = Outcome::Breakdown;
                 return Report { outcome, residual: self.fit(vi.set(), z).largest, iterations };
             }
@@ -137,15 +136,13 @@ impl SparseNewton {
         self.jacobian.worst(set, (z, &self.f))
     }
 
-    /// `F'`, the scales if asked for, and `psi` with its derivatives at the iterate; false where a number is not finite.
+    /// `F'`, the scales, and `psi` with its derivatives at the iterate; false where a number is not finite.
     #[expect(clippy::needless_range_loop, reason = "one index for what belongs to a component")]
-    fn linearise(&mut self, vi: &mut dyn SparseVi, z: &[f64], scales: bool) -> bool {
+    fn linearise(&mut self, vi: &mut dyn SparseVi, z: &[f64]) -> bool {
         if !self.jacobian.evaluate(vi, z) || !self.f.iter().all(|f| f.is_finite()) {
             return false;
         }
-        if scales {
-            self.jacobian.scales(&mut self.scale);
-        }
+        self.jacobian.scales(&mut self.scale);
         let set = vi.set();
         for i in 0..z.len() {
             let at = psi(z[i], self.scale[i] * self.f[i], set.lower[i], set.upper[i]);

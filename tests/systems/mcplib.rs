@@ -34,18 +34,6 @@ fn problems_of_the_collection_are_solved_from_their_starts() {
     }
 }
 
-/// A column of distillation from flows that are a third too large and temperatures that are five degrees too low, from where the
-/// damped Newton method converges.
-#[test]
-fn a_distant_start_of_a_smooth_system_is_no_obstacle() {
-    let problem: Value = serde_json::from_str(include_str!("mcplib/hydroc06.json")).expect("JSON");
-    let mut specification = problem["specification"].clone();
-    for (variable, initial) in problem["far"].as_object().expect("starts by name") {
-        specification["problem"]["vi"]["variables"][variable]["initial"] = initial.clone();
-    }
-    assert_solved("hydroc06", &specification, &problem["solution"]);
-}
-
 /// A household of the economy of Scarf and Hansen owns one unit of labour: its published income is the price.
 #[test]
 fn the_economy_of_scarf_and_hansen_has_its_published_income() {
