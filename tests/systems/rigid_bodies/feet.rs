@@ -31,7 +31,7 @@ fn a_block_rocks_as_housner_says() {
     let kept = (1.0 - 1.5 * alpha.sin().powi(2)).powi(2);
     let landing = G * r * ((alpha - tilt).cos() - alpha.cos());
     let errors = [0.02, 0.0025].map(|step| {
-        let solution = solve(&located(&[block.clone()], &json!({"friction": 1.0}), 0.6, step));
+        let solution = solve(&located(std::slice::from_ref(&block), &json!({"friction": 1.0}), 0.6, step));
         assert!(solution.verdict.trusted, "{:?}", solution.verdict);
         let landings = solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Impact).count();
         assert_eq!(landings, 2, "{:?}", solution.trajectory.events);
