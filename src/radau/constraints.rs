@@ -319,12 +319,9 @@ fn independent_blocks(matrix: &DMatrix<f64>) -> Vec<(Vec<usize>, Vec<usize>)> {
     blocks
 }
 
-/// A basis of the left null space of a matrix; `None` if its rows are linearly independent.
+/// The same of a matrix that is taken as one block.
 fn left_null_space_of_block(matrix: DMatrix<f64>) -> Option<DMatrix<f64>> {
     let rows = matrix.nrows();
-    if matrix.ncols() == 0 {
-        return Some(DMatrix::identity(rows, rows));
-    }
     let lu = FullPivLU::new(matrix);
     let u = lu.u();
     let pivots: Vec<f64> = (0..u.nrows().min(u.ncols())).map(|i| u[(i, i)].abs()).collect();

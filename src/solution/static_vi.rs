@@ -279,19 +279,28 @@ impl Search<'_> {
     fn another(&mut self, z: &[f64], along: &[f64]) -> Option<Vec<f64>> {
         let size = z.iter().fold(1.0_f64, |most, z| most.max(z.abs()));
         let length = along.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
-        let sides = if length > 0.0 { [ASIDE, -ASIDE].map(|part| part * size / length).to_vec() } else { Vec::new() };
-        let searches = if z.len() > MOST_SEARCHED { 0 } else { SEARCHES };
-        let mut other = z.to_vec();
-        for number in 0..sides.len() + searches {
+        let set = self.problem.set();
+        let aside = |part: f64| {
+            let by = part * size / length;
+            let mut other: Vec<f64> = z.iter().zip(along).map(|(z, v)| z + by * v).collect();
+            set.project_all(&mut other, &mut Workspace::default());
+            other
+        };
+        let elsewhere = |number: usize| {
+            let mut other = z.to_vec();
+            start(number, z, set, &mut other);
+            other
+        };
+        let mut starts = Vec::new();
+        if length > 0.0 {
+            starts.extend([ASIDE, -ASIDE].map(aside));
+        }
+        if z.len() <= MOST_SEARCHED {
+            starts.extend((1..=SEARCHES).map(elsewhere));
+        }
+        for mut other in starts {
             if self.control.poll().is_some() {
                 return None;
-            }
-            match sides.get(number) {
-                Some(by) => {
-                    other.iter_mut().zip(z).zip(along).for_each(|((other, z), v)| *other = z + by * v);
-                    self.problem.set().project_all(&mut other, &mut Workspace::default());
-                }
-                None => start(number + 1 - sides.len(), z, self.problem.set(), &mut other),
             }
             let found = self.portfolio.once(&mut self.problem, self.asked.tolerance, &mut other, self.control);
             let distance = other.iter().zip(z).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);

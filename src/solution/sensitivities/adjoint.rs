@@ -355,7 +355,7 @@ mod tests {
         // Terms of size one cancel to rounding.
         let rest = Compared { swept: 1e-16, followed: -3e-15, terms: 1e-16, made_of: 1.0 };
         assert!(rest.off() < 1e-6, "{}", rest.off());
-        // A millionth of them is none.
+        // What is a millionth of the terms is no rounding.
         assert!(Compared { swept: 1e-6, ..rest }.off() > 1.0);
         // Against a derivative that does not cancel, a hundred thousandth is wrong, and the sign.
         let whole = Compared { swept: 2.0, followed: 2.0, terms: 2.0, made_of: 2.0 };

@@ -221,7 +221,7 @@ pub fn run(count: u64, first: u64, kinds: &[Kind], time: Duration, threads: usiz
     tally.into_inner().expect("a tally")
 }
 
-/// A run, or why there is none.
+/// Solves a document; the error is the finding with its reason.
 fn solve(document: &Value, time: Duration) -> Result<Solution, (Finding, String)> {
     let specification = Specification::from_json(document.to_string().as_bytes()).map_err(|errors| {
         let first = errors.first();
@@ -273,7 +273,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
     let rtol = random.scale(1e-8, 1e-5);
     let parametric = Parametric::new(problem.as_ref(), &mut random);
     let (names, values) = (parametric.names(), parametric.values.clone());
-    let own: Vec<super::problem::Field> = problem.fields();
+    let own = problem.fields();
     let of = random.whole(0, own.len() - 1);
     let integral = random.chance(0.4).then(|| format!("({})^2", own[of].name));
     let fields: Vec<String> =
@@ -304,6 +304,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             println!("{} {seed} {mode}: {finding:?} {why}", kind.name());
         }
     };
+    let drop_both = |why: &str| ["forward", "adjoint"].into_iter().for_each(|mode| note(mode, Finding::Dropped, why));
     let [found, swept] = [forward(rtol), adjoint(rtol)].map(|document| solve(&document, time));
     let (found, swept) = match (found, swept) {
         (Ok(found), Ok(swept)) => (found, swept),
@@ -345,7 +346,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
     for (by, name) in names.iter().enumerate().take(DIFFERENCED) {
         let growth = growth(by);
         if exceeds(growth, MOST_GROWTH) {
-            return ["forward", "adjoint"].into_iter().for_each(|mode| note(mode, Finding::Dropped, "growth"));
+            return drop_both("growth");
         }
         let tight = rtol / TIGHTER;
         let part = tight.cbrt() / growth;
@@ -355,10 +356,10 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             solve(&written(&moved, tight, None, true), time).map(|solution| End::of(&solution, &fields))
         };
         let [Ok(above), Ok(below), Ok(far_above), Ok(far_below)] = [1.0, -1.0, 2.0, -2.0].map(moved) else {
-            return ["forward", "adjoint"].into_iter().for_each(|mode| note(mode, Finding::Dropped, "no difference"));
+            return drop_both("no difference");
         };
         if [&above, &far_above, &far_below].iter().any(|other| other.events != below.events) {
-            return ["forward", "adjoint"].into_iter().for_each(|mode| note(mode, Finding::Dropped, "order of events"));
+            return drop_both("order of events");
         }
         for field in 0..fields.len() {
             // Of a change of the parameter by its own size.
@@ -366,9 +367,7 @@ fn judge(case: (Kind, u64), time: Duration, tally: &Mutex<Tally>, tells: bool) {
             let far = (far_above.values[field] - far_below.values[field]) / (4.0 * part);
             let allowed = TOLERANCES * rtol * growth * size(field);
             if exceeds((near - far).abs(), allowed) {
-                return ["forward", "adjoint"]
-                    .into_iter()
-                    .for_each(|mode| note(mode, Finding::Dropped, "differences do not agree"));
+                return drop_both("differences do not agree");
             }
             let truth = (4.0 * near - far) / 3.0;
             let off = |slope: f64| ((slope * values[by] - truth) / allowed).abs();

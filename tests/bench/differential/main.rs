@@ -1,8 +1,9 @@
 //! The differential fuzz: `cargo bench --bench differential` for 20,000 problems. Environment variables change that:
 //! `COUNT=500 SEED=7 KIND=circuit` select problems, `REFERENCE=1` compares all of them with an independent method,
 //! `SECONDS=3` limits the time of each solve, `THREADS=2` solves problems in parallel, `TELL=1` reports each finding as
-//! it comes, `KIND=derivatives` compares derivatives with differences of runs, of the kinds in `OF=circuit,sets`, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications for `dvi solve`;
-//! without it they go to a temporary folder.
+//! it comes, and `FAILURES=folder` (or the folder as an argument) keeps wrong runs as specifications for `dvi solve`;
+//! without it they go to a temporary folder. `KIND=derivatives OF=circuit,sets` compares derivatives of problems of these
+//! kinds with differences of runs.
 
 #[path = "mod.rs"]
 mod differential;

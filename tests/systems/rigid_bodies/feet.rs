@@ -1,19 +1,13 @@
 //! Boxes that land on their edges and faces, with located impacts: feet of a face land at once from one of its edges, whatever the
 //! errors of their heights, and four feet on a floor carry the same in every run.
 
-use super::on_the_ground;
+use super::{locate, on_the_ground};
 use crate::systems::harness::{column, last, solve};
 use dvi::problem::EventKind;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use serde_json::{Value, json};
+use serde_json::json;
 
 const G: f64 = 9.81;
-
-fn located(bodies: &[Value], law: &Value, end: f64, step: f64) -> Value {
-    let mut specification = on_the_ground(bodies, law, end, step);
-    specification["method"]["impacts"] = json!("locate");
-    specification
-}
 
 /// A block that rocks on its edges loses at each landing the part of its rotation that Housner (1963) gives, wherever it faces.
 #[test]
@@ -31,7 +25,8 @@ fn a_block_rocks_as_housner_says() {
     let kept = (1.0 - 1.5 * alpha.sin().powi(2)).powi(2);
     let landing = G * r * ((alpha - tilt).cos() - alpha.cos());
     let errors = [0.02, 0.0025].map(|step| {
-        let solution = solve(&located(std::slice::from_ref(&block), &json!({"friction": 1.0}), 0.6, step));
+        let solution =
+            solve(&locate(on_the_ground(std::slice::from_ref(&block), &json!({"friction": 1.0}), 0.6, step)));
         assert!(solution.verdict.trusted, "{:?}", solution.verdict);
         let landings = solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Impact).count();
         assert_eq!(landings, 2, "{:?}", solution.trajectory.events);
@@ -57,7 +52,8 @@ fn a_box_that_rattles_to_rest_follows_one_path_at_every_step() {
         let solve_at = |step: f64| {
             let body = json!({"name": "b", "shape": {"box": {"size": size}}, "mass": 1, "position": [0.0, 0.0, 0.4],
                 "velocity": velocity, "angular_velocity": spin});
-            let mut specification = located(&[body], &json!({"friction": friction, "restitution": 0.0}), 0.9, step);
+            let law = json!({"friction": friction, "restitution": 0.0});
+            let mut specification = locate(on_the_ground(&[body], &law, 0.9, step));
             specification["output"] = json!({"times": {"count": 91}});
             solve(&specification)
         };

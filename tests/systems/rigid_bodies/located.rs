@@ -1,6 +1,6 @@
 //! Impacts located in time: closed forms, and the order where there is none.
 
-use super::{on_the_ground, stepped, weightless};
+use super::{locate, on_the_ground, stepped, weightless};
 use crate::systems::harness::{column, distance, last, solve};
 use dvi::problem::EventKind;
 use dvi::solution::{CheckCode, Solution};
@@ -10,11 +10,6 @@ use serde_json::{Value, json};
 const G: f64 = 9.81;
 /// The order of an error of second order, to within what the third leaves of it: a ratio of 3.6 under halving of the step.
 const SECOND: f64 = 1.85;
-
-fn locate(mut specification: Value) -> Value {
-    specification["method"]["impacts"] = json!("locate");
-    specification
-}
 
 fn ball(position: [f64; 3], velocity: [f64; 3], omega: [f64; 3]) -> Value {
     json!({"name": "ball", "shape": {"sphere": {"radius": 0.1}}, "mass": 1, "position": position, "velocity": velocity,

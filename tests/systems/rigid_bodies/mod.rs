@@ -32,6 +32,12 @@ fn on_the_ground(bodies: &[Value], contacts: &Value, end: f64, step: f64) -> Val
     })
 }
 
+/// The specification with located impacts.
+fn locate(mut specification: Value) -> Value {
+    specification["method"]["impacts"] = json!("locate");
+    specification
+}
+
 /// The specification by time stepping.
 fn stepped(mut specification: Value) -> Value {
     specification["method"]["impacts"] = json!("time_stepping");

@@ -258,7 +258,6 @@ impl MoreauStepping<'_> {
     fn pass(&mut self, located: &mut Located, rest: f64, control: &Control) -> Result<(), StepFailure> {
         let (starts, before) = (self.moving.clone(), self.report.work);
         let times = [self.t - located.begin, located.step];
-        self.kept.clear();
         self.advance(rest, HALVINGS, control)?;
         // Velocities of the middle of a step become those of its end.
         self.moving.clone_from(&self.ends);

@@ -64,10 +64,10 @@ impl MoreauStepping<'_> {
         Ok(())
     }
 
-    /// Keeps the contacts that are closed: those that last, and those whose gap is zero. Where one of these strikes, a gap is zero
-    /// that is no larger than its error: the sum of the gaps of the other closed contacts of its bodies, which are zero but for
-    /// errors of the last arc, and of which that of the last foot of a face is a combination. Feet of a face that lands from one of
-    /// its edges strike at once, in whatever order their errors bring them.
+    /// Keeps the contacts that are closed: those that last, and those whose gap is zero. Where one of these strikes, a gap that is no
+    /// larger than its error is zero, too. Closed contacts have gaps by errors of the last arc alone, and the gap of the last foot
+    /// of a face is a combination of those of its other feet: the error is the sum of the gaps of the closed contacts of a body.
+    /// All feet of a face that lands from one of its edges therefore strike at once, in whatever order their errors bring them.
     fn retain_closed(&mut self, located: &Located) {
         let lasts = |contact: &Contact| located.lasting.contains(&contact.key);
         let strikes = |contact: &Contact| !lasts(contact) && -contact.before.x > self.rounding(located, contact);

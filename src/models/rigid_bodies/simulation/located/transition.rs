@@ -204,10 +204,9 @@ impl MoreauStepping<'_> {
 
     /// The contacts that stick at the end of an arc.
     pub(super) fn sticking(&self, located: &Located) -> Vec<Key> {
-        let fall = located.step * self.scene.gravity.norm();
         let sticks = |contact: &&Contact| {
             let u = self.velocity_of(contact);
-            u.y.hypot(u.z) <= ZERO * fall + rounding(contact, &self.moving)
+            u.y.hypot(u.z) <= self.zero(located, contact, 0.0)
         };
         self.contacts.iter().filter(sticks).map(|contact| contact.key).collect()
     }
@@ -223,8 +222,8 @@ impl MoreauStepping<'_> {
         ZERO * (change + fall) + rounding(contact, &self.moving)
     }
 
-    /// The least slip of the lasting contacts along their slip at the beginning of the arc, relative to it; zero where it is none
-    /// but for errors of the law's solution.
+    /// The least slip of the lasting contacts along their slip at the beginning of the arc, relative to it. A slip within the errors
+    /// of the solution of the law is zero.
     pub(super) fn least_slip(&self, located: &Located, begun: &[Begun]) -> f64 {
         let slip = |start: &Begun| {
             let contact = self.contacts.iter().find(|contact| contact.key == start.key)?;
