@@ -23,6 +23,7 @@ mod multipliers;
 mod observables;
 mod obstacle;
 mod orbit;
+mod order_of_impacts;
 pub mod pictures;
 mod provenance;
 mod quadrature;

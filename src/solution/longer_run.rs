@@ -47,6 +47,13 @@ pub(super) trait TimeStepped: Stepper + Sized {
         false
     }
 
+    /// Compares the order of the impacts with that of another run, which has made longer steps over the same time. Writes for each
+    /// output the displacement at the end of the last step by those so far whose order is not known; returns false if there
+    /// are no new ones.
+    fn reorder(&mut self, _longer: &mut Self, _out: &mut [f64]) -> bool {
+        false
+    }
+
     /// Writes for each output the change of its rate by impacts in the last step, times the step: at a time within the step, it
     /// may be off the line between the ends of the step by as much as this times both parts of the step. Returns false if
     /// there are no impacts, or outputs within steps know of them.
@@ -281,6 +288,14 @@ impl<S: TimeStepped> LongerRun<S> {
         self.stepper.exceed(run, end);
         if self.advance(end) {
             self.comparison.repeat(self.stepper.repeats(run));
+            self.changes.fill(0.0);
+            let outputs = self.columns.outputs();
+            if run.reorder(&mut self.stepper, &mut self.changes[..outputs])
+                && let Some(last) = self.open.last()
+            {
+                self.columns.displace(last.t, &last.y, &mut self.changes);
+                self.comparison.mislead(&self.changes, 0.0);
+            }
             self.compare(count);
         }
     }

@@ -195,7 +195,8 @@ impl Quantity {
             _ => ("value", "in the mean over time by"),
         };
         let part = |error: f64| part_of(error, &format!("its largest {of}"));
-        let impacts = format!("and impacts, each misplaced within its step, move {name} by {}", part(by_impacts));
+        let impacts =
+            format!("and impacts whose times or order the steps do not resolve move {name} by {}", part(by_impacts));
         // Where both runs have the same steps they do not differ, whatever their error.
         let apart = relative(self.distance / over) / (1.0 - repeated);
         let apart = if self.measure == Measure::Crossings { self.late } else { apart };

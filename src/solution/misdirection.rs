@@ -33,6 +33,23 @@ impl Misdirection {
         }
     }
 
+    /// Adds an error that an impact gave each component of the velocity some time `ago`, and that is known only now, where the speed
+    /// is `speed`. It took as much of the speed in error as it may have changed of it.
+    pub fn mistake(&mut self, ago: f64, speed: f64, error: &[f64]) {
+        self.sums.resize(error.len(), [0.0; 3]);
+        let size = error.iter().map(|error| error * error).sum::<f64>().sqrt();
+        self.taken = self.taken.max(size);
+        let possible = speed.max(self.taken);
+        if possible <= 0.0 {
+            return;
+        }
+        let since = self.way - ago * possible;
+        for (sums, error) in self.sums.iter_mut().zip(error) {
+            let square = (error / possible).powi(2);
+            sums.iter_mut().zip([1.0, since, since * since]).for_each(|(sum, power)| *sum += square * power);
+        }
+    }
+
     /// The errors of the components of the place.
     pub fn of_place(&self) -> impl Iterator<Item = f64> {
         let way = self.way;
@@ -68,6 +85,21 @@ mod tests {
         assert_near(misdirection.of_place(), [0.0, 0.2]);
         assert_near(misdirection.of_velocity(1.0), [0.0, 0.1]);
         misdirection.step(5.0, 0.0, [0.0; 2], &[0.0, 0.0]);
+        assert_near(misdirection.of_place(), [0.0, 0.2]);
+    }
+
+    #[test]
+    fn a_mistake_known_late_counts_from_the_time_of_the_impact_on() {
+        let mut misdirection = Misdirection::default();
+        for _ in 0..4 {
+            misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.0]);
+        }
+        misdirection.mistake(0.3, 2.0, &[0.0, 0.2]);
+        assert_near(misdirection.of_place(), [0.0, 0.06]);
+        for _ in 0..7 {
+            misdirection.step(0.1, 2.0, [0.0; 2], &[0.0, 0.0]);
+        }
+        // A second at 0.2 across.
         assert_near(misdirection.of_place(), [0.0, 0.2]);
     }
 

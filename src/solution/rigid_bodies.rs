@@ -4,6 +4,7 @@ use super::longer_run::{LongerRun, TimeStepped};
 use super::longer_steps::{KNOWN_ENERGY, Kind, MOST_COMPARED, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
 use super::misdirection::Misdirection;
+use super::order_of_impacts::{Mistake, OrderOfImpacts};
 use super::run::{Plan, Stepper, run};
 use super::unseen_actions::UnseenAction;
 use super::unseen_friction::UnseenFriction;
@@ -131,6 +132,8 @@ struct RigidBodyRun<'a> {
     unseen_friction: Option<UnseenFriction>,
     /// For each moving body, the errors of the directions of its velocity and its angular velocity by impacts.
     misdirections: Vec<[Misdirection; 2]>,
+    /// The order of the impacts, if they are located and the run is compared.
+    order: Option<OrderOfImpacts>,
     /// Joint outputs at the end of the step before the last one.
     forces_before: Vec<f64>,
     /// Whether the run is compared with another.
@@ -183,6 +186,7 @@ impl<'a> RigidBodyRun<'a> {
             course.unseen_motion = UnseenMotion::of(scene);
             course.unseen_friction = UnseenFriction::of(scene);
             course.misdirections = vec![Default::default(); course.starts.len()];
+            course.order = impacts.are_located.then(|| OrderOfImpacts::new(course.starts.len()));
             let mut longer = LongerRun::new(longer, plan, settings.default_step);
             if impacts.can_be_located && !impacts.are_located {
                 longer.comparison.remedy =
@@ -231,6 +235,7 @@ impl<'a> RigidBodyRun<'a> {
             unseen_motion: None,
             unseen_friction: None,
             misdirections: Vec::new(),
+            order: None,
             is_compared: false,
             arcs: Vec::new(),
         };
@@ -358,6 +363,22 @@ impl<'a> RigidBodyRun<'a> {
         self.starts.iter().zip(&self.simulation.ends).map(of_body).collect()
     }
 
+    /// Writes for each output by what the errors of directions have displaced it; returns false if there are none.
+    fn lead_astray(&self, out: &mut [f64]) -> bool {
+        let mut is_any = false;
+        let bodies = self.misdirections.iter().zip(&self.simulation.ends);
+        for ((of, motion), out) in bodies.zip(out.chunks_exact_mut(OF_BODY.len())) {
+            let speeds = [motion.velocity.norm(), motion.omega.norm()];
+            let turned = of[1].of_place().map(|by| by * by).sum::<f64>().sqrt();
+            out[..3].iter_mut().zip(of[0].of_place()).for_each(|(out, by)| *out = by);
+            out[3..7].fill(0.5 * turned);
+            out[7..10].iter_mut().zip(of[0].of_velocity(speeds[0])).for_each(|(out, by)| *out = by);
+            out[10..].iter_mut().zip(of[1].of_velocity(speeds[1])).for_each(|(out, by)| *out = by);
+            is_any |= out.iter().any(|by| *by != 0.0);
+        }
+        is_any
+    }
+
     /// Writes what displacements of bodies, of their centres and about them, make of the outputs.
     fn displace(&self, by: &[(Vector3<f64>, Vector3<f64>)], out: &mut [f64]) {
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
@@ -431,6 +452,12 @@ impl TimeStepped for RigidBodyRun<'_> {
         (self.before, self.t) = (self.t, next);
         if self.is_compared {
             self.arcs.extend(self.simulation.arcs().iter().map(|arc| arc.times.map(|passed| self.before + passed)));
+        }
+        if let Some(order) = &mut self.order {
+            order.take(false, self.simulation.impacts().iter().cloned());
+            if self.simulation.is_passed() {
+                order.forget(next);
+            }
         }
         self.forces_before.clone_from(&self.forces[0]);
         self.forces.swap(0, 1);
@@ -521,21 +548,32 @@ impl TimeStepped for RigidBodyRun<'_> {
         let h = self.t - self.before;
         let directions = self.simulation.misdirected(&self.starts, h);
         let errors = directions.into_iter().zip(self.simulation.restituted(&self.starts, h)).zip(self.damped());
-        let bodies = self.misdirections.iter_mut().zip(&self.simulation.ends).zip(errors);
-        let mut is_any = false;
-        for (((of, motion), ((by, taken), damped)), out) in bodies.zip(out.chunks_exact_mut(OF_BODY.len())) {
+        for ((of, motion), ((by, taken), damped)) in
+            self.misdirections.iter_mut().zip(&self.simulation.ends).zip(errors)
+        {
             let [velocity, omega] = [by.0.zip_map(&taken.0, f64::hypot), by.1.zip_map(&taken.1, f64::hypot)];
-            let speeds = [motion.velocity.norm(), motion.omega.norm()];
-            of[0].step(h, speeds[0], [taken.0.norm(), damped[0]], velocity.as_slice());
-            of[1].step(h, speeds[1], [taken.1.norm(), damped[1]], omega.as_slice());
-            let turned = of[1].of_place().map(|by| by * by).sum::<f64>().sqrt();
-            out[..3].iter_mut().zip(of[0].of_place()).for_each(|(out, by)| *out = by);
-            out[3..7].fill(0.5 * turned);
-            out[7..10].iter_mut().zip(of[0].of_velocity(speeds[0])).for_each(|(out, by)| *out = by);
-            out[10..].iter_mut().zip(of[1].of_velocity(speeds[1])).for_each(|(out, by)| *out = by);
-            is_any |= out.iter().any(|by| *by != 0.0);
+            of[0].step(h, motion.velocity.norm(), [taken.0.norm(), damped[0]], velocity.as_slice());
+            of[1].step(h, motion.omega.norm(), [taken.1.norm(), damped[1]], omega.as_slice());
         }
-        is_any
+        self.lead_astray(out)
+    }
+
+    fn reorder(&mut self, longer: &mut Self, out: &mut [f64]) -> bool {
+        let (Some(order), t) = (&mut self.order, longer.t) else { return false };
+        if longer.simulation.is_passed() {
+            order.forget(t);
+            return false;
+        }
+        order.take(true, longer.simulation.impacts().iter().cloned());
+        let mistakes = order.mistakes(t, t - longer.before);
+        for Mistake { body, t, change } in &mistakes {
+            let (of, motion) = (&mut self.misdirections[*body], &self.simulation.ends[*body]);
+            let speeds = [motion.velocity.norm(), motion.omega.norm()];
+            for ((of, change), speed) in of.iter_mut().zip(change).zip(speeds) {
+                of.mistake(self.t - t, speed, change.as_slice());
+            }
+        }
+        !mistakes.is_empty() && self.lead_astray(out)
     }
 
     fn bend(&mut self, out: &mut [f64]) -> bool {

@@ -44,5 +44,5 @@ pub use prescribed::{Angular, Linear, Prescription};
 pub use scene::{Body, Law, Laws, MultibodySystem, Overlap, Patch};
 pub use shape::Shape;
 pub use signals::Signals;
-pub use simulation::{Arc, ContactReport, MoreauStepping, Rubbing, StepFailure};
+pub use simulation::{Arc, ContactReport, Impact, MoreauStepping, Rubbing, StepFailure};
 pub use touches::NewEvent;

@@ -28,7 +28,7 @@ mod rubbing;
 mod stops;
 
 pub(super) use detection::NEAR;
-pub use located::Arc;
+pub use located::{Arc, Impact};
 pub use report::{ContactReport, StepFailure};
 pub use rubbing::Rubbing;
 

@@ -21,11 +21,13 @@
 
 mod budget;
 mod closing;
+mod impact;
 mod lasting;
 mod strike;
 mod transition;
 
 use self::budget::Budget;
+pub use self::impact::Impact;
 use super::super::contact::Contact;
 use super::super::motion::Motion;
 use super::super::touches::rounding;
@@ -107,6 +109,8 @@ pub(super) struct Located {
     grounds: Vec<Isometry3<f64>>,
     /// The arcs of the last step.
     arcs: Vec<Arc>,
+    /// Its impacts.
+    impacts: Vec<Impact>,
     /// For each moving body, whether contacts acted on it in the last step.
     touched: Vec<bool>,
     /// Whether time stepping took the rest of the last step.
@@ -182,6 +186,7 @@ impl MoreauStepping<'_> {
     /// Begins a step without arcs, in which nothing has touched the bodies.
     fn begin(&mut self, located: &mut Located) {
         located.arcs.clear();
+        located.impacts.clear();
         self.pushed.fill(false);
         located.touched.clear();
         located.touched.resize(self.moving.len(), false);

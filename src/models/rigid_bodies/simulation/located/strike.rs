@@ -14,7 +14,7 @@ impl MoreauStepping<'_> {
         self.ground_at(located, self.t);
         self.detect(0.0, control)?;
         self.retain_closed(located);
-        let (mut strikes, mut fastest) = (false, 0.0_f64);
+        let (mut striking, mut fastest) = (Vec::new(), 0.0_f64);
         let mut noise = Vec::with_capacity(self.contacts.len());
         let mut told = Vec::new();
         for k in 0..self.contacts.len() {
@@ -29,7 +29,8 @@ impl MoreauStepping<'_> {
                 contact.before.x = contact.before.x.max(0.0);
                 continue;
             }
-            (strikes, fastest) = (true, fastest.max(noise[k]));
+            fastest = fastest.max(noise[k]);
+            striking.push(contact.key);
             if approach <= least {
                 contact.law.restitution = 0.0;
             } else {
@@ -37,8 +38,11 @@ impl MoreauStepping<'_> {
             }
         }
         let before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| self.velocity_of(contact)).collect();
+        let strikes = !striking.is_empty();
         if strikes {
+            let met = self.about_to_meet(&striking);
             self.hit(located, &told, control)?;
+            self.keep_impacts(located, met);
             let struck = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0);
             struck.flat_map(|contact| contact.bodies).flatten().for_each(|body| located.touched[body as usize] = true);
             // Who is struck has velocities anew.
