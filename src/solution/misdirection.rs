@@ -50,6 +50,16 @@ impl Misdirection {
         }
     }
 
+    /// Whether a velocity is off.
+    pub fn is_any(&self) -> bool {
+        self.sums.iter().any(|[one, ..]| *one > 0.0)
+    }
+
+    /// Lets contacts hold components of the velocity: where they do, the place is given, and earlier errors are none any more.
+    pub fn hold(&mut self, held: &[bool]) {
+        self.sums.iter_mut().zip(held).filter(|(_, held)| **held).for_each(|(sums, _)| *sums = [0.0; 3]);
+    }
+
     /// The errors of the components of the place.
     pub fn of_place(&self) -> impl Iterator<Item = f64> {
         let way = self.way;

@@ -539,7 +539,7 @@ impl TimeStepped for RigidBodyRun<'_> {
     }
 
     fn hold(&mut self, out: &mut [f64]) {
-        for (held, out) in self.simulation.held_places().iter().zip(out.chunks_exact_mut(OF_BODY.len())) {
+        for ([held, _], out) in self.simulation.held_motions().iter().zip(out.chunks_exact_mut(OF_BODY.len())) {
             out.iter_mut().zip(held).for_each(|(out, held)| *out = if *held { 1.0 } else { 0.0 });
         }
     }
@@ -554,6 +554,11 @@ impl TimeStepped for RigidBodyRun<'_> {
             let [velocity, omega] = [by.0.zip_map(&taken.0, f64::hypot), by.1.zip_map(&taken.1, f64::hypot)];
             of[0].step(h, motion.velocity.norm(), [taken.0.norm(), damped[0]], velocity.as_slice());
             of[1].step(h, motion.omega.norm(), [taken.1.norm(), damped[1]], omega.as_slice());
+        }
+        if self.order.is_some() && self.misdirections.iter().flatten().any(Misdirection::is_any) {
+            for (of, held) in self.misdirections.iter_mut().zip(self.simulation.held_motions()) {
+                of.iter_mut().zip(held).for_each(|(of, held)| of.hold(&held));
+            }
         }
         self.lead_astray(out)
     }

@@ -130,24 +130,29 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// For each moving body, whether its contacts with bodies that do not move, or move as given, hold its coordinates at the end
-    /// of the step.
-    pub fn held_places(&self) -> Vec<[bool; 3]> {
-        let mut held = vec![[false; 3]; self.moving.len()];
-        let rests = |contact: &&Contact| contact.impulse.x > 0.0 && contact.stays_closed() && !contact.turns;
+    /// For each moving body, whether its contacts with bodies that do not move, or move as given, hold the components of its velocity
+    /// and of its angular velocity at the end of the step.
+    pub fn held_motions(&self) -> Vec<[[bool; 3]; 2]> {
+        let mut held = vec![[[false; 3]; 2]; self.moving.len()];
+        let lasts = |contact: &Contact| match &self.located {
+            Some(located) if !located.is_passed() => located.lasts(contact),
+            _ => contact.impulse.x > 0.0 && contact.stays_closed(),
+        };
         let mut of_body: Vec<Vec<&Contact>> = vec![Vec::new(); self.moving.len()];
-        for contact in self.contacts.iter().filter(rests) {
+        for contact in self.contacts.iter().filter(|contact| lasts(contact) && !contact.turns) {
             if let [Some(body), None] | [None, Some(body)] = contact.bodies {
                 of_body[body as usize].push(contact);
             }
         }
         let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
         for (body, contacts) in of_body.iter().enumerate().filter(|(_, contacts)| !contacts.is_empty()) {
-            for (axis, held) in held[body].iter_mut().enumerate() {
-                by[body].0[axis] = 1.0;
+            for (k, held) in held[body].iter_mut().flatten().enumerate() {
+                let mut unit = [Vector3::zeros(); 2];
+                unit[k / 3][k % 3] = 1.0;
+                by[body] = unit.into();
                 self.hold_back(contacts.iter().map(|contact| (*contact, 0, 0.0)), &mut by);
-                *held = by[body].0[axis].abs() <= 2.0 * CONFINED;
-                by[body] = Default::default();
+                let left: [Vector3<f64>; 2] = std::mem::take(&mut by[body]).into();
+                *held = left[k / 3][k % 3].abs() <= 2.0 * CONFINED;
             }
         }
         held

@@ -119,6 +119,18 @@ pub(super) struct Located {
     budget: Option<Budget>,
 }
 
+impl Located {
+    /// Whether time stepping took the rest of the last step.
+    pub fn is_passed(&self) -> bool {
+        self.is_passed
+    }
+
+    /// Whether a contact lasts.
+    pub fn lasts(&self, contact: &Contact) -> bool {
+        self.lasting.contains(&contact.key)
+    }
+}
+
 impl MoreauStepping<'_> {
     /// Lets impacts be located. The multibody system must have no joints, no forces besides gravity, and no patches.
     ///

@@ -3,7 +3,7 @@
 use super::super::super::contact::Contact;
 use super::super::MoreauStepping;
 use super::{Key, Located};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use rustc_hash::FxHasher;
 use std::hash::{Hash, Hasher};
 
@@ -20,6 +20,22 @@ pub struct Impact {
     pub change: [Vector3<f64>; 2],
     /// The kinetic energy of a body at rest whose velocities change so.
     pub energy: f64,
+    /// The mass and the inertia in world axes.
+    inertia: (f64, Matrix3<f64>),
+}
+
+impl Impact {
+    /// Whether it is the same as one of another run: the velocities differ by less after the two than if one of them were left out.
+    pub fn is_like(&self, other: &Self) -> bool {
+        let [velocity, omega] = [0, 1].map(|k| self.change[k] - other.change[k]);
+        self.energy_of([velocity, omega]) < self.energy.min(other.energy)
+    }
+
+    /// The kinetic energy of the body with the velocities `change`.
+    pub fn energy_of(&self, [velocity, omega]: [Vector3<f64>; 2]) -> f64 {
+        let (mass, inertia) = &self.inertia;
+        0.5 * (mass * velocity.norm_squared() + omega.dot(&(inertia * omega)))
+    }
 }
 
 impl MoreauStepping<'_> {
@@ -39,7 +55,9 @@ impl MoreauStepping<'_> {
                     None => {
                         let motion = &self.moving[body];
                         let change = [motion.velocity, motion.omega];
-                        met.push(Impact { t: self.t, body, contacts: by, change, energy: 0.0 });
+                        let rotation = motion.pose.rotation.to_rotation_matrix().into_inner();
+                        let inertia = (motion.mass, rotation * motion.inertia * rotation.transpose());
+                        met.push(Impact { t: self.t, body, contacts: by, change, energy: 0.0, inertia });
                     }
                 }
             }
@@ -56,10 +74,7 @@ impl MoreauStepping<'_> {
             let motion = &self.moving[impact.body];
             let [velocity, omega] = impact.change;
             impact.change = [motion.velocity - velocity, motion.omega - omega];
-            let [velocity, omega] = impact.change;
-            let mut changed = *motion;
-            (changed.velocity, changed.omega) = (velocity, omega);
-            impact.energy = changed.kinetic_energy();
+            impact.energy = impact.energy_of(impact.change);
             located.impacts.push(impact);
         }
     }
