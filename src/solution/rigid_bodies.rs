@@ -555,7 +555,8 @@ impl TimeStepped for RigidBodyRun<'_> {
             of[0].step(h, motion.velocity.norm(), [taken.0.norm(), damped[0]], velocity.as_slice());
             of[1].step(h, motion.omega.norm(), [taken.1.norm(), damped[1]], omega.as_slice());
         }
-        if self.order.is_some() && self.misdirections.iter().flatten().any(Misdirection::is_any) {
+        let is_located = self.order.is_some() && !self.simulation.is_passed();
+        if is_located && self.misdirections.iter().flatten().any(Misdirection::is_any) {
             for (of, held) in self.misdirections.iter_mut().zip(self.simulation.held_motions()) {
                 of.iter_mut().zip(held).for_each(|(of, held)| of.hold(&held));
             }
