@@ -84,6 +84,10 @@ impl Mechanical for Elapsed {
         self.problem.breaks(self.start + t)
     }
 
+    fn break_courses(&mut self, t: f64) -> &[f64] {
+        self.problem.break_courses(self.start + t)
+    }
+
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
         self.problem.enclose_breaks(Interval::point(self.start) + t)
     }

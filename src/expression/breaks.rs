@@ -3,6 +3,7 @@
 
 use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node};
+use super::operator::Operator;
 use super::tape::Tape;
 use numerics::Interval;
 
@@ -11,6 +12,8 @@ use numerics::Interval;
 pub struct Breaks {
     tape: Tape,
     values: Vec<f64>,
+    /// What runs evenly through the sign changes of the event functions.
+    courses: Tape,
     workspace: IntervalWorkspace,
     ranges: Vec<Interval>,
 }
@@ -20,19 +23,30 @@ impl Breaks {
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
         let quantities = graph.breaks(nodes);
         let tape = Tape::compile(graph, &quantities);
+        let courses: Vec<Node> = quantities.iter().map(|quantity| graph.course_of_break(*quantity)).collect();
+        let courses = Tape::compile(graph, &courses);
         let (values, ranges) = (vec![0.0; quantities.len()], vec![Interval::LINE; quantities.len()]);
-        Self { values, workspace: IntervalWorkspace::new(&tape), ranges, tape }
+        Self { values, workspace: IntervalWorkspace::new(&tape), ranges, tape, courses }
     }
 
     /// Binds new parameter values.
     pub fn bind(&mut self, parameters: &[f64]) {
         self.tape.bind(parameters);
+        self.courses.bind(parameters);
         self.workspace.bind(&self.tape);
     }
 
     /// The values of the event functions at input 0 equal to `t`.
     pub fn at(&mut self, t: f64) -> &[f64] {
         self.tape.evaluate(t, &[], &mut self.values);
+        &self.values
+    }
+
+    /// For each event function a quantity that runs evenly through its sign changes, at input 0 equal to `t`: the argument of
+    /// `floor`, whose event function jumps there, else the event function itself. Which value it has there does not matter:
+    /// it tells how the time of a sign change moves with parameters.
+    pub fn courses(&mut self, t: f64) -> &[f64] {
+        self.courses.evaluate(t, &[], &mut self.values);
         &self.values
     }
 
@@ -44,6 +58,17 @@ impl Breaks {
 }
 
 impl Graph {
+    /// What runs evenly through the sign changes of an event function.
+    fn course_of_break(&self, quantity: Node) -> Node {
+        match self.operation(quantity) {
+            Some((Operator::Parity, whole, _)) => match self.operation(whole) {
+                Some((Operator::Floor | Operator::Round | Operator::Piece, argument, _)) => argument,
+                _ => whole,
+            },
+            _ => quantity,
+        }
+    }
+
     fn breaks(&mut self, nodes: &[Node]) -> Vec<Node> {
         let mut found = Vec::new();
         for node in self.terms_below(nodes) {

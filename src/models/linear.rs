@@ -286,6 +286,10 @@ impl Dvi for Linear {
         self.breaks.at(t)
     }
 
+    fn break_courses(&mut self, t: f64) -> &[f64] {
+        self.breaks.courses(t)
+    }
+
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
         self.breaks.over(t)
     }

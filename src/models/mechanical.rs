@@ -554,6 +554,10 @@ impl Mechanical for SymbolicMechanics {
         self.breaks.at(t)
     }
 
+    fn break_courses(&mut self, t: f64) -> &[f64] {
+        self.breaks.courses(t)
+    }
+
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
         self.breaks.over(t)
     }

@@ -299,6 +299,10 @@ impl Dvi for Symbolic {
         self.breaks.at(t)
     }
 
+    fn break_courses(&mut self, t: f64) -> &[f64] {
+        self.breaks.courses(t)
+    }
+
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
         self.breaks.over(t)
     }

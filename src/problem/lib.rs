@@ -242,6 +242,12 @@ pub trait Dvi: Send {
         &[]
     }
 
+    /// For each event function of [`Dvi::breaks`] a quantity that runs evenly through its sign changes: its rates by `t` and by
+    /// parameters tell how their times move.
+    fn break_courses(&mut self, t: f64) -> &[f64] {
+        self.breaks(t)
+    }
+
     /// Encloses the event functions of [`Dvi::breaks`] over an interval of `t`; empty if they cannot be enclosed.
     fn enclose_breaks(&mut self, _t: Interval) -> &[Interval] {
         &[]

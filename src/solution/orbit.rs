@@ -41,6 +41,11 @@ const GAIN: f64 = 0.25;
 const SEEN: f64 = 1e3;
 /// A multiplier within this distance of the unit circle counts as being on it, given the accuracy of the derivatives.
 const ON_CIRCLE: f64 = 1e-6;
+/// Relative change of the derivatives over a step of Newton's method beyond which no solution need be near: the bound of
+/// Kantorovich's theorem, which a double root reaches.
+pub(super) const CHANGED: f64 = 0.5;
+/// Most states that a message gives.
+const TOLD: usize = 3;
 /// Number of times at which the rows of a problem are compared with those one period later. Their distances are not
 /// simple fractions of the period, so that they meet edges of pulses by chance only.
 const COMPARED: u32 = 16;
@@ -186,17 +191,49 @@ pub(super) fn run_along(
             format!("the orbit has no derivative with respect to its initial values, and so no multipliers: {why}");
         diagnostics.checks.caveat("no_multipliers", message);
     }
+    let mut stable = is_stable(&multipliers, asked.phase.is_some());
+    if stable.is_some() && !is_decided(subject, plan, &shot, asked.phase, control) {
+        stable = None;
+        let message = "the multiplier that decides stability is nearer to the unit circle than it is known: the orbit is \
+                       known to the tolerance only, within which this distance changes by half of itself or more; \
+                       tighten `rtol`, or run from either side of the orbit";
+        diagnostics.checks.caveat("stability_undecided", message.to_owned());
+    }
     let names = subject.state_names().iter().cloned();
     solution.orbit = Some(Orbit {
         period,
         start: names.zip(start).collect(),
-        stable: is_stable(&multipliers, asked.phase.is_some()),
+        stable,
         multipliers,
         shots,
         residual,
         over_period: statistics,
     });
     solution
+}
+
+/// Whether the largest multiplier keeps half of its distance from the unit circle, where it is near, if the start is moved
+/// by its own error: near a double orbit, both vanish with the square root of the tolerance.
+fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usize>, control: &Control) -> bool {
+    let rtol = subject.settings().rtol;
+    let distance = |shot: &Shot| {
+        let values = shot.multipliers();
+        let off_one = |k: &usize| (values[*k][0] - 1.0).hypot(values[*k][1]);
+        let free = (0..values.len()).min_by(|a, b| off_one(a).total_cmp(&off_one(b))).filter(|_| phase.is_some());
+        let others = (0..values.len()).filter(|k| Some(*k) != free);
+        others.map(|k| modulus(&values[k])).fold(0.0, f64::max) - 1.0
+    };
+    let here = distance(shot);
+    if here.abs() > rtol.sqrt() {
+        return true;
+    }
+    let Some(error) = shot.uncertainty(phase, rtol) else { return true };
+    [1.0, -1.0].into_iter().all(|sign| {
+        let from: Vec<f64> = shot.from.iter().zip(&error).map(|(x, error)| x + sign * error).collect();
+        let from = subject.allowed(plan, (&from, shot.period), control);
+        let beside = subject.shoot(plan, (&from, shot.period), &[], control);
+        beside.is_ok_and(|beside| beside.monodromy.is_ok() && (distance(&beside) - here).abs() < CHANGED * here.abs())
+    })
 }
 
 /// Whether all multipliers are inside the unit circle, except the one nearest to 1 if the phase is free; `None` if one
@@ -289,24 +326,41 @@ fn rows_at<'a>(subject: Subject<'a>, plan: &'a Plan) -> Box<dyn FnMut(f64) -> Ve
 impl Search<'_> {
     fn find(&mut self, period: f64) -> Result<Shot, Missed> {
         let initial = self.plan.initial.clone();
+        let rtol = self.subject.settings().rtol;
         let mut shot = self.shoot(&initial, period).map_err(|failure| Box::new((None, failure)))?;
+        // The most directions in which a step of Newton's method has moved the start.
+        let mut directions = 0;
         loop {
             let distance = shot.distance();
             if distance <= 1.0 {
-                return self.moves(shot);
+                return self.confirm(shot, directions);
             }
+            let correction = shot.correction(self.phase, rtol, 0);
             if self.shots >= MOST_SHOTS {
+                let is_singular = correction.as_ref().is_some_and(|(_, used)| *used < shot.from.len());
+                let because = if is_singular {
+                    "; a multiplier is 1 within the accuracy of the runs, so that there may be no orbit, as of a drive in \
+                     resonance"
+                } else {
+                    ""
+                };
                 let message = format!(
                     "no orbit of period {} was found in {MOST_SHOTS} runs: the end of the last differs by \
-                     {distance:.1e} times the tolerance from its beginning; choose initial values nearer to the orbit, \
-                     such as those after a transient",
+                     {distance:.1e} times the tolerance from its beginning{because}; choose initial values nearer to the \
+                     orbit, such as those after a transient",
                     shot.period
                 );
                 let failure = self.failure("no_orbit", message);
                 return Err(Box::new((Some(shot), failure)));
             }
-            let better = match shot.correction(self.phase, self.subject.settings().rtol) {
-                Some(correction) => self.damped(&shot, &correction),
+            let better = match correction {
+                Some((correction, used)) => {
+                    let better = self.damped(&shot, &correction);
+                    if matches!(better, Ok(Some(_))) {
+                        directions = directions.max(used);
+                    }
+                    better
+                }
                 None => Ok(None),
             };
             let next = better.and_then(|better| match better {
@@ -318,6 +372,60 @@ impl Search<'_> {
                 Err(failure) => return Err(Box::new((Some(shot), failure))),
             };
         }
+    }
+
+    /// Takes steps of Newton's method from a run that returns to within the tolerance until they are within it too. A
+    /// return alone is no orbit: a slow drift returns as well, relative to a large state or as it decays. There the
+    /// derivatives change along each step as much as the step itself; where they do not, and steps no longer become
+    /// shorter, the orbit is known as well as runs tell. Directions in which the search has moved the start stay corrected.
+    fn confirm(&mut self, mut shot: Shot, directions: usize) -> Result<Shot, Missed> {
+        let rtol = self.subject.settings().rtol;
+        loop {
+            let Some((correction, _)) = shot.correction(self.phase, rtol, directions) else { return self.moves(shot) };
+            let moved = shot.size(&correction, rtol);
+            if moved <= 1.0 {
+                return self.moves(shot);
+            }
+            let period = shot.period + correction.1;
+            if period <= 0.0 || self.shots >= MOST_SHOTS {
+                return self.drifts(shot, moved);
+            }
+            let from: Vec<f64> = shot.from.iter().zip(&correction.0).map(|(x, change)| x + change).collect();
+            let from = self.subject.allowed(self.plan, (&from, period), self.control);
+            let next = match self.shoot(&from, period) {
+                Ok(next) => next,
+                Err(failure) if self.control.poll().is_some() => return Err(Box::new((Some(shot), failure))),
+                Err(_) => return self.drifts(shot, moved),
+            };
+            let own = next.correction(self.phase, rtol, directions);
+            let same = shot.correction_for(&next, self.phase, rtol, directions);
+            let (Some((own, _)), Some((same, _))) = (own, same) else { return self.moves(shot) };
+            let now = shot.size(&own, rtol);
+            if now > (1.0 - GAIN) * moved {
+                let apart = own.0.iter().zip(&same.0).map(|(own, same)| own - same).collect();
+                if shot.size(&(apart, own.1 - same.1), rtol) > CHANGED * now {
+                    return self.drifts(shot, moved);
+                }
+                let better = if next.distance() < shot.distance() { next } else { shot };
+                return self.moves(better);
+            }
+            shot = next;
+        }
+    }
+
+    /// The failure of a search whose run returns to within the tolerance, and is not near an orbit.
+    fn drifts(&self, shot: Shot, moved: f64) -> Result<Shot, Missed> {
+        let shot = self.moves(shot)?;
+        let names = self.subject.state_names().iter().zip(&shot.from).take(TOLD);
+        let at: Vec<String> = names.map(|(name, x)| format!("`{name}` = {x:.3e}")).collect();
+        let message = format!(
+            "no orbit was found: at {} a run over a period returns to within the tolerance, but Newton's method would move its \
+             start by {moved:.1e} times the tolerance and does not converge: the states drift slowly, and there may be no \
+             orbit; choose other initial values, tighten `rtol`, or follow an orbit from other parameters with `continue`",
+            at.join(", ")
+        );
+        let failure = self.failure("no_orbit", message);
+        Err(Box::new((Some(shot), failure)))
     }
 
     /// The next run by Newton's method, with the largest fraction of its step that reduces the residual; `None` if no

@@ -34,7 +34,7 @@ use utoipa::ToSchema;
 pub(super) const POWER: f64 = 0.5;
 /// The part of a parameter by which it is moved at most.
 pub(super) const MOST_MOVED: f64 = 1e-2;
-/// By how much derivatives may differ from the difference of runs, beside what two differences differ by.
+/// By how many tolerances derivatives may differ from the difference of runs, beside what two differences differ by.
 pub(super) const SLACK: f64 = 20.0;
 /// The most output times before the end at which derivatives are compared: what is wrong for a hundredth of a run is met.
 const MOST_COMPARED: usize = 100;
@@ -78,7 +78,7 @@ pub struct Checked {
     pub derivative: f64,
     /// The difference of two runs that are moved so, over twice that.
     pub finite_difference: f64,
-    /// What two such differences, one twice as far, differ by.
+    /// What two such differences, one twice as far, differ by, and the error of the runs.
     pub uncertainty: f64,
 }
 
@@ -464,6 +464,9 @@ fn compare(
             // On the way errors are as large as the state was before.
             let size = if is_end { here.abs() } else { largest };
             let known = rtol * size + atol.get(of).copied().unwrap_or(0.0) + resolution;
+            let known = SLACK * known;
+            // The error of the nearer of two differences is a third of what they differ by. At a jump, where there is no derivative,
+            // it is more than all of it: there the nearer one is twice the other.
             let uncertainty = (near - far).abs() + known;
             let distance = if is_end {
                 (derivative - near).abs()
@@ -475,7 +478,7 @@ fn compare(
                 let most = sides.into_iter().fold(f64::NEG_INFINITY, f64::max);
                 if derivative.is_nan() { derivative } else { (least - derivative).max(derivative - most).max(0.0) }
             };
-            let off = if distance == 0.0 { 0.0 } else { distance / (SLACK * uncertainty) };
+            let off = if distance == 0.0 { 0.0 } else { distance / uncertainty };
             if worst.as_ref().is_none_or(|(worst, ..)| off > *worst || off.is_nan()) {
                 let name = plan.names.get(of).or_else(|| observables.names.get(of - plan.names.len()));
                 let of = name.cloned().unwrap_or_default();

@@ -13,7 +13,8 @@ use problem::{Control, EventKind};
 use radau::{Activity, Radau, Settings, Switch, Tangents};
 
 /// Singular values of `S - I` below this fraction of the largest count as zero: the square root of the accuracy of its
-/// entries, which is close to that of doubles.
+/// entries, which is close to that of doubles. So do those below the relative tolerance, to which `S` is the derivative of
+/// the motion: there it is not distinguished from 1, with or without an orbit.
 const RANK: f64 = 1e-8;
 
 /// How long before the end of a period a start is held to what the set allows there, as a part of the period: far less than a
@@ -60,13 +61,62 @@ impl Shot {
         parts.map(|((to, from), scale)| (to - from).abs() / scale).fold(0.0, f64::max)
     }
 
-    /// The Newton correction of the initial state and of the period.
-    pub fn correction(&self, phase: Option<usize>, rtol: f64) -> Option<Correction> {
-        self.correction_for(self, phase, rtol)
+    /// The Newton correction of the initial state and of the period, and the number of directions in which it corrects.
+    pub fn correction(&self, phase: Option<usize>, rtol: f64, directions: usize) -> Option<(Correction, usize)> {
+        self.correction_for(self, phase, rtol, directions)
     }
 
-    /// The correction of another run by the derivatives of this one.
-    fn correction_for(&self, other: &Self, phase: Option<usize>, rtol: f64) -> Option<Correction> {
+    /// The correction of another run by the derivatives of this one. A direction in which the multipliers are 1 within the
+    /// accuracy of the run is corrected only if it is one of the first `directions`, and the derivatives differ from one
+    /// by more than rounding.
+    pub fn correction_for(
+        &self,
+        other: &Self,
+        phase: Option<usize>,
+        rtol: f64,
+        directions: usize,
+    ) -> Option<(Correction, usize)> {
+        let n = self.from.len();
+        let (matrix, unit) = self.equations(phase, rtol)?;
+        let right = DVector::from_fn(n, |i, _| (other.from[i] - other.to[i]) / self.scale[i]);
+        let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
+        let (left, transposed) = (svd.u.as_ref()?, svd.v_t.as_ref()?);
+        let largest = svd.singular_values.max();
+        let least = (RANK * largest).max(rtol);
+        let rounding = n as f64 * f64::EPSILON * largest.max(1.0);
+        let mut found: DVector<f64> = DVector::zeros(n);
+        let mut used = 0;
+        for (k, value) in svd.singular_values.iter().enumerate() {
+            if *value > least || k < directions && *value > rounding {
+                found += transposed.row(k).transpose() * (left.column(k).dot(&right) / *value);
+                used += 1;
+            }
+        }
+        let mut change: Vec<f64> = found.iter().zip(&unit).map(|(value, unit)| value * unit).collect();
+        let of_period = phase.map_or(0.0, |phase| std::mem::take(&mut change[phase]));
+        let is_finite = of_period.is_finite() && change.iter().all(|value| value.is_finite());
+        is_finite.then_some(((change, of_period), used))
+    }
+
+    /// By how much the start may be off in the direction in which the return of the run tells least: where the end is off
+    /// by its tolerance.
+    pub fn uncertainty(&self, phase: Option<usize>, rtol: f64) -> Option<Vec<f64>> {
+        let (matrix, unit) = self.equations(phase, rtol)?;
+        let svd = matrix.try_svd(false, true, f64::EPSILON, 0)?;
+        let transposed = svd.v_t.as_ref()?;
+        let last = transposed.nrows().checked_sub(1)?;
+        let gain = svd.singular_values[last].max(rtol).recip();
+        let mut change: Vec<f64> =
+            transposed.row(last).iter().zip(&unit).map(|(value, unit)| value * unit * gain).collect();
+        if let Some(phase) = phase {
+            change[phase] = 0.0;
+        }
+        Some(change)
+    }
+
+    /// The matrix of Newton's method in units of the tolerances, and these units, of which that of a free period stands in
+    /// the place of the state that keeps its value.
+    fn equations(&self, phase: Option<usize>, rtol: f64) -> Option<(DMatrix<f64>, Vec<f64>)> {
         let n = self.from.len();
         let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);
         let mut unit = self.scale.clone();
@@ -77,25 +127,22 @@ impl Shot {
         for (i, mut row) in matrix.row_iter_mut().enumerate() {
             row.iter_mut().zip(&unit).for_each(|(value, unit)| *value *= unit / self.scale[i]);
         }
-        let right = DVector::from_fn(n, |i, _| (other.from[i] - other.to[i]) / self.scale[i]);
-        let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
-        let rank = RANK * svd.singular_values.max();
-        let found = svd.solve(&right, rank).ok()?;
-        let mut change: Vec<f64> = found.iter().zip(&unit).map(|(value, unit)| value * unit).collect();
-        let of_period = phase.map_or(0.0, |phase| std::mem::take(&mut change[phase]));
-        (of_period.is_finite() && change.iter().all(|value| value.is_finite())).then_some((change, of_period))
+        Some((matrix, unit))
+    }
+
+    /// The size of a correction, in units of the tolerances of this run.
+    pub fn size(&self, (change, of_period): &Correction, rtol: f64) -> f64 {
+        let parts = change.iter().zip(&self.scale).map(|(change, scale)| change / scale);
+        parts.chain([of_period / (rtol * self.period)]).fold(0.0, |most: f64, part| most.max(part.abs()))
     }
 
     /// The size of the correction of another run by the derivatives of this one, relative to its `own` (the natural
     /// monotonicity test of Deuflhard 2011, *Newton Methods for Nonlinear Problems*, section 3.3.1). It does not depend on
     /// the units of the residual, and a run that enters another mode passes although its residual hardly falls.
     pub fn contraction(&self, own: &Correction, other: &Self, phase: Option<usize>, rtol: f64) -> Option<f64> {
-        let size = |(change, of_period): &Correction| {
-            let parts = change.iter().zip(&self.scale).map(|(change, scale)| change / scale);
-            parts.chain([of_period / (rtol * self.period)]).fold(0.0, |most: f64, part| most.max(part.abs()))
-        };
-        let own = size(own);
-        (own > 0.0).then_some(size(&self.correction_for(other, phase, rtol)?) / own)
+        let own = self.size(own, rtol);
+        let (correction, _) = self.correction_for(other, phase, rtol, 0)?;
+        (own > 0.0).then_some(self.size(&correction, rtol) / own)
     }
 
     /// The multipliers, by decreasing modulus.

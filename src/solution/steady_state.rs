@@ -9,14 +9,15 @@
 //! any index.
 
 use super::integrate::{failure, integrate_once};
+use super::orbit::CHANGED;
 use super::run::{Ended, Plan, ending};
 use super::{CheckCode, Failure, Solution, Status};
 use analysis::Analysis;
 use hybrid::OneStep;
 use models::DviModel;
-use nalgebra::DMatrix;
-use problem::Control;
-use radau::{ActiveFace, Directions, Radau, Settings, StageChoice, Switches, Tangents};
+use nalgebra::{DMatrix, DVector};
+use problem::{Control, Side};
+use radau::{ActiveFace, Activity, Directions, Radau, Settings, StageChoice, Switches, Tangents};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -126,7 +127,13 @@ pub fn find_steady_state(
             .caveat("no_eigenvalues", format!("the eigenvalues at the steady state could not be computed: {why}"));
     }
     let eigenvalues = eigenvalues.unwrap_or_default();
-    let stable = is_stable(&eigenvalues);
+    let mut stable = is_stable(&eigenvalues);
+    if stable.is_some()
+        && let Some(why) = undecided(model, settings, plan.start, &rest, &eigenvalues)
+    {
+        stable = None;
+        diagnostics.checks.caveat("stability_undecided", why);
+    }
     let named = |names: &[String], values: Vec<f64>| names.iter().cloned().zip(values).collect();
     solution.steady_state = Some(SteadyState {
         states: named(&model.state_names, rest.x),
@@ -141,16 +148,7 @@ pub fn find_steady_state(
 /// The eigenvalues of the equations at a steady state, by decreasing real part.
 pub(super) fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[f64; 2]>, String> {
     let n = rest.x.len();
-    let directions = Directions {
-        initial: DMatrix::zeros(n, 0),
-        rows: Box::new(|_, _, _| {}),
-        mass: Vec::new(),
-        bounds: Vec::new(),
-        shifted: Vec::new(),
-    };
-    let mut tangents = Tangents::new(model.problem(), directions).map_err(|why| why.to_string())?;
-    let y = [rest.x.as_slice(), &rest.z].concat();
-    let [mass, by_y] = tangents.linearised(&rest.face, t, &y).map_err(|why| why.to_string())?;
+    let [mass, by_y] = linearised(model, t, rest)?;
     let rates = by_y.rows(0, n);
     // A shift of the order of the states' own rates, so that these lose no digits.
     let size = rates.columns(0, n).amax() / mass.amax();
@@ -175,6 +173,127 @@ pub(super) fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[
         .collect();
     found.sort_by(|a, b| b[0].total_cmp(&a[0]).then(b[1].total_cmp(&a[1])));
     Ok(found)
+}
+
+/// The mass matrix and the derivatives of the equations of the face at a steady state.
+fn linearised(model: &DviModel, t: f64, rest: &Rest) -> Result<[DMatrix<f64>; 2], String> {
+    let directions = Directions {
+        initial: DMatrix::zeros(rest.x.len(), 0),
+        rows: Box::new(|_, _, _| {}),
+        mass: Vec::new(),
+        bounds: Vec::new(),
+        shifted: Vec::new(),
+    };
+    let mut tangents = Tangents::new(model.problem(), directions).map_err(|why| why.to_string())?;
+    let y = [rest.x.as_slice(), &rest.z].concat();
+    tangents.linearised(&rest.face, t, &y).map_err(|why| why.to_string())
+}
+
+/// The tolerances of the states and of the variables, which have none of their own and take the largest absolute one.
+fn tolerances(settings: &Settings, rest: &Rest) -> Vec<f64> {
+    let absolute = settings.atol.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+    let mut found = settings.tolerances(0, &rest.x);
+    found.extend(rest.z.iter().map(|z| absolute + settings.rtol * z.abs()));
+    found
+}
+
+/// Why eigenvalues, the first of which decides, do not tell whether a steady state is stable; `None` if they do.
+fn undecided(model: &DviModel, settings: &Settings, t: f64, rest: &Rest, eigenvalues: &[[f64; 2]]) -> Option<String> {
+    let units = tolerances(settings, rest);
+    if let Some(k) = on_border(model, t, rest, &units) {
+        let name = model.variable_names.get(k).map_or("a variable", String::as_str);
+        return Some(format!(
+            "`{name}` and its inequality are both on their border at the steady state, so that the eigenvalues hold to one \
+             side of it only and do not decide stability: run from either side of it"
+        ));
+    }
+    let (re, error) = (eigenvalues.first()?[0], uncertainty(model, t, rest, &units)?);
+    let n = rest.x.len();
+    let is_open = [1.0, -1.0].into_iter().any(|sign| {
+        let moved = |values: &[f64], errors: &[f64]| -> Vec<f64> {
+            values.iter().zip(errors).map(|(value, error)| value + sign * error).collect()
+        };
+        let (x, z) = (moved(&rest.x, &error[..n]), moved(&rest.z, &error[n..]));
+        let beside = Rest { x, z, face: rest.face.clone(), residual: rest.residual };
+        let there = self::eigenvalues(model, t, &beside).ok().and_then(|values| Some(values.first()?[0]));
+        there.is_none_or(|there| (there - re).abs() >= CHANGED * re.abs())
+    });
+    is_open.then(|| {
+        format!(
+            "the eigenvalue that decides stability, with the real part {re:.1e}, changes by half of itself or more within \
+             the error of the steady state: it may be zero, as where two steady states meet; run from either side of it, or \
+             tighten `rtol` and `atol`"
+        )
+    })
+}
+
+/// A variable that is at a border with its inequality: a solution nearby may be on either side.
+fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usize> {
+    let mut problem = model.problem();
+    let structure = problem.structure().clone();
+    let (n, unknowns, rows) = (structure.states, structure.unknowns(), structure.rows());
+    let mut y = [rest.x.as_slice(), &rest.z].concat();
+    let mut at = |y: &[f64]| {
+        let mut values = vec![0.0; rows];
+        problem.evaluate(t, y, &mut values);
+        values
+    };
+    let here = at(&y);
+    // How far the rows are known, given the tolerances of the unknowns.
+    let mut errors = vec![0.0; rows];
+    for (j, unit) in units.iter().enumerate() {
+        let kept = y[j];
+        y[j] = kept + unit;
+        errors.iter_mut().zip(&at(&y)).zip(&here).for_each(|((error, there), here)| *error += (there - here).abs());
+        y[j] = kept;
+    }
+    // The value of a bound, and how far it is known.
+    let bound = |k: usize, side: Side| {
+        let moving = structure.moving.iter().position(|moving| moving.variable == k && moving.side == side);
+        let fixed = if side == Side::Lower { structure.set.lower[k] } else { structure.set.upper[k] };
+        moving.map_or((fixed, 0.0), |p| (here[unknowns + p], errors[unknowns + p]))
+    };
+    (0..structure.variables).find(|&k| match rest.face.places[k] {
+        Activity::AtLower | Activity::AtUpper => {
+            // Bounds that are equal leave the variable no other place.
+            let ((lower, _), (upper, _)) = (bound(k, Side::Lower), bound(k, Side::Upper));
+            lower < upper && here[n + k].abs() <= errors[n + k]
+        }
+        Activity::Inactive => [Side::Lower, Side::Upper].into_iter().any(|side| {
+            let (value, error) = bound(k, side);
+            (rest.z[k] - value).abs() <= units[n + k] + error
+        }),
+        _ => false,
+    })
+}
+
+/// By how much the states and variables may be off in the direction in which their equations tell least: what Newton's
+/// method would still correct in it, and the tolerance.
+fn uncertainty(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<Vec<f64>> {
+    let [_, mut matrix] = linearised(model, t, rest).ok()?;
+    let (n, count) = (rest.x.len(), units.len());
+    let mut problem = model.problem();
+    let mut values = vec![0.0; problem.structure().rows()];
+    problem.evaluate(t, &[rest.x.as_slice(), &rest.z].concat(), &mut values);
+    // On the face the equations of the variables hold.
+    let mut right = DVector::from_fn(count, |i, _| if i < n { -values[i] } else { 0.0 });
+    for i in 0..count {
+        let mut row = matrix.row_mut(i);
+        row.iter_mut().zip(units).for_each(|(value, unit)| *value *= unit);
+        let largest = row.amax();
+        if largest > 0.0 {
+            row /= largest;
+            right[i] /= largest;
+        }
+    }
+    let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
+    let (left, transposed) = (svd.u.as_ref()?, svd.v_t.as_ref()?);
+    let last = transposed.nrows().checked_sub(1)?;
+    let (weakest, direction) = (svd.singular_values[last], transposed.row(last));
+    let corrected = if weakest > 0.0 { (left.column(last).dot(&right) / weakest).abs() } else { 0.0 };
+    let size = corrected + direction.amax().recip();
+    let found: Vec<f64> = direction.iter().zip(units).map(|(value, unit)| value * unit * size).collect();
+    found.iter().all(|value| value.is_finite()).then_some(found)
 }
 
 /// A search for a steady state.

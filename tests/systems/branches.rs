@@ -237,3 +237,22 @@ fn what_cannot_be_followed_is_refused_with_its_place() {
     assert!(solution.status == Status::Failed && solution.branch.is_none());
     assert_eq!(solution.error.expect("a failure").code, "no_steady_state");
 }
+
+#[test]
+fn a_branch_that_has_all_its_points_before_its_end_says_so() {
+    let follow = |points: u64| {
+        solve(&json!({"problem": {"dvi": {"parameters": {"p": 1}, "states": {"x": {"initial": 1, "rate": "p - x"}}}},
+            "steady_state": {"continue": {"parameter": "p", "to": 2, "points": points}}}))
+    };
+    let short = follow(5);
+    let branch = short.branch.as_ref().expect("a branch");
+    assert!(branch.points.len() == 5 && branch.parameter.iter().all(|p| *p < 2.0), "{branch:?}");
+    assert!(branch.ended.as_ref().is_some_and(|why| why.contains("`points`")), "{:?}", branch.ended);
+    assert!(short.verdict.caveats.iter().any(|caveat| caveat.code == "branch_ended"), "{:?}", short.verdict);
+    let whole = follow(200);
+    let branch = whole.branch.as_ref().expect("a branch");
+    assert!(branch.ended.is_none() && branch.parameter.last() == Some(&2.0), "{:?}", branch.ended);
+    // The same number of points as the whole has is enough.
+    let same = follow(branch.points.len() as u64);
+    assert!(same.branch.expect("a branch").ended.is_none());
+}

@@ -285,3 +285,74 @@ fn a_torus_begins_where_oscillations_that_no_state_makes_grow() {
         assert!(is_right && solution.verdict.trusted, "{w}: {events:?} {:?}", solution.verdict);
     }
 }
+
+#[test]
+fn a_drift_below_the_tolerance_is_no_orbit() {
+    let one = |x: f64, rate: &str| {
+        json!({"problem": {"dvi": {"states": {"x": {"initial": x, "rate": rate}}}}, "periodic": {"period": 1}})
+    };
+    // A drive in resonance adds pi to the amplitude in each period, and dry friction takes at most 4 F from it.
+    let resonance = |rtol: f64| {
+        json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "y"}, "y": {"initial": 0, "rate": "-x+cos(t)"}}}},
+            "periodic": {"period": "2*pi"}, "method": {"rtol": rtol}})
+    };
+    let with_friction = json!({"problem": {"dvi": {
+            "states": {"x": {"initial": 1, "rate": "v"}, "v": {"initial": 0, "rate": "-x-F+cos(t)"}},
+            "variables": {"F": {"inequality": "-v"}}, "set": [{"box": {"of": ["F"], "lower": -0.5, "upper": 0.5}}]}},
+        "periodic": {"period": "2*pi"}});
+    let drifting = [
+        resonance(1e-6),
+        resonance(1e-9),
+        with_friction,
+        // Rates of one sign have no orbit.
+        one(1.0, "exp(-x)"),
+        one(1.5, "1/x+0*t"),
+        one(1.5, "ln(2+x^2)/(1+x^2)*(1.5+sin(2*pi*t))"),
+        one(2.0, "-(x-1)^2-1e-8"),
+    ];
+    for specification in drifting {
+        let error = failed(specification).error.expect("a failure");
+        assert_eq!(error.code, "no_orbit", "{}", error.message);
+    }
+
+    // Of one with the opposite sign the larger root is an orbit: (x - 1)^2 = 1e-4, with the multiplier exp(-2e-2).
+    let orbit = orbit_of(one(2.0, "1e-4-(x-1)^2"));
+    assert_near(orbit.start["x"], 1.01, 1e-6);
+    assert_near(orbit.multipliers[0][0], (-2e-2_f64).exp(), 1e-4);
+    assert_eq!(orbit.stable, Some(true));
+    // Every start of a free oscillator is on an orbit.
+    let orbit = orbit_of(json!({"problem": {"dvi": {"states": {
+            "x": {"initial": 1, "rate": "y"}, "y": {"initial": 0, "rate": "-x"}}}}, "periodic": {"period": "2*pi"}}));
+    assert_near(orbit.start["x"], 1.0, 1e-12);
+    assert_eq!(orbit.stable, None);
+}
+
+#[test]
+fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
+    let one = |x: f64, rate: &str| json!({"dvi": {"states": {"x": {"initial": x, "rate": rate}}}});
+    let with_z = |rate: &str, inequality: &str, x: f64| {
+        json!({"dvi": {"states": {"x": {"initial": x, "rate": rate}}, "variables": {"z": {"inequality": inequality}},
+            "set": [{"nonnegative": ["z"]}]}})
+    };
+    // Double and fourfold roots, and x' = -|x| and x' = -x + 3 max(0, x) at their corners.
+    for problem in [
+        one(2.0, "-(x-1)^2"),
+        one(3.0, "-(x-2)^4"),
+        with_z("-x-2*z", "z+x", 1.0),
+        with_z("-x+3*z", "z-x", -1.0),
+    ] {
+        let solution = solve(&json!({"problem": problem, "steady_state": {}}));
+        let found = solution.steady_state.as_ref().expect("a state of rest");
+        let is_told = solution.verdict.caveats.iter().any(|caveat| caveat.code == "stability_undecided");
+        assert!(found.stable.is_none() && is_told, "{problem}: {found:?} {:?}", solution.verdict);
+    }
+    // The same equation has the double root as an orbit of any period.
+    let solution = solve(&json!({"problem": one(2.0, "-(x-1)^2"), "periodic": {"period": 1}}));
+    let orbit = solution.orbit.expect("an orbit");
+    assert!((orbit.start["x"] - 1.0).abs() < 1e-4 && orbit.stable.is_none(), "{orbit:?}");
+    // Away from its corner a side decides: x' = -x + 3 max(0, x) - 2 rests at 1 with the eigenvalue 2, and at -2 with -1.
+    for (x, stable) in [(1.0, false), (-3.0, true)] {
+        let solution = solve(&json!({"problem": with_z("-x+3*z-2", "z-x", x), "steady_state": {}}));
+        assert_eq!(solution.steady_state.expect("a state of rest").stable, Some(stable));
+    }
+}

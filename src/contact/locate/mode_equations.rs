@@ -581,6 +581,10 @@ impl Dvi for ModeEquations {
         self.problem.breaks(t)
     }
 
+    fn break_courses(&mut self, t: f64) -> &[f64] {
+        self.problem.break_courses(t)
+    }
+
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
         self.problem.enclose_breaks(t)
     }

@@ -32,9 +32,8 @@ use super::locate::{EventDriven, ModeEquations, SmoothPhase, Transition};
 use super::velocity_step::State;
 use arc::Arc;
 use event::Flights;
-use hybrid::OneStep;
+use hybrid::{NoSlope, OneStep, Shift, break_slopes};
 use nalgebra::DMatrix;
-use numerics::CENTRAL_DIFFERENCE;
 use problem::{Mechanical, MechanicalStructure};
 use transition::Instant;
 
@@ -257,21 +256,22 @@ impl Tangents {
         if jump.iter().all(|jump| jump.abs() <= CONTINUOUS * size) {
             return Ok(());
         }
-        let first = self.equations.problem().breaks(before).to_vec();
-        let changes = |(after, before): (&f64, &f64)| (*after >= 0.0) != (*before >= 0.0);
-        let place = self.equations.problem().breaks(after).iter().zip(&first).position(changes);
-        let Some(place) = place else { return Ok(()) };
-        let by = CENTRAL_DIFFERENCE * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
-        let problem = self.equations.problem();
-        let rate = (problem.breaks(after + by)[place] - problem.breaks(before - by)[place]) / (2.0 * by);
-        for (direction, shifted) in self.directions.shifted.iter_mut().enumerate() {
-            let Some(shifted) = shifted else { continue };
-            let [above, below] = shifted.systems.each_mut().map(|system| system.breaks(before)[place]);
-            let time = -(above - below) / (2.0 * shifted.by) / rate;
-            if !time.is_finite() {
-                return Err(NoDerivative::Smooth(radau::NoDerivative::Grazing));
-            }
+        let shifts = self.directions.shifted.iter_mut().map(|shifted| {
+            let shifted = shifted.as_mut()?;
             self.differences += 1;
+            Some((shifted.by, shifted.systems.each_mut().map(|system| system.break_courses(before).to_vec())))
+        });
+        let shifts: Vec<Option<Shift>> = shifts.collect();
+        let problem = self.equations.problem();
+        let at = |t: f64| [problem.breaks(t).to_vec(), problem.break_courses(t).to_vec()];
+        let Some(slopes) = break_slopes([before, after], at, &shifts) else { return Ok(()) };
+        let slopes = slopes.map_err(|cause| {
+            NoDerivative::Smooth(match cause {
+                NoSlope::Grazing => radau::NoDerivative::Grazing,
+                NoSlope::Several => radau::NoDerivative::Several,
+            })
+        })?;
+        for (direction, time) in slopes.into_iter().enumerate() {
             jump.iter().enumerate().for_each(|(i, jump)| self.now[(n + i, direction)] += jump * time);
         }
         Ok(())

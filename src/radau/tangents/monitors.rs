@@ -4,7 +4,7 @@ use super::stages::Rows;
 use super::{NoDerivative, Tangents, changed};
 use crate::face::{ActiveFace, Activity};
 use crate::stepper::Radau;
-use hybrid::OneStep;
+use hybrid::{NoSlope, OneStep, Shift, break_slopes};
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use problem::{Dvi, Side};
@@ -43,7 +43,8 @@ impl Tangents {
         states.column_mut(self.count()).copy_from_slice(&rates);
         let by_time = self.rows_by_time(t, before);
         let sizes: Vec<f64> = before.iter().zip(radau.largest()).map(|(y, largest)| y.abs().max(*largest)).collect();
-        let slopes = self.variables_along((t, before), &face, &rows, (&states, &by_time), &sizes)?;
+        let span = t.abs().max(radau.last.h);
+        let slopes = self.variables_along((t, span, before), &face, &rows, (&states, &by_time), &sizes)?;
         let mut found: Option<Vec<f64>> = None;
         for k in variables {
             let times = self.times_of(k, (&face, radau.face()), &rows, (&states, &slopes, &by_time))?;
@@ -110,7 +111,7 @@ impl Tangents {
     /// derivative of `G`.
     fn variables_along(
         &mut self,
-        (t, y): (f64, &[f64]),
+        (t, span, y): (f64, f64, &[f64]),
         face: &ActiveFace,
         rows: &Rows,
         (states, by_time): (&DMatrix<f64>, &[f64]),
@@ -143,7 +144,7 @@ impl Tangents {
             (0..m).filter(|k| !inside.contains(k)).for_each(|k| fixed.set_row(k, &right.row(k)));
             let by_variables = self.inverse_mass.solve(&rows.by_y.view((0, n), (n, m)).into_owned());
             let by_variables = by_variables.ok_or(NoDerivative::Singular)?;
-            let slopes = self.hidden_slopes((t, y), states, &fixed, sizes);
+            let slopes = self.hidden_slopes((t, span, y), states, &fixed, sizes);
             let own = matrix.clone();
             let own_right = right.clone();
             for (row, Combination { weights, is_hidden }) in inside.iter().copied().zip(hidden) {
@@ -180,7 +181,8 @@ impl Tangents {
         states.column_mut(count).copy_from_slice(&rates);
         let by_time = self.rows_by_time(t, &y);
         let sizes: Vec<f64> = y.iter().zip(radau.largest()).map(|(y, largest)| y.abs().max(*largest)).collect();
-        let variables = self.variables_along((t, &y), &face, &rows, (&states, &by_time), &sizes).ok()?;
+        let span = t.abs().max(radau.last.h);
+        let variables = self.variables_along((t, span, &y), &face, &rows, (&states, &by_time), &sizes).ok()?;
         let mut right = rows.by_y.view((0, 0), (n, n)) * &self.now
             + rows.by_y.view((0, n), (n, y.len() - n)) * variables.columns(0, count)
             + rows.by_directions.rows(0, n);
@@ -191,10 +193,10 @@ impl Tangents {
     }
 
     /// The derivatives of `dG/dt = G_t + G_x M^-1 F` along columns of states with variables and along the directions,
-    /// and with respect to time for the last column, by central differences.
+    /// and with respect to time for the last column, by central differences, which go no further than a part of the time `span`.
     fn hidden_slopes(
         &mut self,
-        (t, y): (f64, &[f64]),
+        (t, span, y): (f64, f64, &[f64]),
         states: &DMatrix<f64>,
         variables: &DMatrix<f64>,
         sizes: &[f64],
@@ -207,8 +209,9 @@ impl Tangents {
             let parts = way.iter().zip(sizes).filter(|(way, _)| **way != 0.0).map(|(way, size)| size / way.abs());
             let mut by = CENTRAL_DIFFERENCE * parts.fold(f64::INFINITY, f64::min);
             let in_time = if column + 1 == columns { 1.0 } else { 0.0 };
-            if !by.is_finite() {
-                by = CENTRAL_DIFFERENCE * t.abs().max(1.0);
+            // States at rest move little however far time does.
+            if in_time > 0.0 || !by.is_finite() {
+                by = by.min(CENTRAL_DIFFERENCE * span);
             }
             let [above, below] = [by, -by].map(|by| {
                 let moved: Vec<f64> = y.iter().zip(&way).map(|(y, way)| y + by * way).collect();
@@ -254,22 +257,20 @@ impl Tangents {
         moving.map_or(0.0, |p| by_time[structure.unknowns() + p])
     }
 
-    /// Derivatives of the time of a breakpoint with respect to the directions, from the quantity that changes sign
-    /// there; `None` if no quantity does.
-    fn break_times(&mut self, [before, after]: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
-        let first = self.problem.breaks(before).to_vec();
-        let changes = |(after, before): (&f64, &f64)| (*after >= 0.0) != (*before >= 0.0);
-        let place = self.problem.breaks(after).iter().zip(&first).position(changes)?;
-        let by = CENTRAL_DIFFERENCE * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
-        let rate = (self.problem.breaks(after + by)[place] - self.problem.breaks(before - by)[place]) / (2.0 * by);
-        let times = self.directions.shifted.iter_mut().map(|shifted| {
-            let Some(shifted) = shifted else { return 0.0 };
+    /// Derivatives of the time of a breakpoint with respect to the directions; `None` if nothing changes sign there.
+    fn break_times(&mut self, ends: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
+        let shifts = self.directions.shifted.iter_mut().map(|shifted| {
+            let shifted = shifted.as_mut()?;
             self.differences += 1;
-            let [above, below] = shifted.problems.each_mut().map(|problem| problem.breaks(before)[place]);
-            -(above - below) / (2.0 * shifted.by) / rate
+            Some((shifted.by, shifted.problems.each_mut().map(|problem| problem.break_courses(ends[0]).to_vec())))
         });
-        let times: Vec<f64> = times.collect();
-        Some(if times.iter().all(|time| time.is_finite()) { Ok(times) } else { Err(NoDerivative::Grazing) })
+        let shifts: Vec<Option<Shift>> = shifts.collect();
+        let at = |t: f64| [self.problem.breaks(t).to_vec(), self.problem.break_courses(t).to_vec()];
+        let slopes = break_slopes(ends, at, &shifts)?;
+        Some(slopes.map_err(|cause| match cause {
+            NoSlope::Grazing => NoDerivative::Grazing,
+            NoSlope::Several => NoDerivative::Several,
+        }))
     }
 }
 

@@ -201,7 +201,14 @@ impl<'f, F: Family> Continuation<'f, F> {
                 }
             }
         }
+        curve.ended = curve.points.last().filter(|last| !self.is_at_end(last)).map(|last| too_many(last, most));
         Ok(curve)
+    }
+
+    /// Whether a point that a branch came to is at the end of the interval that it leads to.
+    fn is_at_end(&self, point: &Solved<F::Word>) -> bool {
+        let end = if point.tangent[point.w.len()] > 0.0 { 1.0 } else { 0.0 };
+        (self.scales.passed(point.p) - end).abs() <= SHORTEST
     }
 
     /// A step along the tangent, and the number of its corrections.
@@ -384,6 +391,15 @@ fn failure(code: &'static str, message: String, w: &[f64]) -> Failure {
 
 fn stopped<W>(last: &Solved<W>) -> Failure {
     failure("cancelled", format!("the continuation was stopped where the parameter is {:?}", last.p), &last.w)
+}
+
+fn too_many<W>(last: &Solved<W>, most: usize) -> Failure {
+    let message = format!(
+        "the branch has {most} points, the most that it may have: give a larger `points`, or begin another branch where the \
+         parameter is {:?}",
+        last.p
+    );
+    failure("no_branch", message, &last.w)
 }
 
 fn ended<W>(last: &Solved<W>) -> Failure {
