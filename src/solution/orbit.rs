@@ -195,7 +195,7 @@ pub(super) fn run_along(
     if stable.is_some() && !is_decided(subject, plan, &shot, asked.phase, control) {
         stable = None;
         let message = "the multiplier that decides stability is nearer to the unit circle than it is known: the orbit is \
-                       known to the tolerance only, within which this distance changes by half of itself or more; \
+                       known to the tolerance only, within which this distance may change by half of itself or more; \
                        tighten `rtol`, or run from either side of the orbit";
         diagnostics.checks.caveat("stability_undecided", message.to_owned());
     }
@@ -226,6 +226,10 @@ fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usiz
     let here = distance(shot);
     if here.abs() > rtol.sqrt() {
         return true;
+    }
+    // The runs tell multipliers no better than their own relative tolerance.
+    if here.abs() <= rtol {
+        return false;
     }
     let Some(error) = shot.uncertainty(phase, rtol) else { return true };
     [1.0, -1.0].into_iter().all(|sign| {

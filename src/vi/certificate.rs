@@ -91,7 +91,14 @@ pub fn certificate(
         let Some(last) = own.v_t.nrows().checked_sub(1) else { return Certificate::Nothing(SINGULAR) };
         let mut direction = vec![0.0; m];
         inside.iter().zip(own.v_t.row(last).iter()).for_each(|(&i, v)| direction[i] = *v);
-        return match is_affine && undecided.is_empty() {
+        // What is small beside the other rows alone, as in other units, is not zero.
+        let is_zero = |&i: &usize| {
+            let products = inside.iter().map(|&j| jacobian[(i, j)] * direction[j]);
+            let (sum, terms) =
+                products.fold((0.0, 0.0), |(sum, terms), product| (sum + product, terms + product.abs()));
+            f64::abs(sum) <= ZERO * m as f64 * terms
+        };
+        return match is_affine && undecided.is_empty() && inside.iter().all(is_zero) {
             true => Certificate::Continuum(direction),
             false => Certificate::Singular(direction),
         };
@@ -145,6 +152,9 @@ mod tests {
         // z1 + z2 = 2.
         let Certificate::Continuum(v) = of(&[1.0; 4], true, &[1.5, 0.5], &[0.0; 2]) else { panic!("a continuum") };
         assert!((v[0] + v[1]).abs() < 1e-12 && v[0].abs() > 0.5);
+        // Small in its unit, and not zero.
+        let small = of(&[1e-6, 0.0, 0.0, 1e6], true, &[3.0, 2.0], &[0.0; 2]);
+        assert!(matches!(small, Certificate::Singular(_)), "{small:?}");
         // All variables at an end, with G = 0 there.
         assert!(matches!(of(&[0.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
         assert_eq!(of(&[1.0, 2.0, 2.0, 1.0], false, &[0.0; 2], &[3.0; 2]), Certificate::Isolated(f64::INFINITY, 0, 0));

@@ -37,7 +37,7 @@ fn derivatives_of_a_linear_oscillator_are_those_of_its_solution() {
     assert_column(&solution, "dx/dv.initial", |t| (w * t).sin() / w);
     assert_column(&solution, "dv/da", |t| -w * (w * t).sin());
     let checked = solution.sensitivities.expect("a check");
-    assert!((checked.derivative - checked.finite_difference).abs() <= 20.0 * checked.uncertainty);
+    assert!((checked.derivative - checked.finite_difference).abs() <= checked.uncertainty);
 }
 
 #[test]
@@ -104,6 +104,59 @@ fn breaks_and_bounds_that_follow_a_parameter() {
         "variables": {"z": {"inequality": "z - t^2"}}, "set": [{"box": {"of": ["z"], "upper": "c*t"}}]}});
     let solution = derived(problem, 4.0, &["c"]);
     assert_column(&solution, "dx/dc", |t| if t > 2.0 { 0.5 * t * t - 2.0 } else { 0.0 });
+}
+
+/// The times at which functions of time jump move with their arguments: `x' = r(t, p)` to `T = 2.05`, integrated piece by piece.
+#[test]
+fn jumps_of_periodic_functions_follow_their_arguments() {
+    let end = 2.05_f64;
+    let cases = [
+        // Four pulses of p/2.
+        ("pwm(t, 0.5, p)", 0.37, 2.0),
+        // Steps at p + 1/2 and p + 3/2.
+        ("round(t - p)", 0.3, -2.0),
+        // Steps at k/p, k = 1, .., 4.
+        ("floor(p*t)", 2.0, 2.5),
+        // t - p at p, and again at 2 p.
+        ("mod(t, p)", 0.75, -(2.0 * end - 2.25) + 2.25),
+        ("sawtooth(t, p)", 0.75, 3.0 - end * end / (2.0 * 0.75 * 0.75)),
+        // On to p - 0.2, from p to p + 0.8, and from p + 1 on.
+        ("t*if(mod(t - p, 1) < 0.8, 1, 0)", 0.3, -0.4),
+    ];
+    for (rate, p, exact) in cases {
+        let problem =
+            json!({"dvi": {"parameters": {"p": p}, "states": {"x": {"initial": 0, "rate": format!("{rate} + 0*p")}}}});
+        let solution = derived(problem, end, &["p"]);
+        assert!(solution.verdict.trusted, "{rate}: {:?}", solution.verdict);
+        let found = last(&solution, "dx/dp");
+        assert!((found - exact).abs() <= 1e-8, "{rate}: {found} for {exact}");
+    }
+}
+
+/// A queue that time alone lets grow again, and a state that follows it and changes nothing: `dq/dc = -(T - t)` after the time `t`
+/// of the second release, `sin wt = c/A` a period after the first one.
+#[test]
+fn a_state_that_nothing_depends_on_changes_no_derivative() {
+    let (amplitude, w, c) = (1.06_f64, 1.48, 0.51_f64);
+    let problem = json!({"dvi": {"parameters": {"c": c},
+        "states": {"q": {"initial": 0, "rate": format!("{amplitude}*sin({w}*t) - c + z")},
+            "total": {"initial": 0, "rate": "1e-3*q"}},
+        "variables": {"z": {"inequality": "q"}}, "set": [{"nonnegative": ["z"]}]}});
+    let solution = derived(problem, 6.25, &["c"]);
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    let release = ((c / amplitude).asin() + std::f64::consts::TAU) / w;
+    let found = last(&solution, "dq/dc");
+    assert!((found + 6.25 - release).abs() <= 1e-8, "{found} for {}", release - 6.25);
+}
+
+/// Where the value jumps with the parameter there is no derivative: a ball that is asked for its velocity when it lands.
+#[test]
+fn the_derivative_of_a_jump_is_doubted() {
+    let solution = solve(&json!({"problem": {"mechanical": {"parameters": {"h": 4.905},
+            "coordinates": {"y": {"initial": "h"}}, "mass": [[1]], "potential": "9.81*y",
+            "contacts": [{"name": "f", "gap": "y", "restitution": 0.5}]}},
+        "time": {"end": 1}, "sensitivities": {"to": ["h"], "mode": "adjoint", "objective": {"final": "y_dot"}}}));
+    assert!(!solution.verdict.trusted, "{:?}", solution.gradient);
 }
 
 #[test]
