@@ -463,7 +463,7 @@ fn compare(
             let is_end = i + 1 == compared.len();
             // On the way errors are as large as the state was before.
             let size = if is_end { here.abs() } else { largest };
-            let known = rtol * size + atol.get(of).copied().unwrap_or(0.0) + resolution;
+            let known = rtol * size + atol.get(of).copied().unwrap_or(0.0) + resolution + f64::EPSILON * largest;
             let known = SLACK * known;
             // The error of the nearer of two differences is a third of what they differ by. At a jump, where there is no derivative,
             // it is more than all of it: there the nearer one is twice the other.

@@ -345,9 +345,9 @@ fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
     let solution = solve(&json!({"problem": one(2.0, "-(x-1)^2"), "periodic": {"period": 1}}));
     let orbit = solution.orbit.expect("an orbit");
     assert!((orbit.start["x"] - 1.0).abs() < 1e-4 && orbit.stable.is_none(), "{orbit:?}");
-    // Away from its corner a side decides: x' = -x + 3 max(0, x) - 2 rests at 1 with the eigenvalue 2, and at -2 with -1.
-    for (x, stable) in [(1.0, false), (-3.0, true)] {
-        let solution = solve(&json!({"problem": with_z("-x+3*z-2", "z-x", x), "steady_state": {}}));
+    // Away from its corner a side decides: x' = -x + 3 max(0, x) - 2 rests at -2 with the eigenvalue -1, x' = x - 1 at 1.
+    for (problem, stable) in [(with_z("-x+3*z-2", "z-x", -3.0), true), (one(1.0, "x-1"), false)] {
+        let solution = solve(&json!({"problem": problem, "steady_state": {}}));
         assert_eq!(solution.steady_state.expect("a state of rest").stable, Some(stable));
     }
 }

@@ -91,7 +91,7 @@ fn an_order_of_impacts_that_steps_do_not_resolve_is_right_or_doubted() {
         let is_right = ["b.x", "b.y", "b.z"].into_iter().all(|key| {
             let [found, exact] = [&coarse, &fine].map(|solution| column(solution, key));
             let range = exact.iter().fold(0.0_f64, |most, x| most.max((x - exact[0]).abs()));
-            found.iter().zip(&exact).all(|(found, exact)| (found - exact).abs() <= 1e-2 * range)
+            found.iter().zip(exact).all(|(found, exact)| (found - exact).abs() <= 1e-2 * range)
         });
         assert!(is_right || !coarse.verdict.trusted, "{size:?} {:?}", coarse.verdict);
     }
