@@ -45,6 +45,7 @@ static FILES: LazyLock<Vec<File>> = files! {
     "page.js": "text/javascript; charset=utf-8";
     "claims.js": "text/javascript; charset=utf-8";
     "clock.js": "text/javascript; charset=utf-8";
+    "colours.js": "text/javascript; charset=utf-8";
     "comparison.js": "text/javascript; charset=utf-8";
     "editor.js": "text/javascript; charset=utf-8";
     "element.js": "text/javascript; charset=utf-8";
