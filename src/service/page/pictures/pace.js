@@ -1,7 +1,7 @@
 // Whether frames come fast enough, by the time from one to the next after something was drawn.
 
 const SLOWEST = 24; // frames a second below which less is drawn
-const FEWEST = 3; // frames that are judged together: one that is late says nothing
+const FEWEST = 5; // frames that are judged together: those in which the browser prepares what it draws say nothing
 const LONG = 400; // milliseconds that these take together at least
 
 export class Pace {

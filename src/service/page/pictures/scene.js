@@ -12,6 +12,8 @@ import { Shapes } from "./shapes.js";
 const FRAMES = 241;
 const FRAMES_OF_MANY = 121;
 const MANY = 40; // bodies from which forces and trails are left out
+const SIDES = 24; // that stand for a circle
+const SIDES_OF_MANY = 16; // where a processor draws many bodies
 const MOST = 1500; // bodies that are drawn
 const RESTS = 250; // milliseconds without a frame after which the picture is drawn with all it has
 const POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"];
@@ -69,7 +71,8 @@ export async function make(specification, run, { bundle }) {
   const up = gravity.length() > 0 ? gravity.clone().multiplyScalar(-1).normalize() : new three.Vector3(0, 0, 1);
 
   const bodies = named(scene.bodies);
-  const shapes = new Shapes(three, number, vector);
+  const taxed = software && bodies.length > MANY;
+  const shapes = new Shapes(three, number, vector, taxed ? SIDES_OF_MANY : SIDES);
   const movers = [];
   const still = new three.Vector3();
   const poses = [];
@@ -160,7 +163,7 @@ export async function make(specification, run, { bundle }) {
   camera.up.copy(up);
 
   // While it moves and frames come slowly, shadows go first, then every second pixel. Where it rests, all is drawn.
-  let [shadows, quality, last, later] = [true, 1, -Infinity, null];
+  let [shadows, quality, last, later] = [!taxed, 1, -Infinity, null];
   const pace = new Pace(() => {
     if (shadows) shadows = false;
     else quality = 0.6;

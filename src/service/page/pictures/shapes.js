@@ -8,11 +8,13 @@ export class Shapes {
   #three;
   #number;
   #vector;
+  #sides;
   #grounds = [];
   #kinds = new Map(); // {geometry, casts, parts: [{node, colour}], mesh} by what they have in common
 
-  constructor(three, number, vector) {
-    [this.#three, this.#number, this.#vector] = [three, number, vector];
+  // `sides` stand for a circle, a multiple of four.
+  constructor(three, number, vector, sides) {
+    [this.#three, this.#number, this.#vector, this.#sides] = [three, number, vector, sides];
   }
 
   add(group, shape, colour, fixed) {
@@ -82,20 +84,21 @@ export class Shapes {
 
   #made(kind, given) {
     const three = this.#three;
-    const number = this.#number;
+    const [number, sides] = [this.#number, this.#sides];
     // Capsules and cylinders of three.js lie along y, those of a specification along z.
     const upright = (geometry) => geometry.rotateX(Math.PI / 2);
     switch (kind) {
       case "sphere":
-        return new three.SphereGeometry(1, 20, 12);
+        // Its meridians are those of the belt, which lies on it without a gap.
+        return upright(new three.SphereGeometry(1, sides, Math.round(0.6 * sides)));
       case "belt":
-        return upright(new three.CylinderGeometry(1.004, 1.004, 0.16, 24, 1, true));
+        return upright(new three.CylinderGeometry(1.004, 1.004, 0.16, sides, 1, true));
       case "box":
         return new three.BoxGeometry(1, 1, 1);
       case "capsule":
-        return upright(new three.CapsuleGeometry(number(given.radius, 1), number(given.length, 1), 8, 16));
+        return upright(new three.CapsuleGeometry(number(given.radius, 1), number(given.length, 1), Math.round(0.3 * sides), sides));
       case "cylinder":
-        return upright(new three.CylinderGeometry(1, 1, 1, 28));
+        return upright(new three.CylinderGeometry(1, 1, 1, sides));
       case "convex_hull":
         return this.#faces(hullOf(given.points.map((point) => this.#vector(point, [0, 0, 0]))));
       default:
