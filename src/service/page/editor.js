@@ -126,13 +126,14 @@ export class Editor {
   }
 
   // Writes another value in the place of that at `pointer`; nothing if it is not there. A slider does it many times a second, and the view
-  // lays out the page with every change: it follows a moment later, and `changed` is not called.
-  write(pointer, value) {
+  // lays out the page with every change: it follows a moment later, or at once where the slider is let go; `changed` is not called.
+  write(pointer, value, done) {
     const { text } = this;
     const [range] = rangesOf(text, [pointer]);
     if (!range) return;
     this.#written = text.slice(0, range[0]) + JSON.stringify(value) + text.slice(range[1]);
-    this.#later ??= setTimeout(() => this.#follow(), PAUSE);
+    if (done) this.#follow();
+    else this.#later ??= setTimeout(() => this.#follow(), PAUSE);
   }
 
   // Brings the view to the text that was written, by one change of what differs.

@@ -184,7 +184,7 @@ function fill(text) {
 function turn(pointer, value, done) {
   if (!dragging) ghost = shown;
   dragging = !done;
-  editor.write(pointer, value);
+  editor.write(pointer, value, done);
   const { text } = editor;
   if (text === shown?.text) return;
   // Where the answer comes at once, a mark would flicker.
