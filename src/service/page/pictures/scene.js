@@ -13,7 +13,7 @@ const FRAMES = 241;
 const FRAMES_OF_MANY = 121;
 const MANY = 40; // bodies from which forces and trails are left out
 const SIDES = 24; // that stand for a circle
-const SIDES_OF_MANY = 16; // where a processor draws many bodies
+const SIDES_OF_MANY = 12; // where a processor draws many bodies
 const MOST = 1500; // bodies that are drawn
 const RESTS = 250; // milliseconds without a frame after which the picture is drawn with all it has
 const POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"];
@@ -108,7 +108,8 @@ export async function make(specification, run, { bundle }) {
   const size = Math.max(high.distanceTo(low), 1e-9);
   shapes.sizeGrounds(size, centre);
 
-  world.add(new three.HemisphereLight(0xffffff, dark ? 0x303840 : 0xb0b0a8, 1.6));
+  const day = new three.HemisphereLight(0xffffff, dark ? 0x303840 : 0xb0b0a8, 1.6);
+  world.add(day);
   const sun = new three.DirectionalLight(0xffffff, 1.8);
   sun.castShadow = true;
   sun.shadow.mapSize.set(software ? 512 : 1024, software ? 512 : 1024);
@@ -117,7 +118,7 @@ export async function make(specification, run, { bundle }) {
   sun.position.copy(centre).addScaledVector(up, 2.5 * size).addScaledVector(side, 0.8 * size).addScaledVector(side.clone().cross(up), 0.6 * size);
   sun.target.position.copy(centre);
   world.add(sun, sun.target);
-  shapes.build(world);
+  shapes.build(world, day, sun);
 
   const ink = dark ? 0xdde3ea : 0x1f2933;
   const line = (colour, points) => {
@@ -178,6 +179,7 @@ export async function make(specification, run, { bundle }) {
   };
   const render = (moves) => {
     sun.castShadow = shadows || !moves;
+    shapes.light(sun.castShadow);
     resize(moves ? quality : 1);
     camera.position.setFromSpherical(view).applyQuaternion(frame).add(centre);
     camera.lookAt(centre);

@@ -9,6 +9,7 @@ export class Shapes {
   #number;
   #vector;
   #sides;
+  #plain; // a material of a colour that is lit at corners alone
   #grounds = [];
   #kinds = new Map(); // {geometry, casts, parts: [{node, colour}], mesh} by what they have in common
 
@@ -48,14 +49,25 @@ export class Shapes {
     this.#kinds.get(key).parts.push({ node, colour });
   }
 
-  // Puts a mesh for all parts of a kind into the world, when all are known.
-  build(world) {
+  // Puts a mesh for all parts of a kind into the world, when all are known, and the lights that there are.
+  build(world, day, sun) {
     const three = this.#three;
+    this.#plain = (colour) => litByCorners(new three.MeshBasicMaterial({ color: colour }), day, sun);
     for (const kind of this.#kinds.values()) {
       kind.mesh = new three.InstancedMesh(kind.geometry, new three.MeshLambertMaterial(), kind.parts.length);
       kind.parts.forEach(({ colour }, i) => kind.mesh.setColorAt(i, new three.Color(colour)));
       Object.assign(kind.mesh, { castShadow: kind.casts, receiveShadow: true, frustumCulled: false });
       world.add(kind.mesh);
+    }
+  }
+
+  // Lights every pixel, as shadows need it, or corners alone, which is a small part of the work.
+  light(pixels) {
+    const meshes = [...this.#kinds.values()].map(({ mesh }) => mesh).concat(this.#grounds.map(({ plane }) => plane));
+    for (const mesh of meshes) {
+      mesh.userData.full ??= mesh.material;
+      if (!pixels) mesh.userData.plain ??= this.#plain(mesh.material.color);
+      mesh.material = pixels ? mesh.userData.full : mesh.userData.plain;
     }
   }
 
@@ -163,3 +175,32 @@ export class Shapes {
     }
   }
 }
+
+// A material without lights of its own that has, at each corner, the light of a matt surface (Lambert) between the day and the sun.
+function litByCorners(material, day, sun) {
+  const scaled = ({ color, intensity }) => color.clone().multiplyScalar(intensity / Math.PI);
+  const uniforms = {
+    sky: { value: scaled(day) },
+    earth: { value: scaled({ color: day.groundColor, intensity: day.intensity }) },
+    sunlight: { value: scaled(sun) },
+    sunward: { value: sun.position.clone().sub(sun.target.position).normalize() },
+  };
+  material.onBeforeCompile = (shader) => {
+    Object.assign(shader.uniforms, uniforms);
+    const [vertex, fragment] = [shader.vertexShader, shader.fragmentShader];
+    shader.vertexShader = `uniform vec3 sky, earth, sunlight, sunward;\nvarying vec3 vLight;\n${vertex.replace("#include <project_vertex>", `#include <project_vertex>\n${LIGHT}`)}`;
+    shader.fragmentShader = `varying vec3 vLight;\n${fragment.replace("#include <color_fragment>", "#include <color_fragment>\ndiffuseColor.rgb *= vLight;")}`;
+  };
+  return material;
+}
+
+// A body that is larger along one direction turns its normals away from it. The day comes from +y, as that of three.js does.
+const LIGHT = `
+  vec3 facing = normal;
+  #ifdef USE_INSTANCING
+    mat3 placed = mat3(instanceMatrix);
+    facing = placed * (facing / vec3(dot(placed[0], placed[0]), dot(placed[1], placed[1]), dot(placed[2], placed[2])));
+  #endif
+  facing = normalize(mat3(modelMatrix) * facing);
+  vLight = mix(earth, sky, 0.5 * facing.y + 0.5) + sunlight * max(dot(facing, sunward), 0.0);
+`;
