@@ -30,7 +30,7 @@ export class Plots {
   #span = null; // the times shown
   #syncing = false;
   #time = null;
-  #pointed = false; // whether values at a time are told
+  #pointed = null; // {time, near} whose values are told
 
   // Called with a time when the reader clicks on it.
   picked = () => {};
@@ -102,7 +102,7 @@ export class Plots {
         panel.plot.setScale("x", { min, max });
       });
     }
-    if (this.#pointed) this.#tell(null);
+    if (this.#pointed !== null) this.#tell({ time: this.#pointed.time, near: null });
     this.#placeHeads();
     return true;
   }
@@ -298,7 +298,7 @@ export class Plots {
   }
 
   #tell(at) {
-    this.#pointed = at !== null;
+    this.#pointed = at;
     for (const { group, series, values } of this.#panels) {
       const alone = group.fields.length === 1;
       const told = series.map(({ run, field, place, colour }) => {

@@ -15,7 +15,7 @@ const MANY = 40; // bodies from which forces and trails are left out
 const SIDES = 24; // that stand for a circle
 const SIDES_OF_MANY = 12; // where a processor draws many bodies
 const MOST = 1500; // bodies that are drawn
-const RESTS = 250; // milliseconds without a frame after which the picture is drawn with all it has
+const RESTS = 250; // milliseconds after the last frame at which the picture is drawn with all it has
 const POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"];
 const COLOURS = [0x2f6fab, 0xc2571a, 0x2b7d46, 0x8a3f8f, 0xb08900, 0x00798c, 0xa4262c, 0x6b7280];
 
@@ -163,21 +163,26 @@ export async function make(specification, run, { bundle }) {
   const frame = new three.Quaternion().setFromUnitVectors(new three.Vector3(0, 1, 0), up);
   camera.up.copy(up);
 
-  // While it moves and frames come slowly, shadows go first, then every second pixel. Where it rests, all is drawn.
-  let [shadows, quality, last, later] = [!taxed, 1, -Infinity, null];
+  // While it moves and frames come slowly, shadows go first, then pixels. Where it rests, all is drawn.
+  let [shadows, quality, moves, looks, later] = [!taxed, 1, false, 0, null];
   const pace = new Pace(() => {
     if (shadows) shadows = false;
     else quality = 0.6;
   });
   const look = () => {
-    const moves = performance.now() - last < RESTS;
-    render(moves);
-    last = performance.now();
+    render();
+    moves = true;
+    const own = (looks += 1);
     clearTimeout(later);
-    if (moves && !(shadows && quality === 1)) later = setTimeout(() => render(false), RESTS);
+    // It rests where nothing is drawn after this frame, however long that took.
+    requestAnimationFrame(() => requestAnimationFrame(() => own === looks && (later = setTimeout(rest, RESTS))));
     pace.frame();
   };
-  const render = (moves) => {
+  const rest = () => {
+    moves = false;
+    if (!shadows || quality < 1) render();
+  };
+  const render = () => {
     sun.castShadow = shadows || !moves;
     shapes.light(sun.castShadow);
     resize(moves ? quality : 1);
@@ -225,6 +230,7 @@ export async function make(specification, run, { bundle }) {
   };
   const dispose = () => {
     observer.disconnect();
+    looks = -1;
     clearTimeout(later);
     renderer.dispose();
     renderer.forceContextLoss();
