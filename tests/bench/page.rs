@@ -164,8 +164,11 @@ fn played(page: &Page) {
     let letters = format!("import('/page/share.js').then(({{packed}}) => packed({}))", json!(bodies()));
     let letters = page.value(&letters);
     page.value(&format!("location.hash = '#s=' + {letters}"));
-    page.wait("document.getElementById('before').textContent.includes('press Solve')");
-    page.value("document.getElementById('solve').click()");
+    let asks = "/press Solve/.test(document.getElementById('before').textContent)";
+    page.wait(&format!("{asks} || /successful in/.test(document.getElementById('outcome').textContent)"));
+    if page.value(asks) == true {
+        page.value("document.getElementById('solve').click()");
+    }
     page.wait("document.querySelector('#stage canvas') !== null");
     page.value("Object.assign(document.querySelector('#stage canvas').style, {width: '802px', height: '502px'})");
     let pixels =
