@@ -49,12 +49,15 @@ export class Clock {
     return this.#time;
   }
 
-  // The horizon and the events of a new answer; the time stays where it was if it is inside.
+  // The horizon and the events of a new answer; the time stays where it was if it is inside. Who draws the answer draws it at that time: where
+  // the horizon is the same, nobody is told again.
   set({ t, events }) {
+    const same = this.#from === t[0] && this.#to === t.at(-1);
     [this.#from, this.#to] = [t[0], t.at(-1)];
     this.#events = [...new Set(events.map((event) => event.t))].sort((a, b) => a - b);
     this.next.disabled = this.#events.length === 0;
-    this.go(Math.min(this.#to, Math.max(this.#from, this.#time)));
+    const time = Math.min(this.#to, Math.max(this.#from, this.#time));
+    if (!same || time !== this.#time) this.go(time);
   }
 
   // The next answer is of another problem, and begins at its start.

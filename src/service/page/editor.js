@@ -42,6 +42,8 @@ const COLOURS = HighlightStyle.define([
   { tag: [tags.bool, tags.null], color: "var(--warn)" },
 ]);
 
+const PAUSE = 200; // milliseconds after which the view follows what a slider writes
+
 const setMarks = StateEffect.define();
 const marker = new (class extends GutterMarker {
   elementClass = "marked";
@@ -67,12 +69,19 @@ export class Editor {
   #schema = null;
   #fetch; // of the schema
   #asked = null;
+  #marked = 0; // errors
+  #written = null; // the text that a slider wrote and the view does not show yet
+  #later = null;
+  #follows = false; // whether the view is brought to that text
 
   // `changed()` is called when the text has changed, `submit()` on Ctrl+Enter; `schema()` fetches that from which the text is completed and
   // explained, when the editor is first used.
   constructor(host, { changed, submit, schema }) {
     this.#fetch = schema;
-    host.addEventListener("focusin", () => this.#known());
+    host.addEventListener("focusin", () => {
+      this.#follow();
+      this.#known();
+    });
     const shadow = host.attachShadow({ mode: "open" });
     const solve = () => (submit(), true);
     this.#view = new EditorView({
@@ -89,7 +98,11 @@ export class Editor {
           hoverTooltip(async (view, at) => ((await this.#known()) ? this.#meaning(view, at) : null)),
           keymap.of([...completionKeymap, ...lintKeymap, ...searchKeymap, ...historyKeymap, ...defaultKeymap]),
           EditorView.contentAttributes.of({ "aria-label": "Specification, JSON", spellcheck: "false", autocapitalize: "off", tabindex: "0" }),
-          EditorView.updateListener.of((update) => update.docChanged && changed()),
+          EditorView.updateListener.of((update) => {
+            if (!update.docChanged || this.#follows) return;
+            this.#written = null; // what the reader writes is newer
+            changed();
+          }),
         ],
       }),
     });
@@ -102,24 +115,49 @@ export class Editor {
   }
 
   get text() {
-    return this.#view.state.doc.toString();
+    return this.#written ?? this.#view.state.doc.toString();
   }
 
   set text(text) {
+    this.#follow();
     const { state } = this.#view;
     this.#view.dispatch({ changes: { from: 0, to: state.doc.length, insert: text }, selection: { anchor: 0 } });
     this.#view.scrollDOM.scrollTop = 0;
   }
 
-  // Writes another value in the place of that at `pointer`; nothing if it is not there.
-  write(pointer, value) {
-    const [range] = rangesOf(this.text, [pointer]);
+  // Writes another value in the place of that at `pointer`; nothing if it is not there. A slider does it many times a second, and the view
+  // lays out the page with every change: it follows a moment later, or at once where the slider is let go; `changed` is not called.
+  write(pointer, value, done) {
+    const { text } = this;
+    const [range] = rangesOf(text, [pointer]);
     if (!range) return;
-    this.#view.dispatch({ changes: { from: range[0], to: range[1], insert: JSON.stringify(value) }, userEvent: "input.type" });
+    this.#written = text.slice(0, range[0]) + JSON.stringify(value) + text.slice(range[1]);
+    if (done) this.#follow();
+    else this.#later ??= setTimeout(() => this.#follow(), PAUSE);
+  }
+
+  // Brings the view to the text that was written, by one change of what differs.
+  #follow() {
+    clearTimeout(this.#later);
+    this.#later = null;
+    if (this.#written === null) return;
+    const [before, after] = [this.#view.state.doc.toString(), this.#written];
+    this.#written = null;
+    if (before === after) return;
+    let from = 0;
+    while (from < Math.min(before.length, after.length) && before[from] === after[from]) from += 1;
+    let end = 0;
+    while (end < Math.min(before.length, after.length) - from && before.at(-1 - end) === after.at(-1 - end)) end += 1;
+    this.#follows = true;
+    this.#view.dispatch({ changes: { from, to: before.length - end, insert: after.slice(from, after.length - end) }, userEvent: "input.type" });
+    this.#follows = false;
   }
 
   // Marks errors: {line, from, to, message, fixes: [{name, apply(text) -> [from, to, insert]}]}.
   mark(errors) {
+    if (errors.length === 0 && this.#marked === 0) return;
+    this.#marked = errors.length;
+    this.#follow();
     const { state } = this.#view;
     const { length, lines } = state.doc;
     const diagnostics = errors.map(({ line, from, to, message, fixes }) => {
@@ -141,6 +179,7 @@ export class Editor {
   }
 
   change(change) {
+    this.#follow();
     this.#view.dispatch({ changes: change });
     this.#view.focus();
   }
@@ -151,6 +190,7 @@ export class Editor {
 
   // Puts the cursor on a line, counted from 0, and shows it.
   goTo(line) {
+    this.#follow();
     const { doc } = this.#view.state;
     const { from, to } = doc.line(Math.min(line + 1, doc.lines));
     this.#view.focus();

@@ -10,16 +10,18 @@ export class Live {
   #answer;
   #slow;
   #refused;
+  #busy;
   #waiting = null; // the newest text, not yet asked for
   #going = null; // {text, controller, since}
 
-  // `answer(answer, text)`, `slow(text)` and `refused(refusal, text)` are told what came of it.
-  constructor({ answer, slow, refused }) {
-    [this.#answer, this.#slow, this.#refused] = [answer, slow, refused];
+  // `answer(answer, text)`, `slow(text)` and `refused(refusal, text)` are told what came of it; `busy(is)` whether anything is asked for.
+  constructor({ answer, slow, refused, busy }) {
+    [this.#answer, this.#slow, this.#refused, this.#busy] = [answer, slow, refused, busy];
   }
 
   solve(text) {
     this.#waiting = text;
+    this.#busy(true);
     if (this.#going === null) return this.#next();
     if (this.#going.giveUp === null) {
       const { controller, since } = this.#going;
@@ -50,6 +52,7 @@ export class Live {
       clearTimeout(going.giveUp);
       this.#going = null;
       if (this.#waiting !== null) this.#next();
+      else this.#busy(false);
     }
   }
 }

@@ -30,6 +30,8 @@ import { verdicts } from "./verdict.js";
 const PAUSE = 250; // milliseconds without a keystroke before a check
 const PANELS = 6; // fields shown at first
 const REMEMBERED = 50; // jobs
+const RESTS = 120; // milliseconds without another answer after which words and tables follow a slider
+const SEEN = 150; // milliseconds that a slider's answer may take before what is in view is marked as old
 
 const FORMATS = [
   ["JSON", "application/json", "json"],
@@ -45,7 +47,7 @@ const plots = new Plots(byId("plots"), byId("hover"));
 const stage = new Stage(byId("picture"), byId("stage"), byId("stagehint"), clock);
 const editor = new Editor(byId("text"), { changed: textChanged, submit: solve, schema: service.schema });
 const knobs = new Knobs(byId("knobs"), turn);
-const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal });
+const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal, busy: (is) => byId("result").setAttribute("aria-busy", is) });
 const jobs = new Jobs(byId("jobtable"), { open: () => toggleJobs(false), fail: tellMessage });
 
 let map = null; // fetched when it is first opened
@@ -57,6 +59,8 @@ let leave = null; // leaves it
 let quick = true; // whether the last live answer came in time
 let dragging = false; // whether a slider is held
 let filling = false; // whether the page itself changes the text
+let resting = null; // when words and tables follow the plots
+let marking = null; // when what is in view is marked as old
 let awaited = null; // the text of the example whose answer is to be brought into view
 
 // ---- writing and checking
@@ -66,6 +70,7 @@ let pause = null;
 
 function textChanged() {
   if (filling) return;
+  dragging = false;
   ghost = null; // of another text than the one that a slider turned
   byId("shared").textContent = "";
   markStale();
@@ -179,12 +184,11 @@ function fill(text) {
 function turn(pointer, value, done) {
   if (!dragging) ghost = shown;
   dragging = !done;
-  filling = true;
-  editor.write(pointer, value);
-  filling = false;
+  editor.write(pointer, value, done);
   const { text } = editor;
   if (text === shown?.text) return;
-  markStale();
+  // Where the answer comes at once, a mark would flicker.
+  marking ??= setTimeout(markStale, SEEN);
   if (byId("live").checked && followed === null) live.solve(text);
   if (done) {
     offerKnobs(text);
@@ -201,11 +205,32 @@ function openCell(pairs) {
   });
 }
 
+// While a slider is dragged, plots and picture follow every answer; words and tables follow as soon as it rests, or the verdict is another.
 function showLive(answer, text) {
   quick = true;
   const specification = lenient(text);
   const run = runOf(answer, { text, specification, label: specification?.label, id: null });
-  present(run, { keep: ghost !== null });
+  clearTimeout(resting);
+  const tell = () => {
+    byId("chosen").classList.remove("behind");
+    present(run, { keep: ghost !== null });
+    tellLive(run, text);
+  };
+  const follows = dragging && other === null && run.t.length > 1 && hasFieldsOf(run) && isTrusted(run) === isTrusted(shown);
+  if (!follows) return tell();
+  byId("chosen").classList.add("behind");
+  shown = run;
+  unmark();
+  if (text !== editor.text) marking = setTimeout(markStale, SEEN);
+  clock.set(run);
+  drawCurves();
+  stage.show(run);
+  resting = setTimeout(() => shown === run && tell(), RESTS);
+}
+
+const isTrusted = ({ status, verdict }) => status === "completed" && verdict?.trusted === true;
+
+function tellLive(run, text) {
   if (text === awaited) bringResult();
   awaited = null;
   byId("outcome").dataset.status = run.status === "completed" ? "successful" : "failed";
@@ -227,10 +252,20 @@ function markStale(words = "What stands below is of an earlier text.", alone = n
   const stale = shown !== null && shown.text !== null && shown.text !== editor.text;
   const running = followed !== null;
   const told = stale ? words : shown === null && alone !== null ? alone : null;
+  clearTimeout(marking);
+  marking = null;
   if (running) return;
   byId("before").hidden = told === null;
   byId("before").textContent = told ?? "";
   byId("chosen").classList.toggle("stale", stale);
+}
+
+// What is in view is of the text in the editor, or of the one that it had a moment ago.
+function unmark() {
+  clearTimeout(marking);
+  marking = null;
+  byId("before").hidden = true;
+  byId("chosen").classList.remove("stale");
 }
 
 // ---- submitting and following
@@ -359,8 +394,11 @@ function presentNothing(status) {
   byId("hover").textContent = "";
 }
 
+// Whether the fields of a run are those of the run in view.
+const hasFieldsOf = (run) => shown !== null && shown.t.length > 0 && Object.keys(shown.fields).join() === Object.keys(run.fields).join();
+
 function present(run, { keep: keeps = false } = {}) {
-  const sameFields = shown !== null && Object.keys(shown.fields).join() === Object.keys(run.fields).join() && shown.t.length > 0;
+  const sameFields = hasFieldsOf(run);
   shown = run;
   other = null;
   byId("empty").hidden = true;
@@ -393,12 +431,18 @@ function tellMessage(message) {
   byId("message").hidden = !message;
 }
 
-function draw() {
+function drawCurves() {
   const runs = [shown, other].filter((run) => run !== null);
   const chosen = [...byId("fields").querySelectorAll("input:checked")].map((input) => input.value);
-  byId("verdict").replaceChildren(...verdicts(runs).filter((part) => part !== null));
   const ghosts = ghost !== null && ghost !== shown && other === null ? ghost : null;
   plots.show(runs, chosen, { specification: shown?.specification, logTime: byId("logtime").checked, ghost: ghosts });
+  drawPhase();
+}
+
+function draw() {
+  const runs = [shown, other].filter((run) => run !== null);
+  byId("verdict").replaceChildren(...verdicts(runs).filter((part) => part !== null));
+  drawCurves();
   byId("claims").replaceChildren(...(shown && Object.keys(shown.diagnostics).length > 0 ? [claims(shown, GUIDE)] : []));
   // While a slider is dragged, nobody reads tables that are folded.
   if (byId("raw").open || ghost === null) showEvidence();
@@ -409,7 +453,6 @@ function draw() {
   byId("warnings").replaceChildren(
     ...warnings.map((warning) => element("li", {}, warning.message, " ", warning.code ? element("a", { href: `${service.base}/docs/codes#${warning.code}` }, "more") : null)),
   );
-  drawPhase();
 }
 
 function offerFields() {

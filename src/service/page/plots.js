@@ -5,6 +5,7 @@
 // ticks at the foot of a panel, one a pixel at most; a run of before is a ghost behind the lines.
 
 import { largestDifference } from "./comparison.js";
+import { colourOf } from "./colours.js";
 import { element } from "./element.js";
 import { hasDecades, hasSeconds, isConstant, isRounding, panels, range, typeOf, wantsDecades } from "./fields.js";
 import { number, ticks } from "./numbers.js";
@@ -29,6 +30,7 @@ export class Plots {
   #span = null; // the times shown
   #syncing = false;
   #time = null;
+  #pointed = null; // {time, near} whose values are told
 
   // Called with a time when the reader clicks on it.
   picked = () => {};
@@ -56,10 +58,9 @@ export class Plots {
     const [type, before] = [typeOf(specification), typeOf(this.#specification)];
     const steady = sameFields && type === before && logTime === this.#logTime && runs.length === 1 && this.#runs.length === 1;
     const sameTimes = steady && runs[0].t[0] === this.#runs[0].t[0] && runs[0].t.at(-1) === this.#runs[0].t.at(-1);
-    const had = this.#ghost !== null;
     [this.#runs, this.#fields, this.#specification, this.#logTime, this.#ghost] = [runs, fields, specification, logTime, ghost];
     if (!sameTimes) this.#span = null;
-    if (sameTimes && had === (ghost !== null) && this.#panels.length > 0 && this.#renew()) return;
+    if (steady && this.#panels.length > 0 && this.#renew()) return;
     this.#build();
   }
 
@@ -101,7 +102,7 @@ export class Plots {
         panel.plot.setScale("x", { min, max });
       });
     }
-    this.#tell(null);
+    if (this.#pointed !== null) this.#tell({ time: this.#pointed.time, near: null });
     this.#placeHeads();
     return true;
   }
@@ -125,10 +126,6 @@ export class Plots {
     return panels(this.#fields, this.#specification, size);
   }
 
-  #colour(name) {
-    return getComputedStyle(this.#root).getPropertyValue(name).trim();
-  }
-
   #isLog(group, ranges) {
     return ranges.every(hasDecades) && ranges.some(wantsDecades) !== this.#linear.has(group.quantity);
   }
@@ -140,15 +137,15 @@ export class Plots {
         .map((field) => {
           const at = group.fields.indexOf(field);
           const second = group.fields.length === 1 && place === 1;
-          return { run, field, place, colour: this.#colour(second ? "--second" : `--line-${at}`), dash: place ? [6, 4] : undefined };
+          return { run, field, place, colour: colourOf(second ? "--second" : `--line-${at}`), dash: place ? [6, 4] : undefined };
         }),
     );
     return shown;
   }
 
-  // The ghost comes first, behind all.
+  // The ghost comes first, behind all; without one its place is empty, so that the panels stay as they are where one comes.
   #data(series) {
-    const ghosts = this.#ghost === null ? [] : series.map(({ field }) => ({ run: this.#ghost, field }));
+    const ghosts = series.map(({ run, field }) => (this.#ghost === null ? { run, field: null } : { run: this.#ghost, field }));
     const all = [...ghosts, ...series];
     const same = all.every(({ run }) => run.t === all[0].run.t);
     const from = this.#logTime ? (t) => t.findIndex((time) => time > 0) : () => 0;
@@ -177,9 +174,9 @@ export class Plots {
     this.#root.append(figure);
 
     const font = `11px ${getComputedStyle(this.#root).fontFamily}`;
-    const axis = { stroke: this.#colour("--quiet"), font, labelFont: font, grid: { stroke: this.#colour("--grid"), width: 1 }, ticks: { show: false } };
+    const axis = { stroke: colourOf("--quiet"), font, labelFont: font, grid: { stroke: colourOf("--grid"), width: 1 }, ticks: { show: false } };
     const line = ({ colour, dash, run, field }) => ({ label: field, stroke: colour, width: 1.6, dash, points: { show: run.t.length < 3 } });
-    const ghosts = this.#ghost === null ? [] : series.map(({ colour }) => ({ stroke: `${colour}55`, width: 1.6, points: { show: false } }));
+    const ghosts = series.map(({ colour }) => ({ stroke: `${colour}55`, width: 1.6, points: { show: false } }));
     const total = height + (last ? FOOT : 0);
     const options = {
       width: this.#root.clientWidth || 600,
@@ -230,7 +227,8 @@ export class Plots {
         if (group.unit !== "" && isRounding(found, Math.max(...scales))) return `${alone}zero to rounding`;
         return null;
       });
-    note.textContent = told.filter((one) => one !== null).slice(0, 3).join(", ");
+    const words = told.filter((one) => one !== null).slice(0, 3).join(", ");
+    if (note.textContent !== words) note.textContent = words;
   }
 
   #toggle(group) {
@@ -261,7 +259,7 @@ export class Plots {
           // Where events accumulate, one tick a pixel shows as much as all of them.
           if (!(x >= bbox.left && x <= bbox.left + bbox.width) || drawn.has(x)) continue;
           drawn.add(x);
-          ctx.strokeStyle = own ? this.#colour(`--line-${at}`) : this.#colour("--quiet");
+          ctx.strokeStyle = own ? colourOf(`--line-${at}`) : colourOf("--quiet");
           ctx.beginPath();
           ctx.moveTo(x, foot - lift);
           ctx.lineTo(x, foot - lift - TICK * width);
@@ -300,6 +298,7 @@ export class Plots {
   }
 
   #tell(at) {
+    this.#pointed = at;
     for (const { group, series, values } of this.#panels) {
       const alone = group.fields.length === 1;
       const told = series.map(({ run, field, place, colour }) => {

@@ -107,15 +107,16 @@ export class Stage {
   // Draws a run. What `signal` ends meanwhile is not shown.
   async #put(kind, run, text, signal = null) {
     const bundle = (name) => new URL(`./vendor/${name}`, import.meta.url).href;
-    const picture = await kind.make(run.specification, run, { bundle });
+    // While a slider is dragged, a canvas that stays spares the page a new layout for each answer.
+    const picture = await kind.make(run.specification, run, { bundle, canvas: this.#picture?.element });
     if (signal?.aborted) return picture?.dispose();
     if (picture === null) return this.clear();
     this.#picture?.dispose();
     this.#picture = picture;
     this.#of = text;
     this.#root.hidden = false;
-    this.#place.replaceChildren(picture.element);
-    this.#hint.textContent = picture.hint;
+    if (picture.element.parentNode !== this.#place) this.#place.replaceChildren(picture.element);
+    if (this.#hint.textContent !== picture.hint) this.#hint.textContent = picture.hint;
     picture.draw(this.#clock.time);
   }
 

@@ -82,7 +82,7 @@ function railsOf(components) {
   return [...order, ...(components.some(({ nodes }) => nodes.includes("0")) ? ["0"] : [])];
 }
 
-export function make(specification, run) {
+export function make(specification, run, { canvas: standing } = {}) {
   const components = componentsOf(specification.problem.circuit);
   const rails = railsOf(components);
   // Components stand in the order of their upper rails, so that rails stay short.
@@ -139,7 +139,7 @@ export function make(specification, run) {
       }
     });
   };
-  const { canvas, redraw, dispose } = surface("The circuit, with its currents at the time of the cursor", 60 + (rails.length - 1) * ROW, paint);
+  const { canvas, redraw, dispose } = surface("The circuit, with its currents at the time of the cursor", 60 + (rails.length - 1) * ROW, paint, standing);
   const draw = (at) => {
     time = at;
     redraw();

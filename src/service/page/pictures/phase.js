@@ -32,7 +32,7 @@ function surfacesOf({ filippov }) {
   );
 }
 
-export function make(specification, run) {
+export function make(specification, run, { canvas: standing } = {}) {
   const [first, second] = statesOf(specification);
   const [us, vs] = [run.fields[first], run.fields[second]];
   if (!us || !vs) return null;
@@ -81,7 +81,7 @@ export function make(specification, run) {
     const next = Math.min(now.k + 1, run.t.length - 1);
     dot(context, x.at(mixed(us, now.k, next, now.part)), y.at(mixed(vs, now.k, next, now.part)), 6, colour("--hot"));
   };
-  const { canvas, redraw, dispose } = surface(`The phase plane of ${first} and ${second}`, 380, paint);
+  const { canvas, redraw, dispose } = surface(`The phase plane of ${first} and ${second}`, 380, paint, standing);
   const hint = surfaces.length > 0 ? "Grey: where the rates jump; red: where the solution slides along it." : "The trajectory, with the time of the cursor.";
   return { element: canvas, dispose, draw: (to) => ((time = to), redraw()), hint };
 }

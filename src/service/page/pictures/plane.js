@@ -39,9 +39,9 @@ function scopeOf(specification, run) {
   };
 }
 
-export function make(specification, run) {
+export function make(specification, run, { canvas } = {}) {
   const view = viewOf(specification);
-  return view ? drawn(specification, run, view) : gauges(specification, run);
+  return view ? drawn(specification, run, view, canvas) : gauges(specification, run, canvas);
 }
 
 const at = (expression, scope) => {
@@ -52,7 +52,7 @@ const at = (expression, scope) => {
   }
 };
 
-function drawn(specification, run, view) {
+function drawn(specification, run, view, standing) {
   const scoped = scopeOf(specification, run);
   const points = Object.entries(view.points).map(([name, list]) => ({ name, parts: list.map(compile) })).filter(({ parts }) => parts.length >= 2 && parts.every((part) => part !== null));
   const placesAt = (now, time) => {
@@ -64,7 +64,8 @@ function drawn(specification, run, view) {
   const xs = range(seen.flatMap(([x, , r = 0]) => [x - r, x + r]));
   const ys = range(seen.flatMap(([, y, r = 0]) => [y - r, y + r]));
   const contacts = contactsOf(specification);
-  const trails = points.map(({ name }) => run.t.map((time, k) => placesAt({ k, part: 0 }, time).get(name)));
+  const frames = []; // the places at the times of the run, as they are first wanted
+  const placesOf = (k) => (frames[k] ??= placesAt({ k, part: 0 }, run.t[k]));
   let time = run.t[0];
   const paint = (context, size) => {
     const { colour, height } = size;
@@ -72,9 +73,10 @@ function drawn(specification, run, view) {
     const map = fitted([xs, ys], size, 36);
     const places = placesAt(now, time);
     const shown = ([x, y]) => [map.x(x), map.y(y)];
-    trails.forEach((trail, i) => {
-      const from = Math.max(0, now.k - 60);
-      const path = trail.slice(from, now.k + 1).filter((place) => place.every(Number.isFinite));
+    const from = Math.max(0, now.k - 60);
+    const behind = Array.from({ length: now.k + 1 - from }, (_, k) => placesOf(from + k));
+    points.forEach(({ name }, i) => {
+      const path = behind.map((places) => places.get(name)).filter((place) => place.every(Number.isFinite));
       if (path.length > 1) line(context, path.map(shown), colour(`--line-${i % 8}`) + "55", 1.4);
     });
     for (const segment of view.segments ?? []) {
@@ -88,7 +90,7 @@ function drawn(specification, run, view) {
     });
     lamps(context, size, contacts.map(({ name }) => ({ name, ...state(run, name, time, specification) })), height - 10);
   };
-  const { canvas, redraw, dispose } = surface("The system in its plane at the time of the cursor", 360, paint);
+  const { canvas, redraw, dispose } = surface("The system in its plane at the time of the cursor", 360, paint, standing);
   return { element: canvas, dispose, draw: (to) => ((time = to), redraw()), hint: "Drawn by `view`; lines behind points are their paths." };
 }
 
@@ -114,7 +116,7 @@ function lamps(context, { colour }, contacts, y) {
   }
 }
 
-function gauges(specification, run) {
+function gauges(specification, run, standing) {
   const contacts = contactsOf(specification).filter(({ name }) => run.fields[`${name}_gap`]);
   if (contacts.length === 0) return null;
   const ranges = contacts.map(({ name }) => range(run.fields[`${name}_gap`]));
@@ -135,7 +137,7 @@ function gauges(specification, run) {
       context.fillText(number(gap, 3), width - 80, y + 4);
     });
   };
-  const { canvas, redraw, dispose } = surface("The gaps of the contacts at the time of the cursor", 20 + 34 * contacts.length, paint);
+  const { canvas, redraw, dispose } = surface("The gaps of the contacts at the time of the cursor", 20 + 34 * contacts.length, paint, standing);
   return {
     element: canvas,
     dispose,

@@ -55,7 +55,7 @@ export function obstacleNeeds(specification) {
   };
 }
 
-export function obstacleMake(specification, run) {
+export function obstacleMake(specification, run, { canvas: standing } = {}) {
   const problem = specification.problem.obstacle;
   const { xs, ys, points } = placesOf(problem);
   const columns = points.map((_, k) => run.fields[`picture_${k}`]);
@@ -108,7 +108,7 @@ export function obstacleMake(specification, run) {
     context.fillText(number(high, 3), width - 52, 28);
     context.fillText(number(low, 3), width - 52, height - 16);
   };
-  const { canvas, redraw, dispose } = surface("The solution over space at the time of the cursor", ys ? 380 : 280, ys ? onPlane : onLine);
+  const { canvas, redraw, dispose } = surface("The solution over space at the time of the cursor", ys ? 380 : 280, ys ? onPlane : onLine, standing);
   return {
     element: canvas,
     dispose,
@@ -144,7 +144,7 @@ export function elasticNeeds(specification) {
   return { ...film(specification), output: { times: { count: FRAMES }, fields } };
 }
 
-export function elasticMake(specification, run) {
+export function elasticMake(specification, run, { canvas: standing } = {}) {
   const problem = specification.problem.elastic;
   const grid = gridOf(problem);
   const scope = scopeOf(problem);
@@ -205,7 +205,7 @@ export function elasticMake(specification, run) {
       if (Object.entries(on).some(([side, touching]) => wall[side] !== null && touching)) dot(context, ...nodes[place], 3.5, colour("--hot"));
     });
   };
-  const { canvas, redraw, dispose } = surface("The body, deformed, at the time of the cursor", grid.kind === "bar" ? 180 : 300, paint);
+  const { canvas, redraw, dispose } = surface("The body, deformed, at the time of the cursor", grid.kind === "bar" ? 180 : 300, paint, standing);
   return {
     element: canvas,
     dispose,

@@ -6,14 +6,16 @@
 import { element } from "../element.js";
 import { parameterValues, value } from "../expressions.js";
 import { between, film, mixed } from "./film.js";
-import { hullOf } from "./hull.js";
+import { Pace } from "./pace.js";
+import { Shapes } from "./shapes.js";
 
 const FRAMES = 241;
 const FRAMES_OF_MANY = 121;
 const MANY = 40; // bodies from which forces and trails are left out
+const SIDES = 24; // that stand for a circle
+const SIDES_OF_MANY = 12; // where a processor draws many bodies
 const MOST = 1500; // bodies that are drawn
-const SLOWEST = 24; // frames a second below which less is drawn
-const PAUSED = 2000; // milliseconds between frames of different plays
+const RESTS = 250; // milliseconds after the last frame at which the picture is drawn with all it has
 const POSE = ["x", "y", "z", "qw", "qx", "qy", "qz"];
 const COLOURS = [0x2f6fab, 0xc2571a, 0x2b7d46, 0x8a3f8f, 0xb08900, 0x00798c, 0xa4262c, 0x6b7280];
 
@@ -69,7 +71,8 @@ export async function make(specification, run, { bundle }) {
   const up = gravity.length() > 0 ? gravity.clone().multiplyScalar(-1).normalize() : new three.Vector3(0, 0, 1);
 
   const bodies = named(scene.bodies);
-  const shapes = new Shapes(three, number, vector);
+  const taxed = software && bodies.length > MANY;
+  const shapes = new Shapes(three, number, vector, taxed ? SIDES_OF_MANY : SIDES);
   const movers = [];
   const still = new three.Vector3();
   const poses = [];
@@ -105,15 +108,17 @@ export async function make(specification, run, { bundle }) {
   const size = Math.max(high.distanceTo(low), 1e-9);
   shapes.sizeGrounds(size, centre);
 
-  world.add(new three.HemisphereLight(0xffffff, dark ? 0x303840 : 0xb0b0a8, 1.6));
+  const day = new three.HemisphereLight(0xffffff, dark ? 0x303840 : 0xb0b0a8, 1.6);
+  world.add(day);
   const sun = new three.DirectionalLight(0xffffff, 1.8);
   sun.castShadow = true;
   sun.shadow.mapSize.set(software ? 512 : 1024, software ? 512 : 1024);
-  Object.assign(sun.shadow.camera, { left: -size, right: size, top: size, bottom: -size, near: size / 100, far: 8 * size });
+  Object.assign(sun.shadow.camera, { left: -size / 2, right: size / 2, top: size / 2, bottom: -size / 2, near: size / 100, far: 8 * size });
   const side = Math.abs(up.x) < 0.9 ? new three.Vector3(1, 0, 0) : new three.Vector3(0, 1, 0);
   sun.position.copy(centre).addScaledVector(up, 2.5 * size).addScaledVector(side, 0.8 * size).addScaledVector(side.clone().cross(up), 0.6 * size);
   sun.target.position.copy(centre);
   world.add(sun, sun.target);
+  shapes.build(world, day, sun);
 
   const ink = dark ? 0xdde3ea : 0x1f2933;
   const line = (colour, points) => {
@@ -157,36 +162,53 @@ export async function make(specification, run, { bundle }) {
   const view = new three.Spherical(size * 1.45, 1.15, -0.9);
   const frame = new three.Quaternion().setFromUnitVectors(new three.Vector3(0, 1, 0), up);
   camera.up.copy(up);
+
+  // While it moves and frames come slowly, shadows go first, then pixels. Where it rests, all is drawn.
+  let [shadows, quality, moves, looks, later] = [!taxed, 1, false, 0, null];
+  const pace = new Pace(() => {
+    if (shadows) shadows = false;
+    else quality = 0.6;
+  });
   const look = () => {
+    render();
+    moves = true;
+    const own = (looks += 1);
+    clearTimeout(later);
+    // It rests where nothing is drawn after this frame, however long that took.
+    requestAnimationFrame(() => requestAnimationFrame(() => own === looks && (later = setTimeout(rest, RESTS))));
+    pace.frame();
+  };
+  const rest = () => {
+    moves = false;
+    if (!shadows || quality < 1) render();
+  };
+  const render = () => {
+    sun.castShadow = shadows || !moves;
+    shapes.light(sun.castShadow);
+    resize(moves ? quality : 1);
     camera.position.setFromSpherical(view).applyQuaternion(frame).add(centre);
     camera.lookAt(centre);
+    world.updateMatrixWorld();
+    shapes.place();
     renderer.render(world, camera);
   };
-  steer(canvas, view, look);
-
-  // Where frames come slowly, shadows go first, then every second pixel.
-  let quality = 1;
-  const pace = new Pace(() => {
-    if (sun.castShadow) sun.castShadow = false;
-    else if (quality === 1) {
-      quality = 0.6;
-      resize();
-    }
-  });
-  const resize = () => {
-    const width = canvas.clientWidth || 800;
-    const height = canvas.clientHeight || 500;
-    renderer.setPixelRatio(Math.min(devicePixelRatio, software ? 1 : 2) * quality);
+  let drawn = "";
+  const resize = (part) => {
+    const [width, height] = [canvas.clientWidth || 800, canvas.clientHeight || 500];
+    const ratio = Math.min(devicePixelRatio, software ? 1 : 2) * part;
+    if (drawn === `${width} ${height} ${ratio}`) return;
+    drawn = `${width} ${height} ${ratio}`;
+    renderer.setPixelRatio(ratio);
     renderer.setSize(width, height, false);
     camera.aspect = width / height;
     camera.updateProjectionMatrix();
   };
-  const observer = new ResizeObserver(() => (resize(), look()));
+  steer(canvas, view, look);
+  const observer = new ResizeObserver(look);
   observer.observe(canvas);
 
   const [p, q] = [new three.Quaternion(), new three.Quaternion()];
   const draw = (time) => {
-    pace.frame();
     const { k, part } = between(run.t, time);
     const next = Math.min(k + 1, run.t.length - 1);
     for (const { group, columns: [x, y, z, w, i, j, l] } of movers) {
@@ -208,6 +230,8 @@ export async function make(specification, run, { bundle }) {
   };
   const dispose = () => {
     observer.disconnect();
+    looks = -1;
+    clearTimeout(later);
     renderer.dispose();
     renderer.forceContextLoss();
   };
@@ -222,29 +246,6 @@ function drawsInSoftware() {
   const name = names ? String(context.getParameter(names.UNMASKED_RENDERER_WEBGL)) : "";
   context?.getExtension("WEBGL_lose_context")?.loseContext();
   return /swiftshader|llvmpipe|software/i.test(name);
-}
-
-// Calls `slow()` where a film comes with fewer frames than `SLOWEST` a second, again after as many more.
-class Pace {
-  #slow;
-  #last = 0;
-  #intervals = [];
-
-  constructor(slow) {
-    this.#slow = slow;
-  }
-
-  frame() {
-    const now = performance.now();
-    const interval = now - this.#last;
-    this.#last = now;
-    if (interval > PAUSED) return;
-    this.#intervals.push(interval);
-    if (this.#intervals.length < 10) return;
-    const mean = this.#intervals.reduce((sum, one) => sum + one, 0) / this.#intervals.length;
-    this.#intervals = [];
-    if (mean > 1000 / SLOWEST) this.#slow();
-  }
 }
 
 // The poses of a body whose motion is given: its position as it stands, or its velocity added up; and its turning added up.
@@ -298,137 +299,4 @@ function steer(canvas, view, look) {
     else return;
     event.preventDefault();
   });
-}
-
-// The shapes of bodies as meshes. Equal shapes share their geometry.
-class Shapes {
-  #three;
-  #number;
-  #vector;
-  #grounds = [];
-  #geometries = new Map();
-  #materials = new Map();
-
-  constructor(three, number, vector) {
-    [this.#three, this.#number, this.#vector] = [three, number, vector];
-  }
-
-  add(group, shape, colour, fixed) {
-    const three = this.#three;
-    const [kind, given] = Object.entries(shape)[0];
-    if (kind === "compound") {
-      for (const part of given) {
-        const inner = new three.Group();
-        const turn = this.#vector(part.orientation, [1, 0, 0, 0]);
-        inner.position.set(...this.#vector(part.position, [0, 0, 0]));
-        inner.quaternion.set(turn[1], turn[2], turn[3], turn[0]).normalize();
-        this.add(inner, part.shape, colour, fixed);
-        group.add(inner);
-      }
-      return;
-    }
-    if (kind === "half_space") return this.#ground(group, given);
-    const mesh = new three.Mesh(this.#geometry(kind, given), this.#material(colour));
-    mesh.castShadow = !fixed;
-    mesh.receiveShadow = true;
-    group.add(mesh);
-    if (kind === "sphere") {
-      // A ball that turns is seen to turn.
-      const ring = new three.Mesh(this.#geometry("belt", given), this.#material(0xf4f1ea));
-      group.add(ring);
-    }
-  }
-
-  #material(colour) {
-    if (!this.#materials.has(colour)) this.#materials.set(colour, new this.#three.MeshLambertMaterial({ color: colour }));
-    return this.#materials.get(colour);
-  }
-
-  #geometry(kind, given) {
-    const key = JSON.stringify([kind, given]);
-    if (!this.#geometries.has(key)) this.#geometries.set(key, this.#made(kind, given));
-    return this.#geometries.get(key);
-  }
-
-  #made(kind, given) {
-    const three = this.#three;
-    const number = this.#number;
-    // Capsules and cylinders of three.js lie along y, those of a specification along z.
-    const upright = (geometry) => geometry.rotateX(Math.PI / 2);
-    switch (kind) {
-      case "sphere":
-        return new three.SphereGeometry(number(given.radius, 1), 20, 12);
-      case "belt": {
-        const radius = number(given.radius, 1);
-        return upright(new three.CylinderGeometry(1.004 * radius, 1.004 * radius, 0.16 * radius, 24, 1, true));
-      }
-      case "box":
-        return new three.BoxGeometry(...this.#vector(given.size, [1, 1, 1]));
-      case "capsule":
-        return upright(new three.CapsuleGeometry(number(given.radius, 1), number(given.length, 1), 8, 16));
-      case "cylinder":
-        return upright(new three.CylinderGeometry(number(given.radius, 1), number(given.radius, 1), number(given.length, 1), 28));
-      case "convex_hull":
-        return this.#faces(hullOf(given.points.map((point) => this.#vector(point, [0, 0, 0]))));
-      default:
-        return this.#faces(given.triangles.map((triangle) => triangle.map((corner) => this.#vector(given.vertices[corner], [0, 0, 0]))));
-    }
-  }
-
-  #faces(triangles) {
-    const geometry = new this.#three.BufferGeometry();
-    geometry.setAttribute("position", new this.#three.BufferAttribute(new Float32Array(triangles.flat(2)), 3));
-    geometry.computeVertexNormals();
-    return geometry;
-  }
-
-  #ground(group, { normal }) {
-    const three = this.#three;
-    const up = new three.Vector3(...this.#vector(normal, [0, 0, 1])).normalize();
-    const plane = new three.Mesh(new three.PlaneGeometry(1, 1), new three.MeshLambertMaterial({ color: matchMedia("(prefers-color-scheme: dark)").matches ? 0x2b323b : 0xe9e7e1 }));
-    plane.quaternion.setFromUnitVectors(new three.Vector3(0, 0, 1), up);
-    plane.receiveShadow = true;
-    const grid = new three.GridHelper(1, 20, 0x8a94a0, 0xb9c0c8);
-    grid.quaternion.setFromUnitVectors(new three.Vector3(0, 1, 0), up);
-    grid.material.transparent = true;
-    grid.material.opacity = 0.4;
-    group.add(plane, grid);
-    this.#grounds.push({ group, plane, grid, up });
-  }
-
-  // Grounds have no end: they reach a little beyond all that happens, below it.
-  sizeGrounds(size, centre) {
-    for (const { group, plane, grid, up } of this.#grounds) {
-      const local = group.worldToLocal(centre.clone());
-      local.addScaledVector(up, -local.dot(up));
-      plane.position.copy(local);
-      grid.position.copy(local).addScaledVector(up, size / 2000);
-      plane.scale.setScalar(3 * size);
-      grid.scale.setScalar(3 * size);
-    }
-  }
-
-  // The radius of a ball about the origin of the frame that holds the shape.
-  radius(shape) {
-    const [kind, given] = Object.entries(shape)[0];
-    const farthest = (points) => Math.max(...points.map((point) => Math.hypot(...this.#vector(point, [0, 0, 0]))));
-    switch (kind) {
-      case "sphere":
-        return this.#number(given.radius, 1);
-      case "box":
-        return Math.hypot(...this.#vector(given.size, [1, 1, 1])) / 2;
-      case "capsule":
-        return this.#number(given.length, 1) / 2 + this.#number(given.radius, 1);
-      case "cylinder":
-        return Math.hypot(this.#number(given.length, 1) / 2, this.#number(given.radius, 1));
-      case "convex_hull":
-        return farthest(given.points);
-      case "triangle_mesh":
-        return farthest(given.vertices);
-      case "compound":
-        return Math.max(...given.map((part) => Math.hypot(...this.#vector(part.position, [0, 0, 0])) + this.radius(part.shape)));
-      default:
-        return Infinity;
-    }
-  }
 }

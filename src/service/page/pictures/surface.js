@@ -1,16 +1,21 @@
 // A canvas for pictures in a plane: it keeps its size and the screen's resolution, and has the colours of the page.
 
+import { colourOf } from "../colours.js";
 import { element } from "../element.js";
 
+const widths = new WeakMap(); // of canvases, as last seen: asked of the document, each would have all that has just changed laid out
+
 // `paint(context, {width, height, colour})` draws in CSS pixels; `redraw()` of the answer draws again. The canvas is `tall` pixels high until its
-// style says otherwise.
-export function surface(label, tall, paint) {
-  const canvas = element("canvas", { role: "img", "aria-label": label });
+// style says otherwise. Given one that stands already, it is drawn on that.
+export function surface(label, tall, paint, canvas = element("canvas", { role: "img" })) {
+  canvas.setAttribute("aria-label", label);
   canvas.style.height = `${tall}px`;
-  const colour = (name) => getComputedStyle(canvas).getPropertyValue(name).trim() || "#888888";
+  const colour = (name) => colourOf(name) || "#888888";
   const redraw = () => {
-    const [width, height] = [canvas.clientWidth, parseFloat(canvas.style.height)];
+    const width = widths.get(canvas) || canvas.clientWidth;
     if (width === 0) return;
+    widths.set(canvas, width);
+    const height = parseFloat(canvas.style.height);
     const scale = Math.min(devicePixelRatio, 2);
     const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
     if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
@@ -20,7 +25,11 @@ export function surface(label, tall, paint) {
     context.font = "12px system-ui, sans-serif";
     paint(context, { width, height, colour });
   };
-  const observer = new ResizeObserver(redraw);
+  const observer = new ResizeObserver(() => {
+    if (canvas.clientWidth === widths.get(canvas)) return;
+    widths.set(canvas, canvas.clientWidth);
+    redraw();
+  });
   observer.observe(canvas);
   const scheme = matchMedia("(prefers-color-scheme: dark)");
   scheme.addEventListener("change", redraw);

@@ -1,0 +1,206 @@
+// The shapes of bodies in space: all that are equal, or differ in size alone, are drawn by one call.
+
+import { hullOf } from "./hull.js";
+
+const BELT = 0xf4f1ea;
+
+export class Shapes {
+  #three;
+  #number;
+  #vector;
+  #sides;
+  #plain; // a material of a colour that is lit at corners alone
+  #grounds = [];
+  #kinds = new Map(); // {geometry, casts, parts: [{node, colour}], mesh} by what they have in common
+
+  // `sides` stand for a circle, a multiple of four.
+  constructor(three, number, vector, sides) {
+    [this.#three, this.#number, this.#vector, this.#sides] = [three, number, vector, sides];
+  }
+
+  add(group, shape, colour, fixed) {
+    const three = this.#three;
+    const [kind, given] = Object.entries(shape)[0];
+    if (kind === "compound") {
+      for (const part of given) {
+        const inner = new three.Group();
+        const turn = this.#vector(part.orientation, [1, 0, 0, 0]);
+        inner.position.set(...this.#vector(part.position, [0, 0, 0]));
+        inner.quaternion.set(turn[1], turn[2], turn[3], turn[0]).normalize();
+        this.add(inner, part.shape, colour, fixed);
+        group.add(inner);
+      }
+      return;
+    }
+    if (kind === "half_space") return this.#ground(group, given);
+    this.#part(group, kind, given, colour, !fixed);
+    // A ball that turns is seen to turn.
+    if (kind === "sphere") this.#part(group, "belt", given, BELT, false);
+  }
+
+  // What moves throws a shadow.
+  #part(group, kind, given, colour, casts) {
+    const size = this.#sizeOf(kind, given);
+    const key = JSON.stringify([kind, size === null ? given : null, casts]);
+    if (!this.#kinds.has(key)) this.#kinds.set(key, { geometry: this.#made(kind, given), casts, parts: [] });
+    const node = new this.#three.Group();
+    if (size !== null) node.scale.set(...size);
+    group.add(node);
+    this.#kinds.get(key).parts.push({ node, colour });
+  }
+
+  // Puts a mesh for all parts of a kind into the world, when all are known, and the lights that there are.
+  build(world, day, sun) {
+    const three = this.#three;
+    this.#plain = (colour) => litByCorners(new three.MeshBasicMaterial({ color: colour }), day, sun);
+    for (const kind of this.#kinds.values()) {
+      kind.mesh = new three.InstancedMesh(kind.geometry, new three.MeshLambertMaterial(), kind.parts.length);
+      kind.parts.forEach(({ colour }, i) => kind.mesh.setColorAt(i, new three.Color(colour)));
+      Object.assign(kind.mesh, { castShadow: kind.casts, receiveShadow: true, frustumCulled: false });
+      world.add(kind.mesh);
+    }
+  }
+
+  // Lights every pixel, as shadows need it, or corners alone, which is a small part of the work.
+  light(pixels) {
+    const meshes = [...this.#kinds.values()].map(({ mesh }) => mesh).concat(this.#grounds.map(({ plane }) => plane));
+    for (const mesh of meshes) {
+      mesh.userData.full ??= mesh.material;
+      if (!pixels) mesh.userData.plain ??= this.#plain(mesh.material.color);
+      mesh.material = pixels ? mesh.userData.full : mesh.userData.plain;
+    }
+  }
+
+  // Brings the meshes to where the bodies are.
+  place() {
+    for (const { mesh, parts } of this.#kinds.values()) {
+      parts.forEach(({ node }, i) => mesh.setMatrixAt(i, node.matrixWorld));
+      mesh.instanceMatrix.needsUpdate = true;
+    }
+  }
+
+  // The factors by which a shape is larger than the one of size 1; nothing where its proportions are its own.
+  #sizeOf(kind, given) {
+    switch (kind) {
+      case "sphere":
+      case "belt":
+        return Array(3).fill(this.#number(given.radius, 1));
+      case "box":
+        return this.#vector(given.size, [1, 1, 1]);
+      case "cylinder":
+        return [this.#number(given.radius, 1), this.#number(given.radius, 1), this.#number(given.length, 1)];
+      default:
+        return null;
+    }
+  }
+
+  #made(kind, given) {
+    const three = this.#three;
+    const [number, sides] = [this.#number, this.#sides];
+    // Capsules and cylinders of three.js lie along y, those of a specification along z.
+    const upright = (geometry) => geometry.rotateX(Math.PI / 2);
+    switch (kind) {
+      case "sphere":
+        // Its meridians are those of the belt, which lies on it without a gap.
+        return upright(new three.SphereGeometry(1, sides, Math.round(0.6 * sides)));
+      case "belt":
+        return upright(new three.CylinderGeometry(1.004, 1.004, 0.16, sides, 1, true));
+      case "box":
+        return new three.BoxGeometry(1, 1, 1);
+      case "capsule":
+        return upright(new three.CapsuleGeometry(number(given.radius, 1), number(given.length, 1), Math.round(0.3 * sides), sides));
+      case "cylinder":
+        return upright(new three.CylinderGeometry(1, 1, 1, sides));
+      case "convex_hull":
+        return this.#faces(hullOf(given.points.map((point) => this.#vector(point, [0, 0, 0]))));
+      default:
+        return this.#faces(given.triangles.map((triangle) => triangle.map((corner) => this.#vector(given.vertices[corner], [0, 0, 0]))));
+    }
+  }
+
+  #faces(triangles) {
+    const geometry = new this.#three.BufferGeometry();
+    geometry.setAttribute("position", new this.#three.BufferAttribute(new Float32Array(triangles.flat(2)), 3));
+    geometry.computeVertexNormals();
+    return geometry;
+  }
+
+  #ground(group, { normal }) {
+    const three = this.#three;
+    const up = new three.Vector3(...this.#vector(normal, [0, 0, 1])).normalize();
+    const plane = new three.Mesh(new three.PlaneGeometry(1, 1), new three.MeshLambertMaterial({ color: matchMedia("(prefers-color-scheme: dark)").matches ? 0x2b323b : 0xe9e7e1 }));
+    plane.quaternion.setFromUnitVectors(new three.Vector3(0, 0, 1), up);
+    plane.receiveShadow = true;
+    const grid = new three.GridHelper(1, 20, 0x8a94a0, 0xb9c0c8);
+    grid.quaternion.setFromUnitVectors(new three.Vector3(0, 1, 0), up);
+    grid.material.transparent = true;
+    grid.material.opacity = 0.4;
+    group.add(plane, grid);
+    this.#grounds.push({ group, plane, grid, up });
+  }
+
+  // Grounds have no end: they reach a little beyond all that happens, below it.
+  sizeGrounds(size, centre) {
+    for (const { group, plane, grid, up } of this.#grounds) {
+      const local = group.worldToLocal(centre.clone());
+      local.addScaledVector(up, -local.dot(up));
+      plane.position.copy(local);
+      grid.position.copy(local).addScaledVector(up, size / 2000);
+      plane.scale.setScalar(3 * size);
+      grid.scale.setScalar(3 * size);
+    }
+  }
+
+  // The radius of a ball about the origin of the frame that holds the shape.
+  radius(shape) {
+    const [kind, given] = Object.entries(shape)[0];
+    const farthest = (points) => Math.max(...points.map((point) => Math.hypot(...this.#vector(point, [0, 0, 0]))));
+    switch (kind) {
+      case "sphere":
+        return this.#number(given.radius, 1);
+      case "box":
+        return Math.hypot(...this.#vector(given.size, [1, 1, 1])) / 2;
+      case "capsule":
+        return this.#number(given.length, 1) / 2 + this.#number(given.radius, 1);
+      case "cylinder":
+        return Math.hypot(this.#number(given.length, 1) / 2, this.#number(given.radius, 1));
+      case "convex_hull":
+        return farthest(given.points);
+      case "triangle_mesh":
+        return farthest(given.vertices);
+      case "compound":
+        return Math.max(...given.map((part) => Math.hypot(...this.#vector(part.position, [0, 0, 0])) + this.radius(part.shape)));
+      default:
+        return Infinity;
+    }
+  }
+}
+
+// A material without lights of its own that has, at each corner, the light of a matt surface (Lambert) between the day and the sun.
+function litByCorners(material, day, sun) {
+  const scaled = ({ color, intensity }) => color.clone().multiplyScalar(intensity / Math.PI);
+  const uniforms = {
+    sky: { value: scaled(day) },
+    earth: { value: scaled({ color: day.groundColor, intensity: day.intensity }) },
+    sunlight: { value: scaled(sun) },
+    sunward: { value: sun.position.clone().sub(sun.target.position).normalize() },
+  };
+  material.onBeforeCompile = (shader) => {
+    Object.assign(shader.uniforms, uniforms);
+    const [vertex, fragment] = [shader.vertexShader, shader.fragmentShader];
+    shader.vertexShader = `uniform vec3 sky, earth, sunlight, sunward;\nvarying vec3 vLight;\n${vertex.replace("#include <project_vertex>", `#include <project_vertex>\n${LIGHT}`)}`;
+    shader.fragmentShader = `varying vec3 vLight;\n${fragment.replace("#include <color_fragment>", "#include <color_fragment>\ndiffuseColor.rgb *= vLight;")}`;
+  };
+  return material;
+}
+
+// A body that is larger along one direction turns its normals away from it. The day comes from +y, as that of three.js does.
+const LIGHT = `
+  vec3 facing = normal;
+  #ifdef USE_INSTANCING
+    mat3 placed = mat3(instanceMatrix);
+    facing = placed * (facing / vec3(dot(placed[0], placed[0]), dot(placed[1], placed[1]), dot(placed[2], placed[2])));
+  #endif
+  facing = normalize(mat3(modelMatrix) * facing);
+  vLight = mix(earth, sky, 0.5 * facing.y + 0.5) + sunlight * max(dot(facing, sunward), 0.0);
+`;
