@@ -388,6 +388,26 @@ fn compared(asked: &Sensitivities, plan: &Plan, ended: &Ended) -> Vec<At> {
     on_the_way.chain([At { t: plan.end, rows: ended.derivatives.clone() }]).collect()
 }
 
+/// Whether some of several runs have had an event at a time that others have not had yet: their numbers differ, and the last of
+/// them is no further back than their last ones are apart. What the runs differ by then is no derivative.
+fn is_between_events(events: &[Vec<f64>], t: f64) -> bool {
+    let before = |events: &Vec<f64>| events.partition_point(|event| *event <= t);
+    let counts: Vec<usize> = events.iter().map(before).collect();
+    if counts.windows(2).all(|pair| pair[0] == pair[1]) {
+        return false;
+    }
+    let last = |(events, count): (&Vec<f64>, &usize)| match count {
+        0 => f64::NEG_INFINITY,
+        count => events[count - 1],
+    };
+    let (first, latest) = events
+        .iter()
+        .zip(&counts)
+        .map(last)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(first, latest), last| (first.min(last), latest.max(last)));
+    t - latest <= latest - first
+}
+
 /// Compares the derivatives of a run with differences of runs.
 fn compare(
     plan: &Plan,
@@ -420,7 +440,7 @@ fn compare(
         .collect();
     let resolution = resolution.map_or(0.0, |resolution| resolution.along(&direction));
     // The values of each state at the times that are compared.
-    let along = |multiple: f64| -> Option<Vec<Vec<f64>>> {
+    let along = |multiple: f64| -> Option<(Vec<Vec<f64>>, Vec<f64>)> {
         let mut parameters = values.to_vec();
         let mut states = Vec::new();
         for (by, change) in asked.by.iter().zip(&direction) {
@@ -441,11 +461,12 @@ fn compare(
         reference.observables.bind(&parameters);
         let Ended { solution, .. } = run(&Moved { parameters: &parameters, states: &states, plan: &reference })?;
         let is_whole = solution.status == Status::Completed && solution.trajectory.t.len() == compared.len();
-        is_whole.then(|| solution.trajectory.fields.into_iter().map(|field| field.values).collect())
+        let events = solution.trajectory.events.iter().map(|event| event.t).collect();
+        is_whole.then(|| (solution.trajectory.fields.into_iter().map(|field| field.values).collect(), events))
     };
-    let [Some(here), Some(above), Some(below), Some(far_above), Some(far_below)] =
-        [0.0, 1.0, -1.0, 2.0, -2.0].map(along)
-    else {
+    let runs: Vec<_> = [0.0, 1.0, -1.0, 2.0, -2.0].into_iter().map_while(along).collect();
+    let (values, events): (Vec<Vec<Vec<f64>>>, Vec<Vec<f64>>) = runs.into_iter().unzip();
+    let [here, above, below, far_above, far_below] = values.as_slice() else {
         let message = "runs with other parameters, which the derivatives are compared with, did not reach the end";
         checks.caveat("derivatives_not_checked", message.to_owned());
         return;
@@ -455,12 +476,15 @@ fn compare(
         let largest = here[k].iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
         for (i, At { t, rows }) in compared.iter().enumerate() {
             let Some(row) = rows.chunks(asked.by.len()).nth(k) else { continue };
-            let [here, above, below] = [&here, &above, &below].map(|values| values[k][i]);
-            let [far_above, far_below] = [&far_above, &far_below].map(|values| values[k][i]);
+            let [here, above, below] = [here, above, below].map(|values| values[k][i]);
+            let [far_above, far_below] = [far_above, far_below].map(|values| values[k][i]);
             let derivative: f64 = row.iter().zip(&direction).map(|(slope, change)| slope * change).sum();
             let near = 0.5 * (above - below);
             let far = 0.25 * (far_above - far_below);
             let is_end = i + 1 == compared.len();
+            if !is_end && is_between_events(&events, *t) {
+                continue;
+            }
             // On the way errors are as large as the state was before.
             let size = if is_end { here.abs() } else { largest };
             let known = rtol * size + atol.get(of).copied().unwrap_or(0.0) + resolution + f64::EPSILON * largest;
