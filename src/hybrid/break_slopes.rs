@@ -34,12 +34,13 @@ pub fn break_slopes(
         return None;
     }
     let by = CENTRAL_DIFFERENCE * before.abs().max(after.abs()).max(f64::MIN_POSITIVE.sqrt());
-    let [[_, first], [_, last]] = [before - by, after + by].map(&mut at);
+    let ends = [before - by, after + by];
+    let [[_, first], [_, last]] = ends.map(&mut at);
     // What jumps here does so where something else runs evenly: that decides the time.
     let is_even = |k: &&usize| (right[**k] - left[**k]).abs() <= 0.5 * (last[**k] - first[**k]).abs();
     let mut slopes: Option<Vec<f64>> = None;
     for &k in changed.iter().filter(is_even) {
-        let rate = (last[k] - first[k]) / (2.0 * by);
+        let rate = (last[k] - first[k]) / (ends[1] - ends[0]);
         let of = |shift: &Option<Shift>| match shift {
             Some((size, [above, below])) => -(above[k] - below[k]) / (2.0 * size) / rate,
             None => 0.0,
