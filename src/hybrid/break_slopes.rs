@@ -20,7 +20,7 @@ pub enum NoSlope {
 /// functions that change sign, and of what runs evenly through these changes.
 ///
 /// # Errors
-/// If there are none.
+/// If the time is not differentiable: see [`NoSlope`].
 pub fn break_slopes(
     [before, after]: [f64; 2],
     mut at: impl FnMut(f64) -> [Vec<f64>; 2],

@@ -28,7 +28,7 @@ use super::dense_output::Step;
 use super::face::Activity;
 use super::stepper::Radau;
 use super::tableau::Tableau;
-use hybrid::OneStep;
+use hybrid::{NoSlope, OneStep};
 use nalgebra::{DMatrix, Dyn, LU};
 use problem::{Dvi, Mass, MovingBound};
 
@@ -91,6 +91,15 @@ pub enum NoDerivative {
     /// The equations of a step, or of the variables, are singular.
     #[error("the equations for the derivatives are singular")]
     Singular,
+}
+
+impl From<NoSlope> for NoDerivative {
+    fn from(cause: NoSlope) -> Self {
+        match cause {
+            NoSlope::Grazing => Self::Grazing,
+            NoSlope::Several => Self::Several,
+        }
+    }
 }
 
 /// The derivatives along a run.

@@ -1,5 +1,6 @@
 //! The answer of a solve: the trajectory in columns, events, diagnostics, and the status.
 
+mod astray;
 mod audit;
 mod branch;
 pub mod columnar;

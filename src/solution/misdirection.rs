@@ -22,30 +22,27 @@ impl Misdirection {
         self.taken = (self.taken - lost).max(taken).max(0.0);
         let possible = speed.max(self.taken);
         self.way += h * possible;
-        // A direction is off by no more than all of it.
-        let speed = error.iter().map(|error| error * error).sum::<f64>().sqrt().max(possible);
-        if speed <= 0.0 {
-            return;
-        }
-        for (sums, error) in self.sums.iter_mut().zip(error) {
-            let square = (error / speed).powi(2);
-            sums.iter_mut().zip([1.0, self.way, self.way * self.way]).for_each(|(sum, power)| *sum += square * power);
-        }
+        self.err(error, possible, self.way);
     }
 
     /// Adds an error that an impact gave each component of the velocity some time `ago`, and that is known only now, where the speed
     /// is `speed`. It took as much of the speed in error as it may have changed of it.
     pub fn mistake(&mut self, ago: f64, speed: f64, error: &[f64]) {
         self.sums.resize(error.len(), [0.0; 3]);
-        let size = error.iter().map(|error| error * error).sum::<f64>().sqrt();
-        self.taken = self.taken.max(size);
+        self.taken = self.taken.max(size_of(error));
         let possible = speed.max(self.taken);
-        if possible <= 0.0 {
+        self.err(error, possible, self.way - ago * possible);
+    }
+
+    /// Adds an error that each component of the velocity has, at a speed, from a way on.
+    fn err(&mut self, error: &[f64], speed: f64, since: f64) {
+        // A direction is off by no more than all of it.
+        let speed = size_of(error).max(speed);
+        if speed <= 0.0 {
             return;
         }
-        let since = self.way - ago * possible;
         for (sums, error) in self.sums.iter_mut().zip(error) {
-            let square = (error / possible).powi(2);
+            let square = (error / speed).powi(2);
             sums.iter_mut().zip([1.0, since, since * since]).for_each(|(sum, power)| *sum += square * power);
         }
     }
@@ -55,7 +52,7 @@ impl Misdirection {
         self.sums.iter().any(|[one, ..]| *one > 0.0)
     }
 
-    /// Lets contacts hold components of the velocity: where they do, the place is given, and earlier errors are none any more.
+    /// Clears the errors of the components that contacts hold: a body rests in such a direction, whatever earlier impacts were off by.
     pub fn hold(&mut self, held: &[bool]) {
         self.sums.iter_mut().zip(held).filter(|(_, held)| **held).for_each(|(sums, _)| *sums = [0.0; 3]);
     }
@@ -71,6 +68,10 @@ impl Misdirection {
         let speed = speed.max(self.taken);
         self.sums.iter().map(move |[one, ..]| one.sqrt() * speed)
     }
+}
+
+fn size_of(error: &[f64]) -> f64 {
+    error.iter().map(|error| error * error).sum::<f64>().sqrt()
 }
 
 #[cfg(test)]

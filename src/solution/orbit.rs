@@ -216,13 +216,7 @@ pub(super) fn run_along(
 /// by its own error: near a double orbit, both vanish with the square root of the tolerance.
 fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usize>, control: &Control) -> bool {
     let rtol = subject.settings().rtol;
-    let distance = |shot: &Shot| {
-        let values = shot.multipliers();
-        let off_one = |k: &usize| (values[*k][0] - 1.0).hypot(values[*k][1]);
-        let free = (0..values.len()).min_by(|a, b| off_one(a).total_cmp(&off_one(b))).filter(|_| phase.is_some());
-        let others = (0..values.len()).filter(|k| Some(*k) != free);
-        others.map(|k| modulus(&values[k])).fold(0.0, f64::max) - 1.0
-    };
+    let distance = |shot: &Shot| largest_modulus(&shot.multipliers(), phase.is_some()).unwrap_or(0.0) - 1.0;
     let here = distance(shot);
     if here.abs() > rtol.sqrt() {
         return true;
@@ -243,13 +237,17 @@ fn is_decided(subject: Subject<'_>, plan: &Plan, shot: &Shot, phase: Option<usiz
 /// Whether all multipliers are inside the unit circle, except the one nearest to 1 if the phase is free; `None` if one
 /// is on the circle, or none are known.
 pub(super) fn is_stable(multipliers: &[[f64; 2]], is_free: bool) -> Option<bool> {
-    let off_one = |[re, im]: &[f64; 2]| (re - 1.0).hypot(*im);
-    let nearest = (0..multipliers.len()).min_by(|a, b| off_one(&multipliers[*a]).total_cmp(&off_one(&multipliers[*b])));
-    let left_out = nearest.filter(|_| is_free);
-    nearest?;
-    let others = (0..multipliers.len()).filter(|k| Some(*k) != left_out).map(|k| modulus(&multipliers[k]));
-    let largest = others.fold(0.0, f64::max);
+    let largest = largest_modulus(multipliers, is_free)?;
     ((largest - 1.0).abs() > ON_CIRCLE).then_some(largest < 1.0)
+}
+
+/// The largest modulus of the multipliers, except the one nearest to 1 if the phase is free; `None` without multipliers.
+fn largest_modulus(multipliers: &[[f64; 2]], is_free: bool) -> Option<f64> {
+    let off_one = |[re, im]: &[f64; 2]| (re - 1.0).hypot(*im);
+    let nearest =
+        (0..multipliers.len()).min_by(|a, b| off_one(&multipliers[*a]).total_cmp(&off_one(&multipliers[*b])))?;
+    let others = (0..multipliers.len()).filter(|k| !is_free || *k != nearest).map(|k| modulus(&multipliers[k]));
+    Some(others.fold(0.0, f64::max))
 }
 
 /// The best run, if there was one, and the reason why it is not an orbit.

@@ -1,10 +1,9 @@
 //! Integration of rigid bodies by time stepping or with located impacts, with outputs by name.
 
+use super::astray::Astray;
 use super::longer_run::{LongerRun, TimeStepped};
 use super::longer_steps::{KNOWN_ENERGY, Kind, MOST_COMPARED, not_compared};
 use super::mechanical_checks::{Accuracy, LARGEST_PART, check_energy};
-use super::misdirection::Misdirection;
-use super::order_of_impacts::{Mistake, OrderOfImpacts};
 use super::run::{Plan, Stepper, run};
 use super::unseen_actions::UnseenAction;
 use super::unseen_friction::UnseenFriction;
@@ -130,10 +129,8 @@ struct RigidBodyRun<'a> {
     unseen_motion: Option<UnseenMotion>,
     /// What coefficients of friction that vary do between the ends of steps.
     unseen_friction: Option<UnseenFriction>,
-    /// For each moving body, the errors of the directions of its velocity and its angular velocity by impacts.
-    misdirections: Vec<[Misdirection; 2]>,
-    /// The order of the impacts, if they are located and the run is compared.
-    order: Option<OrderOfImpacts>,
+    /// The errors of the motions by impacts, if the run is compared with another that has longer steps.
+    astray: Option<Astray>,
     /// Joint outputs at the end of the step before the last one.
     forces_before: Vec<f64>,
     /// Whether the run is compared with another.
@@ -179,14 +176,16 @@ impl<'a> RigidBodyRun<'a> {
         if is_compared {
             let mut longer = Self::of(scene, plan, settings, control, begin()?);
             (course.is_compared, longer.is_compared) = (true, true);
-            if !impacts.are_located {
+            if impacts.are_located {
+                course.simulation.record_impacts();
+                longer.simulation.record_impacts();
+            } else {
                 course.simulation.record_parts();
             }
             course.unseen = UnseenAction::all(scene);
             course.unseen_motion = UnseenMotion::of(scene);
             course.unseen_friction = UnseenFriction::of(scene);
-            course.misdirections = vec![Default::default(); course.starts.len()];
-            course.order = impacts.are_located.then(|| OrderOfImpacts::new(course.starts.len()));
+            course.astray = Some(Astray::new(course.starts.len(), impacts.are_located));
             let mut longer = LongerRun::new(longer, plan, settings.default_step);
             if impacts.can_be_located && !impacts.are_located {
                 longer.comparison.remedy =
@@ -234,8 +233,7 @@ impl<'a> RigidBodyRun<'a> {
             unseen: Vec::new(),
             unseen_motion: None,
             unseen_friction: None,
-            misdirections: Vec::new(),
-            order: None,
+            astray: None,
             is_compared: false,
             arcs: Vec::new(),
         };
@@ -350,35 +348,6 @@ impl<'a> RigidBodyRun<'a> {
         moving.zip(motions).map(kink).collect()
     }
 
-    /// For each moving body, what bounces would take of the speed and the angular speed of a body that has them, while contacts press it
-    /// as in the last step. Under an acceleration `a`, bounces with a speed `v` take `2 v/a` each and leave `e v`: they lose
-    /// `(1 - e) a/2` in a time, until the body rests.
-    fn damped(&self) -> Vec<[f64; 2]> {
-        let h = self.t - self.before;
-        let part = 0.5 * (1.0 - self.scene.laws.largest_restitution());
-        let of_body = |(before, after): (&Motion, &Motion)| {
-            let pressed = after.velocity - before.velocity - h * self.scene.gravity;
-            [pressed, after.omega - before.omega].map(|change| part * change.norm())
-        };
-        self.starts.iter().zip(&self.simulation.ends).map(of_body).collect()
-    }
-
-    /// Writes for each output by what the errors of directions have displaced it; returns false if there are none.
-    fn lead_astray(&self, out: &mut [f64]) -> bool {
-        let mut is_any = false;
-        let bodies = self.misdirections.iter().zip(&self.simulation.ends);
-        for ((of, motion), out) in bodies.zip(out.chunks_exact_mut(OF_BODY.len())) {
-            let speeds = [motion.velocity.norm(), motion.omega.norm()];
-            let turned = of[1].of_place().map(|by| by * by).sum::<f64>().sqrt();
-            out[..3].iter_mut().zip(of[0].of_place()).for_each(|(out, by)| *out = by);
-            out[3..7].fill(0.5 * turned);
-            out[7..10].iter_mut().zip(of[0].of_velocity(speeds[0])).for_each(|(out, by)| *out = by);
-            out[10..].iter_mut().zip(of[1].of_velocity(speeds[1])).for_each(|(out, by)| *out = by);
-            is_any |= out.iter().any(|by| *by != 0.0);
-        }
-        is_any
-    }
-
     /// Writes what displacements of bodies, of their centres and about them, make of the outputs.
     fn displace(&self, by: &[(Vector3<f64>, Vector3<f64>)], out: &mut [f64]) {
         let moving = self.scene.bodies.iter().filter(|body| !body.fixed);
@@ -452,12 +421,6 @@ impl TimeStepped for RigidBodyRun<'_> {
         (self.before, self.t) = (self.t, next);
         if self.is_compared {
             self.arcs.extend(self.simulation.arcs().iter().map(|arc| arc.times.map(|passed| self.before + passed)));
-        }
-        if let Some(order) = &mut self.order {
-            order.take(false, self.simulation.impacts().iter().cloned());
-            if self.simulation.is_passed() {
-                order.forget(next);
-            }
         }
         self.forces_before.clone_from(&self.forces[0]);
         self.forces.swap(0, 1);
@@ -539,47 +502,22 @@ impl TimeStepped for RigidBodyRun<'_> {
     }
 
     fn hold(&mut self, out: &mut [f64]) {
-        for ([held, _], out) in self.simulation.held_motions().iter().zip(out.chunks_exact_mut(OF_BODY.len())) {
+        for (held, out) in self.simulation.held::<3>().iter().zip(out.chunks_exact_mut(OF_BODY.len())) {
             out.iter_mut().zip(held).for_each(|(out, held)| *out = if *held { 1.0 } else { 0.0 });
         }
     }
 
     fn mislead(&mut self, out: &mut [f64]) -> bool {
-        let h = self.t - self.before;
-        let directions = self.simulation.misdirected(&self.starts, h);
-        let errors = directions.into_iter().zip(self.simulation.restituted(&self.starts, h)).zip(self.damped());
-        for ((of, motion), ((by, taken), damped)) in
-            self.misdirections.iter_mut().zip(&self.simulation.ends).zip(errors)
-        {
-            let [velocity, omega] = [by.0.zip_map(&taken.0, f64::hypot), by.1.zip_map(&taken.1, f64::hypot)];
-            of[0].step(h, motion.velocity.norm(), [taken.0.norm(), damped[0]], velocity.as_slice());
-            of[1].step(h, motion.omega.norm(), [taken.1.norm(), damped[1]], omega.as_slice());
-        }
-        let is_located = self.order.is_some() && !self.simulation.is_passed();
-        if is_located && self.misdirections.iter().flatten().any(Misdirection::is_any) {
-            for (of, held) in self.misdirections.iter_mut().zip(self.simulation.held_motions()) {
-                of.iter_mut().zip(held).for_each(|(of, held)| of.hold(&held));
-            }
-        }
-        self.lead_astray(out)
+        let times = [self.t - self.before, self.t];
+        let Some(astray) = &mut self.astray else { return false };
+        astray.step(self.scene, &self.simulation, &self.starts, times);
+        astray.displace(&self.simulation.ends, out)
     }
 
     fn reorder(&mut self, longer: &mut Self, out: &mut [f64]) -> bool {
-        let (Some(order), t) = (&mut self.order, longer.t) else { return false };
-        if longer.simulation.is_passed() {
-            order.forget(t);
-            return false;
-        }
-        order.take(true, longer.simulation.impacts().iter().cloned());
-        let mistakes = order.mistakes(t, t - longer.before);
-        for Mistake { body, t, change } in &mistakes {
-            let (of, motion) = (&mut self.misdirections[*body], &self.simulation.ends[*body]);
-            let speeds = [motion.velocity.norm(), motion.omega.norm()];
-            for ((of, change), speed) in of.iter_mut().zip(change).zip(speeds) {
-                of.mistake(self.t - t, speed, change.as_slice());
-            }
-        }
-        !mistakes.is_empty() && self.lead_astray(out)
+        let Some(astray) = &mut self.astray else { return false };
+        let ends = &self.simulation.ends;
+        astray.compare(&longer.simulation, [longer.before, longer.t], (ends, self.t)) && astray.displace(ends, out)
     }
 
     fn bend(&mut self, out: &mut [f64]) -> bool {

@@ -471,6 +471,7 @@ fn compare(
         checks.caveat("derivatives_not_checked", message.to_owned());
         return;
     };
+    let is_between: Vec<bool> = compared.iter().map(|at| is_between_events(&events, at.t)).collect();
     let mut worst: Option<(f64, f64, Checked)> = None;
     for (k, &of) in asked.of.iter().enumerate() {
         let largest = here[k].iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
@@ -482,16 +483,15 @@ fn compare(
             let near = 0.5 * (above - below);
             let far = 0.25 * (far_above - far_below);
             let is_end = i + 1 == compared.len();
-            if !is_end && is_between_events(&events, *t) {
+            if !is_end && is_between[i] {
                 continue;
             }
             // On the way errors are as large as the state was before.
             let size = if is_end { here.abs() } else { largest };
             let known = rtol * size + atol.get(of).copied().unwrap_or(0.0) + resolution + f64::EPSILON * largest;
-            let known = SLACK * known;
             // The error of the nearer of two differences is a third of what they differ by. At a jump, where there is no derivative,
             // it is more than all of it: there the nearer one is twice the other.
-            let uncertainty = (near - far).abs() + known;
+            let uncertainty = (near - far).abs() + SLACK * known;
             let distance = if is_end {
                 (derivative - near).abs()
             } else {

@@ -114,8 +114,8 @@ impl Shot {
         Some(change)
     }
 
-    /// The matrix of Newton's method in units of the tolerances, and these units, of which that of a free period stands in
-    /// the place of the state that keeps its value.
+    /// The matrix of Newton's method in units of the tolerances, and these units. A free period takes the place of the state that
+    /// keeps its value.
     fn equations(&self, phase: Option<usize>, rtol: f64) -> Option<(DMatrix<f64>, Vec<f64>)> {
         let n = self.from.len();
         let mut matrix = self.monodromy.as_ref().ok()? - DMatrix::identity(n, n);

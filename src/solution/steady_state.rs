@@ -197,7 +197,7 @@ fn tolerances(settings: &Settings, rest: &Rest) -> Vec<f64> {
     found
 }
 
-/// Why eigenvalues, the first of which decides, do not tell whether a steady state is stable; `None` if they do.
+/// The reason why eigenvalues, by decreasing real part, do not tell whether a steady state is stable; `None` if they do.
 fn undecided(model: &DviModel, settings: &Settings, t: f64, rest: &Rest, eigenvalues: &[[f64; 2]]) -> Option<String> {
     let units = tolerances(settings, rest);
     if let Some(k) = on_border(model, t, rest, &units) {

@@ -9,10 +9,10 @@
 //! machine does not change.
 
 #[path = "../browser/driver.rs"]
-#[allow(dead_code, reason = "tests need more of it")]
+#[expect(dead_code, reason = "tests need more of it")]
 mod driver;
 #[path = "../browser/server.rs"]
-#[allow(dead_code, reason = "tests need more of it")]
+#[expect(dead_code, reason = "tests need more of it")]
 mod server;
 
 use driver::Page;

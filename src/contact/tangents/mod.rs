@@ -32,7 +32,7 @@ use super::locate::{EventDriven, ModeEquations, SmoothPhase, Transition};
 use super::velocity_step::State;
 use arc::Arc;
 use event::Flights;
-use hybrid::{NoSlope, OneStep, Shift, break_slopes};
+use hybrid::{OneStep, Shift, break_slopes};
 use nalgebra::DMatrix;
 use problem::{Mechanical, MechanicalStructure};
 use transition::Instant;
@@ -265,12 +265,7 @@ impl Tangents {
         let problem = self.equations.problem();
         let at = |t: f64| [problem.breaks(t).to_vec(), problem.break_courses(t).to_vec()];
         let Some(slopes) = break_slopes([before, after], at, &shifts) else { return Ok(()) };
-        let slopes = slopes.map_err(|cause| {
-            NoDerivative::Smooth(match cause {
-                NoSlope::Grazing => radau::NoDerivative::Grazing,
-                NoSlope::Several => radau::NoDerivative::Several,
-            })
-        })?;
+        let slopes = slopes.map_err(|cause| NoDerivative::Smooth(cause.into()))?;
         for (direction, time) in slopes.into_iter().enumerate() {
             jump.iter().enumerate().for_each(|(i, jump)| self.now[(n + i, direction)] += jump * time);
         }

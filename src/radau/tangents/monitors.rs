@@ -4,7 +4,7 @@ use super::stages::Rows;
 use super::{NoDerivative, Tangents, changed};
 use crate::face::{ActiveFace, Activity};
 use crate::stepper::Radau;
-use hybrid::{NoSlope, OneStep, Shift, break_slopes};
+use hybrid::{OneStep, Shift, break_slopes};
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use problem::{Dvi, Side};
@@ -267,10 +267,7 @@ impl Tangents {
         let shifts: Vec<Option<Shift>> = shifts.collect();
         let at = |t: f64| [self.problem.breaks(t).to_vec(), self.problem.break_courses(t).to_vec()];
         let slopes = break_slopes(ends, at, &shifts)?;
-        Some(slopes.map_err(|cause| match cause {
-            NoSlope::Grazing => NoDerivative::Grazing,
-            NoSlope::Several => NoDerivative::Several,
-        }))
+        Some(slopes.map_err(NoDerivative::from))
     }
 }
 

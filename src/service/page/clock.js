@@ -49,8 +49,8 @@ export class Clock {
     return this.#time;
   }
 
-  // The horizon and the events of a new answer; the time stays where it was if it is inside. Who draws the answer draws it at that time: where
-  // the horizon is the same, nobody is told again.
+  // The horizon and the events of a new answer; the time stays where it was if it is inside. The picture of the answer is drawn at that time, so that
+  // followers of the clock are called only where the time or the horizon is another.
   set({ t, events }) {
     const same = this.#from === t[0] && this.#to === t.at(-1);
     [this.#from, this.#to] = [t[0], t.at(-1)];

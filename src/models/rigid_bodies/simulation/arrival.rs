@@ -130,12 +130,12 @@ impl MoreauStepping<'_> {
         }
     }
 
-    /// For each moving body, whether its contacts with bodies that do not move, or move as given, hold the components of its velocity
-    /// and of its angular velocity at the end of the step.
-    pub fn held_motions(&self) -> Vec<[[bool; 3]; 2]> {
-        let mut held = vec![[[false; 3]; 2]; self.moving.len()];
+    /// For each moving body, whether its contacts with bodies that do not move, or move as given, hold the first `N` of the components
+    /// of its velocity and its angular velocity at the end of the step.
+    pub fn held<const N: usize>(&self) -> Vec<[bool; N]> {
+        let mut held = vec![[false; N]; self.moving.len()];
         let lasts = |contact: &Contact| match &self.located {
-            Some(located) if !located.is_passed() => located.lasts(contact),
+            Some(located) if !self.is_passed() => located.lasts(contact),
             _ => contact.impulse.x > 0.0 && contact.stays_closed(),
         };
         let mut of_body: Vec<Vec<&Contact>> = vec![Vec::new(); self.moving.len()];
@@ -146,7 +146,7 @@ impl MoreauStepping<'_> {
         }
         let mut by = vec![(Vector3::zeros(), Vector3::zeros()); self.moving.len()];
         for (body, contacts) in of_body.iter().enumerate().filter(|(_, contacts)| !contacts.is_empty()) {
-            for (k, held) in held[body].iter_mut().flatten().enumerate() {
+            for (k, held) in held[body].iter_mut().enumerate() {
                 let mut unit = [Vector3::zeros(); 2];
                 unit[k / 3][k % 3] = 1.0;
                 by[body] = unit.into();

@@ -109,8 +109,8 @@ pub(super) struct Located {
     grounds: Vec<Isometry3<f64>>,
     /// The arcs of the last step.
     arcs: Vec<Arc>,
-    /// Its impacts.
-    impacts: Vec<Impact>,
+    /// Its impacts; `None` if they are not recorded.
+    impacts: Option<Vec<Impact>>,
     /// For each moving body, whether contacts acted on it in the last step.
     touched: Vec<bool>,
     /// Whether time stepping took the rest of the last step.
@@ -120,11 +120,6 @@ pub(super) struct Located {
 }
 
 impl Located {
-    /// Whether time stepping took the rest of the last step.
-    pub fn is_passed(&self) -> bool {
-        self.is_passed
-    }
-
     /// Whether a contact lasts.
     pub fn lasts(&self, contact: &Contact) -> bool {
         self.lasting.contains(&contact.key)
@@ -198,7 +193,7 @@ impl MoreauStepping<'_> {
     /// Begins a step without arcs, in which nothing has touched the bodies.
     fn begin(&mut self, located: &mut Located) {
         located.arcs.clear();
-        located.impacts.clear();
+        located.impacts.iter_mut().for_each(Vec::clear);
         self.pushed.fill(false);
         located.touched.clear();
         located.touched.resize(self.moving.len(), false);

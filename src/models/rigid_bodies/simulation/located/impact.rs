@@ -1,9 +1,10 @@
 //! Impacts as a sequence, by which two runs can tell whether they take the same ones.
 
 use super::super::super::contact::Contact;
+use super::super::super::motion::Motion;
 use super::super::MoreauStepping;
-use super::{Key, Located};
-use nalgebra::{Matrix3, Vector3};
+use super::Key;
+use nalgebra::Vector3;
 use rustc_hash::FxHasher;
 use std::hash::{Hash, Hasher};
 
@@ -20,67 +21,60 @@ pub struct Impact {
     pub change: [Vector3<f64>; 2],
     /// The kinetic energy of a body at rest whose velocities change so.
     pub energy: f64,
-    /// The mass and the inertia in world axes.
-    inertia: (f64, Matrix3<f64>),
+    motion: Motion,
 }
 
 impl Impact {
     /// Whether it is the same as one of another run: the velocities differ by less after the two than if one of them were left out.
     pub fn is_like(&self, other: &Self) -> bool {
-        let [velocity, omega] = [0, 1].map(|k| self.change[k] - other.change[k]);
-        self.energy_of([velocity, omega]) < self.energy.min(other.energy)
+        let apart = [0, 1].map(|k| self.change[k] - other.change[k]);
+        self.energy_of(apart) < self.energy.min(other.energy)
     }
 
-    /// The kinetic energy of the body with the velocities `change`.
-    pub fn energy_of(&self, [velocity, omega]: [Vector3<f64>; 2]) -> f64 {
-        let (mass, inertia) = &self.inertia;
-        0.5 * (mass * velocity.norm_squared() + omega.dot(&(inertia * omega)))
+    /// The kinetic energy of the body with these velocities.
+    pub fn energy_of(&self, velocities: [Vector3<f64>; 2]) -> f64 {
+        let mut motion = self.motion;
+        [motion.velocity, motion.omega] = velocities;
+        motion.kinetic_energy()
     }
 }
 
 impl MoreauStepping<'_> {
-    /// The impacts of the last step, if they are located.
+    /// Records the impacts of steps from now on, if they are located.
+    pub fn record_impacts(&mut self) {
+        if let Some(located) = &mut self.located {
+            located.impacts = Some(Vec::new());
+        }
+    }
+
+    /// The impacts of the last step, if they are recorded.
     pub fn impacts(&self) -> &[Impact] {
-        self.located.as_ref().map_or(&[], |located| &located.impacts)
+        self.located.as_ref().and_then(|located| located.impacts.as_deref()).unwrap_or_default()
     }
 
-    /// The bodies that are about to be struck where the contacts `striking` close, with their velocities so far as changes yet to come.
-    pub(super) fn about_to_meet(&self, striking: &[Key]) -> Vec<Impact> {
-        let mut met: Vec<Impact> = Vec::new();
-        for contact in &self.contacts {
-            let by = if striking.contains(&contact.key) { of_key(contact.key) } else { 0 };
-            for body in contact.bodies.into_iter().flatten().map(|body| body as usize) {
-                match met.iter_mut().find(|impact| impact.body == body) {
-                    Some(impact) => impact.contacts = impact.contacts.wrapping_add(by),
-                    None => {
-                        let motion = &self.moving[body];
-                        let change = [motion.velocity, motion.omega];
-                        let rotation = motion.pose.rotation.to_rotation_matrix().into_inner();
-                        let inertia = (motion.mass, rotation * motion.inertia * rotation.transpose());
-                        met.push(Impact { t: self.t, body, contacts: by, change, energy: 0.0, inertia });
-                    }
-                }
-            }
-        }
-        met
-    }
-
-    /// Keeps the impacts of bodies that were about to be struck.
-    pub(super) fn keep_impacts(&self, located: &mut Located, met: Vec<Impact>) {
+    /// Records the impacts of the bodies that were struck where the contacts `striking` closed, with the motions `before`.
+    pub(super) fn record_struck(&self, striking: &[Key], before: &[Motion], impacts: &mut Vec<Impact>) {
         let is_struck = |contact: &&Contact| contact.impulse.x > 0.0;
-        let struck: Vec<u32> =
+        let mut struck: Vec<u32> =
             self.contacts.iter().filter(is_struck).flat_map(|contact| contact.bodies).flatten().collect();
-        for mut impact in met.into_iter().filter(|impact| struck.contains(&(impact.body as u32))) {
-            let motion = &self.moving[impact.body];
-            let [velocity, omega] = impact.change;
-            impact.change = [motion.velocity - velocity, motion.omega - omega];
-            impact.energy = impact.energy_of(impact.change);
-            located.impacts.push(impact);
-        }
+        struck.sort_unstable();
+        struck.dedup();
+        impacts.extend(struck.into_iter().map(|body| {
+            let own = self.contacts.iter().map(|contact| (contact.key, contact.bodies));
+            let own = own.filter(|(key, bodies)| bodies.contains(&Some(body)) && striking.contains(key));
+            let contacts = own.fold(0_u64, |sum, (key, _)| sum.wrapping_add(number_of(key)));
+            let body = body as usize;
+            let (motion, before) = (self.moving[body], &before[body]);
+            let change = [motion.velocity - before.velocity, motion.omega - before.omega];
+            let mut impact = Impact { t: self.t, body, contacts, change, energy: 0.0, motion };
+            impact.energy = impact.energy_of(change);
+            impact
+        }));
     }
 }
 
-fn of_key(key: Key) -> u64 {
+/// A number for the identity of a contact.
+fn number_of(key: Key) -> u64 {
     let mut hasher = FxHasher::default();
     key.hash(&mut hasher);
     hasher.finish()

@@ -40,9 +40,11 @@ impl MoreauStepping<'_> {
         let before: Vec<Vector3<f64>> = self.contacts.iter().map(|contact| self.velocity_of(contact)).collect();
         let strikes = !striking.is_empty();
         if strikes {
-            let met = self.about_to_meet(&striking);
+            let moving = located.impacts.is_some().then(|| self.moving.clone());
             self.hit(located, &told, control)?;
-            self.keep_impacts(located, met);
+            if let (Some(impacts), Some(moving)) = (&mut located.impacts, moving) {
+                self.record_struck(&striking, &moving, impacts);
+            }
             let struck = self.contacts.iter().filter(|contact| contact.impulse.x > 0.0);
             struck.flat_map(|contact| contact.bodies).flatten().for_each(|body| located.touched[body as usize] = true);
             // Who is struck has velocities anew.
