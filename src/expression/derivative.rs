@@ -97,7 +97,7 @@ impl Graph {
     /// Whether a derivative is dropped as zero.
     fn is_nothing(&mut self, derivative: Node, by: &By) -> bool {
         match by {
-            By::Inputs => self.vanishes(derivative),
+            By::Inputs => self.is_absent(derivative),
             By::Parameters(_) => self.number(derivative) == Some(0.0),
         }
     }

@@ -14,7 +14,7 @@
 use super::operator::Operator;
 use super::parameters::Assumption;
 use super::table::{Pieces, Table, Tables};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -48,6 +48,8 @@ pub struct Graph {
     pub(super) powers: FxHashMap<Node, (Node, i32)>,
     /// The values of terms in parameters, at the given parameter values.
     pub(super) known: FxHashMap<Node, f64>,
+    /// The terms in parameters that are to vary.
+    pub(super) varied: FxHashSet<Node>,
     /// Assumptions about the structure made with the `known` values.
     pub(super) assumptions: BTreeSet<(Node, Assumption)>,
     /// The tables used by terms.
@@ -247,6 +249,9 @@ impl Graph {
         let node = self.intern(Term::Apply(operator, a, b));
         if let Some(value) = value {
             self.known.insert(node, value);
+            if self.varied.contains(&a) || self.varied.contains(&b) {
+                self.varied.insert(node);
+            }
         }
         node
     }

@@ -26,6 +26,17 @@ impl Graph {
         node
     }
 
+    /// Prepares a parameter for other values, before terms are made of it: its coefficients are part of the structure
+    /// even where they are zero, and powers with such an exponent are not expanded.
+    pub fn vary(&mut self, parameter: Node) {
+        self.varied.insert(parameter);
+    }
+
+    /// Whether a term depends on a parameter that is to [vary](Self::vary).
+    pub fn is_varied(&self, node: Node) -> bool {
+        self.varied.contains(&node)
+    }
+
     /// The parameters that `node` depends on, sorted.
     pub fn parameters(&self, node: Node) -> Vec<usize> {
         let mut found = Vec::new();
@@ -51,6 +62,11 @@ impl Graph {
         self.value(node) == Some(0.0)
     }
 
+    /// Whether a coefficient is not part of the structure: it is zero, and does not vary.
+    pub fn is_absent(&mut self, coefficient: Node) -> bool {
+        !self.is_varied(coefficient) && self.vanishes(coefficient)
+    }
+
     /// Copies the terms below `nodes` to a new graph; returns the graph and the new nodes. Parameters keep their
     /// indices and values.
     pub fn below(&self, nodes: &[Node]) -> (Self, Vec<Node>) {
@@ -69,7 +85,13 @@ impl Graph {
                 Term::Apply(operator, a, b) => {
                     graph.applied(operator, place_of[&a], place_of[&b], self.known.get(&old).copied())
                 }
-                Term::Parameter(index) => graph.parameter(index, self.known[&old]),
+                Term::Parameter(index) => {
+                    let parameter = graph.parameter(index, self.known[&old]);
+                    if self.is_varied(old) {
+                        graph.vary(parameter);
+                    }
+                    parameter
+                }
                 Term::Input(index) => graph.input(place(index)),
                 term => graph.intern(term),
             };

@@ -14,7 +14,8 @@ const LARGEST: f64 = 16.0;
 impl Graph {
     /// `x^y`
     pub fn power(&mut self, x: Node, y: Node) -> Node {
-        let Some(expanded) = self.value(y).and_then(|exponent| self.expanded(x, exponent)) else {
+        let fixed = self.value(y).filter(|_| !self.is_varied(y));
+        let Some(expanded) = fixed.and_then(|exponent| self.expanded(x, exponent)) else {
             return self.binary(Operator::Power, x, y);
         };
         if self.number(y).is_some() {

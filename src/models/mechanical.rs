@@ -110,7 +110,7 @@ struct Sparse {
 impl Sparse {
     fn compile(graph: &mut Graph, entries: Vec<((usize, usize), Node)>) -> Self {
         let (places, nodes): (Vec<_>, Vec<Node>) =
-            entries.into_iter().filter(|&(_, node)| !graph.vanishes(node)).unzip();
+            entries.into_iter().filter(|&(_, node)| !graph.is_absent(node)).unzip();
         Self { tape: Tape::compile(graph, &nodes), places }
     }
 }

@@ -116,7 +116,7 @@ impl Gradients {
                 if row < n && column >= n && graph.inputs(derivative).iter().any(|&input| input > n) {
                     errors.push(LoweringError::NotAffine { rate: row, variable: column - n });
                 }
-                if !graph.vanishes(derivative) {
+                if !graph.is_absent(derivative) {
                     pattern.push((row, column));
                     by_unknowns.push(derivative);
                 }

@@ -4,7 +4,7 @@
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Unbindable {
     /// The parameters of the problem were folded into constants.
-    #[error("this problem type folds its parameters into constants: compile the problem anew for other values")]
+    #[error("the values of parameters are constants in this problem type")]
     Folded,
     /// The number of values differs from the number of parameters.
     #[error("{found} values for {expected} parameters")]
@@ -41,7 +41,7 @@ pub enum Unbindable {
         what: String,
     },
     /// The structure would change.
-    #[error("{parameters} changes the structure: {what}; compile the problem anew with this value")]
+    #[error("{parameters} changes the structure: {what}")]
     Structure {
         /// The parameters that decide the structure, with their values.
         parameters: String,

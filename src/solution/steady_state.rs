@@ -310,7 +310,7 @@ impl Search<'_> {
         let mut x = self.plan.initial.clone();
         let first = self.first_step()?;
         self.check_time(first)?;
-        let (mut h, mut made) = (first, 0);
+        let (mut h, mut made, mut is_reached) = (first, 0, false);
         while made < MOST_STEPS {
             made += 1;
             if self.control.poll().is_some() {
@@ -338,8 +338,11 @@ impl Search<'_> {
             let scale = self.settings.tolerances(0, next);
             let changes = next.iter().zip(&x).zip(&scale).map(|((to, from), scale)| (to - from).abs() / scale);
             let residual = changes.fold(0.0, f64::max);
-            let is_last = h >= INFINITE * first && residual <= 1.0;
-            x = next.to_vec();
+            let is_last = is_reached && residual <= 1.0;
+            is_reached = h >= INFINITE * first && residual <= 1.0;
+            // What a step from a steady state still changes by its whole size is zero.
+            let settled = |(to, from): (&f64, &f64)| if is_last && (to - from).abs() >= to.abs() { 0.0 } else { *to };
+            x = next.iter().zip(&x).map(settled).collect();
             if is_last {
                 return Ok(Rest { x, z: z.to_vec(), face: radau.face().clone(), residual });
             }

@@ -19,6 +19,7 @@ use super::study::StudyPlan;
 use super::sweep::{Nameable, Prepared, SweepPlan};
 use super::times::Times;
 use super::units;
+use super::varied::varied;
 use super::vectors::Vectors;
 use analysis::Analysis;
 use models::rigid_bodies::Load;
@@ -113,7 +114,8 @@ impl Specification {
         let asked = search::Request { periodic: periodic.as_ref(), steady_state: steady_state.as_ref() };
         let of_problem = root.key("problem");
         let of_problem = of_problem.key(problem.name());
-        let unread = Start { time: None, control, sizes: &vectors.sizes };
+        let varied = varied(sensitivities.as_ref(), fit.as_ref(), &asked);
+        let unread = Start { time: None, control, sizes: &vectors.sizes, varied: &varied };
         let is_static = problem.written().is_static();
         if time.is_some() && is_static {
             let error = SpecificationError::new("/time", "conflict", "a static problem has no time");

@@ -77,9 +77,9 @@ pub struct Document {
 /// one member per index, `x[1]` to `x[n]`, with `i` as the index in its expressions. `"x[k in 0..n+1]"` names the index
 /// `k`, and `"x[1..3, 1..4]"` has two indices, `i` and `j`. Sizes are whole numbers, or parameters that are whole
 /// numbers. A list in the place of an expression gives one value for each element. `"x[0]"` and `"x[n+1]"` may be
-/// declared beside them under `definitions`, as the ends of a chain. In lists of names, as of a set or of
-/// `output.fields`, `"x[1..n]"` stands for all elements; a list entry whose `name` or `label` has a range, or a `box`
-/// whose `of` is a single name with a range, stands for one entry per element.
+/// declared beside them under `definitions`, as the ends of a chain, `"x[0, 1..n]"` as an edge of a grid. In lists of
+/// names, as of a set or of `output.fields`, `"x[1..n]"` stands for all elements; a list entry whose `name` or `label`
+/// has a range, or a `box` whose `of` is a single name with a range, stands for one entry per element.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Problem {

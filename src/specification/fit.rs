@@ -8,6 +8,7 @@ use super::model::Model;
 use super::ordered::Ordered;
 use super::pointer::Pointer;
 use super::sensitivities::{INITIAL, differentiable};
+use super::varied::check_structure;
 use super::wording::{abridged, listed};
 use expression::nearest;
 use models::DviModel;
@@ -159,7 +160,10 @@ impl FitRequest {
                 continue;
             };
             let (by, default) = match at.checked_sub(names.len()) {
-                None => (By::Parameter(at), values.get(at)),
+                None => {
+                    check_structure(model, at, &place, found);
+                    (By::Parameter(at), values.get(at))
+                }
                 Some(state) => (By::Initial(state), dvi.initial.get(state)),
             };
             let begin = given.initial.or(default.copied()).unwrap_or(0.0);

@@ -71,6 +71,7 @@ mod tables;
 mod times;
 mod tolerance;
 mod units;
+mod varied;
 mod vectors;
 mod view;
 mod wording;

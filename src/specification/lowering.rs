@@ -30,6 +30,8 @@ pub(super) struct Start<'c> {
     pub control: &'c Control,
     /// Parameters used as sizes of vectors; they cannot be bound to other values.
     pub sizes: &'c [String],
+    /// Parameters by which an analysis varies the problem.
+    pub varied: &'c [String],
 }
 
 /// The named quantities of a problem other than its unknowns.
@@ -112,6 +114,9 @@ impl<'c> Lowering<'c> {
                 Some(Constant { value, .. }) if are_inputs => {
                     lowering.inputs.push((name.to_owned(), value));
                     let node = lowering.graph.parameter(lowering.inputs.len() - 1, value);
+                    if start.varied.iter().any(|varied| varied == name) {
+                        lowering.graph.vary(node);
+                    }
                     if start.sizes.iter().any(|size| size == name) {
                         lowering.graph.assume(node, Assumption::Value);
                     }

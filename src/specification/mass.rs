@@ -15,7 +15,10 @@ pub(super) fn lower(
     lowering: &mut Lowering,
 ) -> (Mass, Vec<(usize, usize, Node)>) {
     let Some(mass) = mass else { return (Mass::Identity, Vec::new()) };
-    let Entries { values, terms } = mass.parametric((n, n), &problem.key("mass"), lowering);
+    let Entries { mut values, mut terms } = mass.parametric((n, n), &problem.key("mass"), lowering);
+    // Entries that are zero decide which rows are algebraic, also where they vary.
+    values.retain(|entry| entry.2 != 0.0);
+    terms.retain(|&(.., node)| !lowering.graph.vanishes(node));
     let is_identity = values.len() == n && values.iter().all(|&(i, j, value)| i == j && value == 1.0);
     if is_identity && terms.is_empty() { (Mass::Identity, terms) } else { (Mass::Constant(values), terms) }
 }

@@ -72,7 +72,7 @@ impl Matrix {
         values
     }
 
-    /// The nonzero entries, with the graph nodes of those that depend on parameters.
+    /// The entries that are not [absent](expression::Graph::is_absent), with the graph nodes of those that depend on parameters.
     pub(super) fn parametric(&self, shape: (usize, usize), place: &Pointer<'_>, lowering: &mut Lowering) -> Entries {
         let mut entries: Vec<(usize, usize, Constant)> = Vec::new();
         self.for_each(shape, place, lowering, |i, j, value, place, lowering| {
@@ -87,10 +87,13 @@ impl Matrix {
             }
             same
         });
-        let nodes = entries.iter().filter_map(|&(i, j, constant)| Some((i, j, constant.node?)));
-        let terms = nodes.filter(|&(.., node)| !lowering.graph.vanishes(node)).collect();
-        let values = entries.iter().map(|&(i, j, constant)| (i, j, constant.value)).filter(|entry| entry.2 != 0.0);
-        Entries { values: values.collect(), terms }
+        entries.retain(|(.., constant)| match constant.node {
+            Some(node) => !lowering.graph.is_absent(node),
+            None => constant.value != 0.0,
+        });
+        let values = entries.iter().map(|&(i, j, constant)| (i, j, constant.value)).collect();
+        let terms = entries.iter().filter_map(|&(i, j, constant)| Some((i, j, constant.node?))).collect();
+        Entries { values, terms }
     }
 
     /// All entries row by row, as expressions that may vary in time.

@@ -8,6 +8,7 @@ use super::method::{Method, out_of_range};
 use super::model::Model;
 use super::pointer::Pointer;
 use super::sensitivities::{differentiable, differentiable_motion};
+use super::varied::check_structure;
 use super::wording::{abridged, listed};
 use expression::{Tape, nearest};
 use problem::ConvexSet;
@@ -103,7 +104,15 @@ pub(super) struct Request<'a> {
 const POINTS: u32 = 200;
 const MOST_POINTS: u32 = 10_000;
 
-impl Request<'_> {
+impl<'a> Request<'a> {
+    /// The continuation of what is searched, if it is asked for.
+    pub fn branch(&self) -> Option<&'a ContinueRequest> {
+        match (self.periodic, self.steady_state) {
+            (Some(asked), _) => asked.branch.as_ref(),
+            (None, asked) => asked.and_then(|asked| asked.branch.as_ref()),
+        }
+    }
+
     /// The key of the search, if there is one.
     pub fn key(&self) -> Option<&'static str> {
         match (self.periodic, self.steady_state) {
@@ -165,9 +174,7 @@ impl Request<'_> {
         if self.periodic.is_some() && self.steady_state.is_some() {
             found.report(&place, "conflict", "`periodic` and `steady_state` cannot be combined");
         }
-        let branch = self
-            .periodic
-            .map_or_else(|| self.steady_state.and_then(|asked| asked.branch.as_ref()), |asked| asked.branch.as_ref());
+        let branch = self.branch();
         for (other, _) in others.iter().filter(|(other, given)| *given && (*other != "sweep" || branch.is_some())) {
             let detail = if *other == "sweep" {
                 "a branch belongs to one problem, and `sweep` asks for many".to_owned()
@@ -244,6 +251,7 @@ impl ContinueRequest {
             errors.push(error.expected(listed(known())).did_you_mean(nearest(&self.parameter, known())));
             return None;
         };
+        check_structure(model, parameter, &place.key("parameter"), errors);
         let from = self.from.unwrap_or(values[parameter]);
         if from == self.to {
             out_of_range(

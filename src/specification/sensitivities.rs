@@ -6,9 +6,10 @@ use super::expression::Expression;
 use super::method::{Impacts, Method};
 use super::model::Model;
 use super::pointer::Pointer;
+use super::varied::check_structure;
 use super::wording::{abridged, listed};
 use expression::nearest;
-use models::{DviModel, MechanicalModel, Unbindable};
+use models::{DviModel, MechanicalModel};
 use serde::{Deserialize, Serialize, Serializer};
 use solution::{By, Observables, Sensitivities};
 use std::sync::Arc;
@@ -18,9 +19,6 @@ use utoipa::ToSchema;
 const MOST_UNKNOWNS: usize = 100;
 /// Most sensitivity columns.
 const MOST_COLUMNS: usize = 10_000;
-
-/// Relative change of a parameter that shows whether it decides the structure of a problem.
-const SHIFT: f64 = 1e-6;
 
 /// Suffix to the name of a state that denotes its initial value.
 pub(super) const INITIAL: &str = ".initial";
@@ -106,8 +104,11 @@ impl SensitivitiesRequest {
             found.push(error.expected(
                 "an initial state that satisfies gaps and joints, without `\"interpenetration\": \"resolve\"`",
             ));
-        } else if model.mechanical().is_some() {
-            self.check_structure(model, &by, &place.key("to"), &mut found);
+        } else {
+            for (index, by) in by.iter().enumerate() {
+                let By::Parameter(at) = *by else { continue };
+                check_structure(model, at, &place.key("to").index(index), &mut found);
+            }
         }
         let of_names = place.key("of");
         let of = match &self.of {
@@ -201,27 +202,6 @@ impl SensitivitiesRequest {
         let Some((key, code, detail, expected)) = refused else { return Some(()) };
         errors.push(SpecificationError::new(place.key(key).to_string(), code, detail).expected(expected));
         None
-    }
-
-    /// Refuses parameters of a mechanical system that decide its structure, such as a coefficient of friction at zero or
-    /// a ratio: equations of a fixed structure do not show what a change of them does.
-    fn check_structure(&self, model: &dyn Model, by: &[By], place: &Pointer<'_>, errors: &mut Errors) {
-        let Some(parameters) = model.parameters() else { return };
-        for by in by {
-            let By::Parameter(at) = *by else { continue };
-            let (name, mut values) = (&parameters.names()[at], parameters.values().to_vec());
-            let size = if values[at] == 0.0 { 1.0 } else { values[at].abs() };
-            values[at] += SHIFT * size;
-            if let Err(Unbindable::Structure { .. }) = model.with_parameters(&values) {
-                let detail =
-                    format!("`{}` decides the structure of the problem, which equations are built for", abridged(name));
-                let index = self.to.iter().position(|asked| asked == name).unwrap_or(0);
-                let error = SpecificationError::new(place.index(index).to_string(), "conflict", detail);
-                errors.push(error.expected(
-                    "parameters of forces, masses, gaps and slips, or coefficients of restitution, or of friction above 0",
-                ));
-            }
-        }
     }
 }
 

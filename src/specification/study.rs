@@ -170,7 +170,7 @@ fn check_exact(
 ) -> Exact {
     // Errors in the parameters are reported where the problem is lowered.
     let control = Control::new();
-    let mut lowering = Lowering::new(Start { time: None, control: &control, sizes: &[] }, named, problem);
+    let mut lowering = Lowering::new(Start { time: None, control: &control, sizes: &[], varied: &[] }, named, problem);
     lowering.errors = Errors::default();
     let (mut fields, mut nodes) = (Vec::new(), Vec::new());
     for (name, value) in exact.iter() {

@@ -40,4 +40,5 @@ mod static_problems;
 mod stiff;
 mod study;
 mod sweeps;
+mod values_at_zero;
 mod verdicts;

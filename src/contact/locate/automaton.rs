@@ -8,6 +8,7 @@ use super::search::{Search, Violation};
 use super::smooth_phase::{GROWTH, SmoothPhase};
 use crate::ContactError;
 use hybrid::{Automaton, Located, OneStep, Proposal, Screened, Solved};
+use numerics::Interval;
 
 /// Largest number of cuts of a step for hidden violations that its enclosure finds.
 const ROUNDS: usize = 2;
@@ -61,6 +62,8 @@ impl Automaton for SmoothPhase<'_, '_> {
             return Ok(Solved::Lost);
         }
         let last = method.t();
+        let sizes = method.ranges(begin, last).into_iter().map(Interval::size);
+        self.reached = sizes.map(|size| if size.is_finite() { size } else { 0.0 }).collect();
         self.located.begin();
         self.located.accepted += 1;
         let mut step = Part { begin, end: self.grown(begin, last), is_cut: false };

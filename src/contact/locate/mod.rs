@@ -29,7 +29,7 @@ pub use grazing::Grazed;
 pub use mode::Status;
 pub(crate) use mode::held;
 pub(crate) use mode_equations::{ModeEquations, ModeSetting};
-pub(crate) use monitors::Ending;
+pub(crate) use monitors::{Ending, ROUNDING_OF_VELOCITIES};
 pub use smooth_phase::{ModeEvaluators, SmoothPhase};
 pub(crate) use transition::{Impact, Transition};
 

@@ -39,24 +39,26 @@ impl Monitor {
 }
 
 /// Rounding of gaps and velocities relative to their terms, and of multipliers relative to the largest.
-const ROUNDING: f64 = 1e-13;
+pub const ROUNDING_OF_VELOCITIES: f64 = 1e-13;
 const ROUNDING_OF_FORCES: f64 = 1e-9;
 
 /// Gaps and their velocities below this fraction of their terms are at rest up to drift.
 const AT_REST: f64 = 1e-9;
 
-/// Evaluates the monitors of a mode at a state; their number and order depend on the mode alone.
+/// Evaluates the monitors of a mode at a state of a step in which the states reach these sizes, whose rounding is in all of
+/// its interpolated states; the number and order of the monitors depend on the mode alone.
 pub fn monitors(
     equations: &mut ModeEquations,
     structure: &MechanicalStructure,
     mode: &[Status],
     t: f64,
-    x: &[f64],
+    (x, reached): (&[f64], &[f64]),
     out: &mut Vec<Monitor>,
 ) {
     equations.evaluate_at(t, x);
     let ticks = equations.problem().rounding_of_time(t);
     let (q, v) = x.split_at(structure.coordinates);
+    let (reached_q, reached_v) = reached.split_at(structure.coordinates);
     out.clear();
     let constraints = equations.constraints();
     let forces = (0..mode.len()).fold(0.0_f64, |most, k| most.max(equations.lambda[structure.normal(k)].abs()));
@@ -69,7 +71,8 @@ pub fn monitors(
             let terms = constraints.size(row, q);
             let in_time =
                 4.0 * (f64::EPSILON * t.abs() * constraints.size(row, v) + ticks * constraints.drift[row].abs());
-            let noise = in_time + ROUNDING * terms.max(f64::MIN_POSITIVE);
+            let size = terms.max(constraints.size(row, reached_q));
+            let noise = in_time + ROUNDING_OF_VELOCITIES * size.max(f64::MIN_POSITIVE);
             let speed = constraints.velocity(row, v);
             // A gap that other constraints keep at zero, without a force of its own, cannot close.
             let rests =
@@ -94,9 +97,10 @@ pub fn monitors(
                 // A point that other constraints keep at rest does not slip, and cannot stop.
                 let is_held = equations.is_slip_held(k, v);
                 let value = if is_held { f64::INFINITY } else { equations.slip(k, v).dot(&direction) };
-                let size = structure.tangents(k).map(|row| constraints.terms(row, v)).fold(0.0, f64::max);
+                let terms = |row| constraints.terms(row, v).max(constraints.size(row, reached_v));
+                let size = structure.tangents(k).map(terms).fold(0.0, f64::max);
                 let rate = Some(equations.slip_rate(k).dot(&direction));
-                out.push(Monitor { value, noise: ROUNDING * size, rate, ending: Ending::SlipToStick(k) });
+                out.push(Monitor { value, noise: ROUNDING_OF_VELOCITIES * size, rate, ending: Ending::SlipToStick(k) });
             }
             Status::Open | Status::Frictionless => {}
         }

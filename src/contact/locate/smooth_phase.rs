@@ -57,6 +57,8 @@ pub struct SmoothPhase<'l, 'p> {
     pub(super) over: bool,
     /// The partition of the last step in which its dependence on time shows.
     pub(super) parts: Parts,
+    /// The sizes that the states reach in the last step.
+    pub(super) reached: Vec<f64>,
     /// A time in the last step, with the integrals up to it.
     pub(super) acted: (f64, Integrals),
 }
@@ -81,7 +83,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         let mode = mode.unwrap_or_default();
         let acted = (located.state.t, Integrals::none(mode.len()));
         let parts = Parts::default();
-        Self { mode, method, watch, control, over: false, parts, acted, located }
+        let reached = vec![0.0; 2 * located.structure.coordinates];
+        Self { mode, method, watch, control, over: false, parts, reached, acted, located }
     }
 
     /// Whether the mode, or the run, is over.
@@ -170,7 +173,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
     pub(super) fn monitors_at(&mut self, t: f64, out: &mut Vec<Monitor>) {
         let mut x = vec![0.0; 2 * self.located.structure.coordinates];
         self.at(t, &mut x);
-        monitors(self.watch, &self.located.structure, &self.mode, t, &x, out);
+        monitors(self.watch, &self.located.structure, &self.mode, t, (&x, &self.reached), out);
     }
 
     /// The speed of a slip at a time within the last step, and its tolerance.

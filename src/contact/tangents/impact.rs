@@ -8,6 +8,7 @@
 
 use super::linearised::{Columns, Place, Terms, solve};
 use super::{Directions, NoDerivative};
+use crate::locate::ROUNDING_OF_VELOCITIES;
 use nalgebra::{DMatrix, Matrix2, Vector2, Vector3};
 use problem::{Constraints, Mechanical, MechanicalStructure};
 
@@ -126,7 +127,15 @@ pub(super) fn pass(
         let (r, bound) = (Vector2::new(blow.r[k].y, blow.r[k].z), contact.mu * blow.r[k].x);
         let u = constraints.slip(structure.tangents(k), &after);
         let changed = (u - constraints.slip(structure.tangents(k), v)).norm().max(speed);
-        let (is_inside, is_slipping) = (r.norm() < (1.0 - BORDER) * bound, u.norm() > BORDER * changed);
+        let rounding = structure
+            .tangents(k)
+            .map(|row| ROUNDING_OF_VELOCITIES * constraints.terms(row, &after))
+            .fold(0.0, f64::max);
+        let is_slipping = u.norm() > BORDER * changed + rounding;
+        let slack = bound - r.norm();
+        // A small blow is only known to what rounding of fast slips makes of its impulses.
+        let is_inside = slack > BORDER * bound
+            && slack * impulse_response(&mass, &constraints, structure.tangents(k)).ok_or(singular)? > rounding;
         if is_inside == is_slipping {
             return Err(NoDerivative::Degenerate);
         }
@@ -156,6 +165,15 @@ pub(super) fn pass(
     moved.v.copy_from(&found.rows(0, n));
     *v = after;
     Ok(())
+}
+
+/// The largest change of velocity along one of these rows by a unit impulse along it.
+fn impulse_response(mass: &DMatrix<f64>, constraints: &Constraints, rows: impl Iterator<Item = usize>) -> Option<f64> {
+    let n = mass.nrows();
+    let along = DMatrix::from_columns(&rows.map(|row| constraints.transposed.column(row)).collect::<Vec<_>>());
+    let changes = solve(mass.clone(), &along)?;
+    let own = along.column_iter().zip(changes.column_iter()).map(|(along, change)| along.dot(&change.rows(0, n)));
+    Some(own.fold(0.0, f64::max))
 }
 
 /// The velocities after impulses of contacts, with the impulses of the joints, which are written behind them.

@@ -3,8 +3,9 @@
 use crate::error::SpecificationError;
 use crate::wording::abridged;
 
-/// Most elements of all vectors of a document together.
-pub(super) const MOST_ELEMENTS: usize = 200_000;
+/// Most elements of all vectors of a document together: each of 100,000 variables in four places, as in `variables`, in `set`
+/// and in a definition or two.
+pub(super) const MOST_ELEMENTS: usize = 400_000;
 
 /// Default names of the indices, in order.
 const INDICES: [&str; 3] = ["i", "j", "k"];
@@ -55,10 +56,12 @@ impl<'t> Range<'t> {
             if !is_word(index) || indices.iter().any(|(other, ..)| *other == index) {
                 return Err(wrong(format!("`{}` is not a valid name for an index", abridged(index))));
             }
-            let (first, last) =
-                range.split_once("..").ok_or_else(|| wrong(format!("`{}` is not a range", abridged(part.trim()))))?;
             let end = |text: &str| whole(text, &size).map_err(wrong);
-            let (first, last) = (end(first)?, end(last)?);
+            let (first, last) = match range.split_once("..") {
+                Some((first, last)) => (end(first)?, end(last)?),
+                // A single value beside the range of another index, as at the edge of a grid.
+                None => (end(range)?, end(range)?),
+            };
             if first > last {
                 return Err(wrong(format!("the range {first}..{last} is empty")));
             }
@@ -175,18 +178,11 @@ mod tests {
         assert_eq!(names("x[0..n-2]"), ["x[0]", "x[1]"]);
         assert_eq!(names("x[-1..0, k in 5..6]"), ["x[-1,5]", "x[-1,6]", "x[0,5]", "x[0,6]"]);
         assert_eq!(names("x[n+1]"), ["x[4]"]);
+        assert_eq!(names("x[1..2, n+1]"), ["x[1,4]", "x[2,4]"]);
         for plain in ["x[3]", "x[-1,2]", "a[i]*b[n]", "x", "x[m]"] {
             assert_eq!(read(plain).unwrap(), None, "{plain}");
         }
-        for wrong in [
-            "x[1..m]",
-            "x[3..1]",
-            "x[1..1.5]",
-            "x[1..3, 4]",
-            "x[i in 1..2, i in 1..2]",
-            "x[1..1000000]",
-            "x[2 in 1..2]",
-        ] {
+        for wrong in ["x[1..m]", "x[3..1]", "x[1..1.5]", "x[i in 1..2, i in 1..2]", "x[1..1000000]", "x[2 in 1..2]"] {
             assert!(read(wrong).is_err(), "{wrong}");
         }
     }

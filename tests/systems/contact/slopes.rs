@@ -154,6 +154,31 @@ fn all_derivatives_of_the_bouncing_ball_before_at_and_after_the_accumulation() {
 }
 
 #[test]
+fn a_ball_that_slides_while_its_impacts_accumulate() {
+    // Friction takes mu of the impulse of the floor, which is what gravity lacks to the change of the vertical velocity, so
+    // that x = u t - mu (y - h - w t + g t^2/2) before, at and after the limit.
+    let (to, values) = (["h", "w", "g", "e", "mu", "u"], [1.0, 0.5, 9.81, 0.6, 0.1, 6.0]);
+    let mut slides = ball();
+    slides["parameters"]["mu"] = json!(0.1);
+    slides["parameters"]["u"] = json!(6);
+    slides["coordinates"]["x"] = json!({"initial": 0, "velocity": "u"});
+    slides["mass"] = json!([["m", 0], [0, "m"]]);
+    slides["contacts"][0]["friction"] = json!({"coefficient": "mu", "slip": ["x_dot"]});
+    for key in ["definitions", "integrals"] {
+        slides.as_object_mut().unwrap().remove(key);
+    }
+    let solution = derived(slides, 3.0, json!({"to": to, "of": ["x", "x_dot", "y"]}));
+    let motion = |t: f64, [h, w, g, e, mu, u]: [C; 6]| {
+        let [y, v, _] = Ball::new([h, w, g, e]).at(t);
+        let [x, x_dot] = [y - h - w * t + g * t * t * 0.5, v - w + g * t];
+        [u * t - mu * x, u - mu * x_dot, y]
+    };
+    for (k, of) in ["x", "x_dot", "y"].into_iter().enumerate() {
+        assert_slopes(&solution, of, to, values, |t, p| motion(t, p)[k]);
+    }
+}
+
+#[test]
 fn the_limit_of_a_ball_that_loses_little_at_each_impact() {
     // Some two hundred impacts; flights of the last are longer than 1e-9 of the time in all.
     let mut slow = ball();
