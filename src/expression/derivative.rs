@@ -253,7 +253,7 @@ impl Graph {
                 self.negate(slope)
             }
             Operator::Power => {
-                let logarithm = self.guarded_logarithm(a);
+                let logarithm = self.guarded_logarithm(a, self.is_varied(b));
                 let slope = self.multiply(y, logarithm);
                 self.multiply(w, slope)
             }
@@ -309,10 +309,15 @@ impl Graph {
         self.binary(Operator::Gate, not_greater, w)
     }
 
-    /// `ln a` if `a > 0`, else 0: `0^y` does not depend on `y > 0`, and for `a < 0` there is no derivative with respect
-    /// to `y`.
-    fn guarded_logarithm(&mut self, a: Node) -> Node {
+    /// `ln a` if `a > 0`, else 0: `0^y` does not depend on `y > 0`. For `a < 0` there is no derivative with respect to `y`: it is 0
+    /// where `y` keeps its value, and not a number where it varies.
+    fn guarded_logarithm(&mut self, a: Node, varies: bool) -> Node {
         let (zero, one) = (self.constant(0.0), self.constant(1.0));
+        if varies {
+            let is_zero = self.equal(a, zero);
+            let argument = self.add(a, is_zero);
+            return self.unary(Operator::Ln, argument);
+        }
         let positive_part = self.gate(a, zero, a);
         let one_elsewhere = self.gate_not(a, zero, one);
         let argument = self.add(positive_part, one_elsewhere);

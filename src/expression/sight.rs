@@ -186,6 +186,11 @@ impl Operation {
             Operator::Asin | Operator::Acos => range.width() <= UNIT && a.magnitudes().1 <= 0.5,
             Operator::Atan2 => keeps_off(a) || keeps_off(b),
             Operator::Divide => same || keeps_off(b),
+            // Between two jumps it is linear.
+            Operator::Modulo => {
+                let periods = Operator::Divide.enclose(a, b, false);
+                keeps_off(b) && Operator::Floor.enclose(periods, periods, true).width() == 0.0
+            }
             // A whole power of few factors is a polynomial of no large degree.
             Operator::Power if b.width() == 0.0 && b.lo.fract() == 0.0 && (0.0..=8.0).contains(&b.lo) => true,
             Operator::Power => a.lo > 0.0 && keeps_off(a) && range.lo > 0.0 && (range.hi / range.lo).ln() <= POWERS,

@@ -1,5 +1,5 @@
 //! A static variational inequality, `z in K`, `<G(z), z~ - z> >= 0` for all `z~ in K`: the equations of a differential one
-//! without states, and where a search for its solution begins.
+//! without states, and the point where a search for its solution begins.
 
 use super::{DviModel, Unbindable};
 use problem::{ConvexSet, Dvi};
@@ -25,27 +25,71 @@ impl StaticModel {
 
     /// An evaluator with registers of its own.
     pub fn inequality(&self) -> Inequality {
-        Inequality(self.equations.problem())
+        Inequality { equations: self.equations.problem(), grid: grid(&self.equations.variable_names) }
     }
 }
 
+/// The shape of the grid whose nodes have these names, `z[1,1]`, `z[1,2]`, .. with the last index fastest, if they have
+/// several indices and are those of one grid.
+fn grid(names: &[String]) -> Option<Vec<usize>> {
+    let read = |name: &str| -> Option<(String, Vec<i64>)> {
+        let (base, inside) = name.strip_suffix(']')?.split_once('[')?;
+        let indices = inside.split(',').map(str::parse).collect::<Result<_, _>>().ok()?;
+        Some((base.to_owned(), indices))
+    };
+    let (base, first) = read(names.first()?)?;
+    let (_, last) = read(names.last()?)?;
+    if first.len() < 2 || last.len() != first.len() {
+        return None;
+    }
+    let side = |(last, first): (&i64, &i64)| usize::try_from(last.checked_sub(*first)?.checked_add(1)?).ok();
+    let shape: Vec<usize> = last.iter().zip(&first).map(side).collect::<Option<_>>()?;
+    if shape.iter().try_fold(1_usize, |count, side| count.checked_mul(*side)) != Some(names.len()) {
+        return None;
+    }
+    let is_node = |(mut place, name): (usize, &String)| {
+        read(name).is_some_and(|(own, indices)| {
+            own == base
+                && indices.len() == shape.len()
+                && (0..shape.len()).rev().all(|k| {
+                    let index = first[k] + (place % shape[k]) as i64;
+                    place /= shape[k];
+                    index == indices[k]
+                })
+        })
+    };
+    names.iter().enumerate().all(is_node).then_some(shape)
+}
+
 /// `G` and its derivative.
-pub struct Inequality(pub Box<dyn Dvi>);
+pub struct Inequality {
+    /// The equations, without states.
+    pub equations: Box<dyn Dvi>,
+    grid: Option<Vec<usize>>,
+}
 
 impl SparseVi for Inequality {
     fn set(&self) -> &ConvexSet {
-        &self.0.structure().set
+        &self.equations.structure().set
     }
 
     fn pattern(&self) -> &[(usize, usize)] {
-        &self.0.structure().pattern
+        &self.equations.structure().pattern
+    }
+
+    fn is_affine(&self) -> bool {
+        self.equations.structure().constant_jacobian
+    }
+
+    fn grid(&self) -> Option<Vec<usize>> {
+        self.grid.clone()
     }
 
     fn evaluate(&mut self, z: &[f64], f: &mut [f64]) {
-        self.0.evaluate(0.0, z, f);
+        self.equations.evaluate(0.0, z, f);
     }
 
     fn derivatives(&mut self, z: &[f64], values: &mut [f64]) {
-        self.0.jacobian(0.0, z, values);
+        self.equations.jacobian(0.0, z, values);
     }
 }

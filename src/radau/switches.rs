@@ -47,7 +47,7 @@ pub(super) struct Switching {
     pub(super) between: Vec<Monitor>,
     pub(super) screening: Screening,
     /// Switches not yet taken by the caller.
-    switches: Vec<Switch>,
+    pub(super) switches: Vec<Switch>,
 }
 
 /// The succession of switches, by which accumulations are recognised.

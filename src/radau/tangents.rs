@@ -26,6 +26,7 @@ pub use adjoint::{Adjoint, IntegralWeights, StoredStep, SweepError, Swept, Work 
 
 use super::dense_output::Step;
 use super::face::Activity;
+use super::settings::StepError;
 use super::stepper::Radau;
 use super::tableau::Tableau;
 use hybrid::{NoSlope, OneStep};
@@ -35,6 +36,9 @@ use problem::{Dvi, Mass, MovingBound};
 /// A jump of the rates below this fraction of their terms counts as zero: variables and times of switches are only as
 /// accurate as the tolerances.
 const CONTINUOUS: f64 = 1e-9;
+
+/// The most attempts at a step for the sake of the derivatives, each at most half as long as the one before it.
+const MOST_ATTEMPTS: usize = 40;
 
 /// The directions of differentiation, one per column.
 pub struct Directions {
@@ -124,6 +128,8 @@ pub struct Tangents {
     terms: Option<Terms>,
     /// Number of central differences, one for each direction, at breakpoints of time and of hidden constraints.
     differences: u64,
+    /// The error of the derivatives in the last step, relative to the tolerance, if it was estimated.
+    error: Option<f64>,
 }
 
 /// The absolute values of the terms that add up to the derivatives of the states in a step and at the switch at its end: a
@@ -162,6 +168,7 @@ impl Tangents {
             is_basis: false,
             terms: None,
             differences: 0,
+            error: None,
             now,
             directions,
             mass,
@@ -191,11 +198,29 @@ impl Tangents {
         self.slopes = [None, slope.clone()];
     }
 
-    /// Follows the last accepted step of a run.
+    /// Makes a step of a run in which the derivatives, too, are as accurate as the tolerance asks, unless its size is fixed.
     ///
     /// # Errors
-    /// Why there is no derivative from the end of this step on.
-    pub fn follow(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
+    /// If no step is made; or why there is no derivative from the end of this step on.
+    pub fn advance(&mut self, radau: &mut Radau<'_>) -> Result<Result<(), NoDerivative>, StepError> {
+        let (mark, begin) = (radau.mark(), self.point());
+        for attempt in 0.. {
+            radau.step()?;
+            let followed = self.follow(radau);
+            match self.shorter(radau).filter(|_| followed.is_ok() && attempt < MOST_ATTEMPTS) {
+                Some(h) => {
+                    radau.retry_from(&mark, h);
+                    self.restore(&begin);
+                }
+                None => return Ok(followed),
+            }
+        }
+        Ok(Ok(()))
+    }
+
+    /// Follows the last accepted step of a run.
+    fn follow(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
+        self.error = None;
         if !radau.last.is_smooth {
             return Err(NoDerivative::Unlocated);
         }

@@ -123,10 +123,11 @@ impl Stepper for RadauRun<'_> {
     }
 
     fn step(&mut self) -> Result<(), Failure> {
-        if let Some(followed) = &mut self.followed {
-            followed.prepare(&mut self.radau);
-        }
-        self.radau.step().map_err(|error| {
+        let stepped = match &mut self.followed {
+            Some(followed) => followed.step(&mut self.radau),
+            None => self.radau.step().map(Ok),
+        };
+        let followed = stepped.map_err(|error| {
             let mut failure = failure(self.plan, self.kinks, &error, self.t(), self.states());
             if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } | StepError::Unresolved { .. } =
                 error
@@ -135,9 +136,7 @@ impl Stepper for RadauRun<'_> {
             }
             failure
         })?;
-        let Self { followed: Some(followed), radau, plan, .. } = self else { return Ok(()) };
-        let n = plan.initial.len();
-        followed.step(radau).map_err(|why| sensitivities::failure(&why.to_string(), radau.t(), &radau.y()[..n]))
+        followed.map_err(|why| sensitivities::failure(&why.to_string(), self.t(), self.states()))
     }
 
     fn derivatives(&mut self, t: f64, out: &mut [f64]) {

@@ -36,8 +36,8 @@ const HALVINGS: i32 = 1;
 /// Least reduction of the residual, or of Newton's correction, relative to the fraction of the step taken (Deuflhard 2011,
 /// *Newton Methods for Nonlinear Problems*, sections 3.1 and 3.3).
 const GAIN: f64 = 0.25;
-/// An orbit with a free period and a length below this number of tolerances counts as a point: fewer than three of its
-/// digits are known.
+/// This number of tolerances, of which fewer than three digits are known: an orbit with a free period and no greater length counts as
+/// a point, and an orbit whose start is known no better is uncertain.
 const SEEN: f64 = 1e3;
 /// A multiplier within this distance of the unit circle counts as being on it, given the accuracy of the derivatives.
 const ON_CIRCLE: f64 = 1e-6;
@@ -46,9 +46,11 @@ const ON_CIRCLE: f64 = 1e-6;
 pub(super) const CHANGED: f64 = 0.5;
 /// Most states that a message gives.
 const TOLD: usize = 3;
-/// Number of times at which the rows of a problem are compared with those one period later. Their distances are not
+/// Number of times in a period at which the rows of a problem are compared with those one period later. Their distances are not
 /// simple fractions of the period, so that they meet edges of pulses by chance only.
 const COMPARED: u32 = 16;
+/// Number of periods that are compared with the next one: what repeats once may change later, as by a pulse.
+const PERIODS: u32 = 64;
 /// Relative tolerance for rows that count as equal: rounding of the time, amplified by their slopes.
 const SAME: f64 = 1e-6;
 
@@ -185,6 +187,9 @@ pub(super) fn run_along(
     diagnostics.checks.record(CheckCode::ReturnResidual, residual, allowed, || {
         format!("the end of the orbit differs from its beginning by {residual:.1e} times the tolerance")
     });
+    if let Some(message) = uncertain_start(subject, &shot, asked.phase) {
+        diagnostics.checks.caveat("orbit_uncertain", message);
+    }
     let multipliers = multipliers::find(subject, plan, &shot, true, control, &mut diagnostics.checks);
     if let Err(why) = &shot.monodromy {
         let message =
@@ -210,6 +215,22 @@ pub(super) fn run_along(
         over_period: statistics,
     });
     solution
+}
+
+/// Says where an orbit begins only roughly: a run returns to its start, within the tolerance, from far around it.
+fn uncertain_start(subject: Subject<'_>, shot: &Shot, phase: Option<usize>) -> Option<String> {
+    let error = shot.uncertainty(phase, subject.settings().rtol)?;
+    let parts = error.iter().zip(&shot.scale).map(|(error, scale)| error.abs() / scale);
+    let (state, part) = parts.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (part > SEEN).then(|| {
+        format!(
+            "runs return to their start, within the tolerance, from a distance of {:.1e} in `{}` around this orbit: one of its \
+             multipliers is that near to 1, so that orbits form a family, or their place is known no better; or there is none, \
+             and the states drift by less than the tolerance a period",
+            error[state].abs(),
+            subject.state_names()[state]
+        )
+    })
 }
 
 /// Whether the largest multiplier keeps half of its distance from the unit circle, where it is near, if the start is moved
@@ -257,10 +278,12 @@ pub(super) type Missed = Box<(Option<Shot>, Failure)>;
 /// time.
 pub(super) fn check_forcing(subject: Subject<'_>, plan: &Plan, period: f64, is_free: bool) -> Result<(), Failure> {
     let mut rows_at = rows_at(subject, plan);
-    let pairs: Vec<_> = (0..COMPARED)
-        .map(|k| {
+    let periods = if is_free { 1 } else { PERIODS };
+    let pairs: Vec<_> = (0..periods)
+        .flat_map(|number| (0..COMPARED).map(move |k| (number, k)))
+        .map(|(number, k)| {
             let part = (f64::from(k) * 0.618_033_988_749_894_8).fract();
-            let t = plan.start + part * period;
+            let t = plan.start + (f64::from(number) + part) * period;
             let after = if is_free { t + part * period } else { t + period };
             [(t, rows_at(t)), (after, rows_at(after))]
         })

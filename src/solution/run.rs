@@ -199,6 +199,7 @@ impl<'a> Run<'a> {
             self.control.report(done, stepper.accepted());
         };
         self.x.copy_from_slice(stepper.states());
+        self.recorder.end(stepper);
         if let Some(reducing) = &mut self.recorder.reducing {
             reducing.end(stepper);
         }
@@ -471,6 +472,14 @@ impl<'a> Recorder<'a> {
             observed.define(t, outputs, &mut own[..self.plan.observables.definitions()]);
         }
         out.iter_mut().zip(&self.plan.fields).for_each(|(out, &place)| *out = self.y[place]);
+    }
+
+    /// Writes the derivatives at the end, which need be no output time.
+    fn end(&mut self, stepper: &mut impl Stepper) {
+        let (t, own) = (stepper.t(), self.plan.names.len() + self.plan.observables.names.len());
+        if t > self.trajectory.t.last().copied().unwrap_or(f64::NEG_INFINITY) {
+            stepper.derivatives(t, &mut self.y[own..]);
+        }
     }
 
     fn sample(&mut self, stepper: &mut impl Stepper, t: f64) {

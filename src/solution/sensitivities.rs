@@ -23,7 +23,7 @@ use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
 use observed::ObservedSlopes;
 use problem::Control;
-use radau::{Adjoint, Directions, NoDerivative, Radau, Settings, Shifted, Tangents};
+use radau::{Adjoint, Directions, NoDerivative, Radau, Settings, Shifted, StepError, Tangents};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -36,6 +36,13 @@ pub(super) const POWER: f64 = 0.5;
 pub(super) const MOST_MOVED: f64 = 1e-2;
 /// By how many tolerances derivatives may differ from the difference of runs, beside what two differences differ by.
 pub(super) const SLACK: f64 = 20.0;
+/// The tolerances of the runs that derivatives are compared with, as a part of those of the run, and the relative tolerance below
+/// which they are not taken: rounding is near.
+const TIGHTER: f64 = 1e-2;
+const TIGHTEST: f64 = 1e-11;
+/// By how many relative tolerances of its largest value a derivative may be off: errors of its steps add up, as those of the
+/// states do.
+const OWN: f64 = 100.0;
 /// The most output times before the end at which derivatives are compared: what is wrong for a hundredth of a run is met.
 const MOST_COMPARED: usize = 100;
 /// The size of a parameter that is zero.
@@ -157,16 +164,17 @@ impl Followed {
         Ok(Self { tangents, observed, states, outputs, of: of.of.clone(), by, swept: None })
     }
 
-    /// Prepares for the next step.
-    pub fn prepare(&mut self, radau: &mut Radau<'_>) {
+    /// Makes a step of the run, and follows it.
+    pub fn step(&mut self, radau: &mut Radau<'_>) -> Result<Result<(), NoDerivative>, StepError> {
         if let Some((adjoint, _)) = &mut self.swept {
             adjoint.prepare(radau, &self.tangents);
         }
+        let followed = self.tangents.advance(radau)?;
+        Ok(followed.and_then(|()| self.observe(radau)))
     }
 
-    /// Follows the last step.
-    pub fn step(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
-        self.tangents.follow(radau)?;
+    /// Stores and observes the last step.
+    fn observe(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
         if let Some((adjoint, swept)) = &mut self.swept {
             adjoint.store(radau, &self.tangents)?;
             swept.watch(adjoint.bytes());
@@ -307,13 +315,14 @@ pub(super) fn check(
     ended: &mut Ended,
 ) {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
+    let tighter = tighter(settings);
     let run = |moved: &Moved<'_>| -> Option<Ended> {
         let bound =
             if model.parameters.is_some() { model.with_parameters(moved.parameters).ok()? } else { model.clone() };
         let initial = moved.initial(&bound.initial);
-        Some(integrate_once(&bound, &Plan { initial, ..moved.plan.clone() }, settings, analysis, control))
+        Some(integrate_once(&bound, &Plan { initial, ..moved.plan.clone() }, &tighter, analysis, control))
     };
-    compare(plan, values, (settings.rtol, &settings.atol), run, ended);
+    compare(plan, values, (settings.rtol, &tighter), run, ended);
 }
 
 /// Holds the derivatives of a motion to differences of motions.
@@ -326,14 +335,24 @@ pub(super) fn check_motion(
     ended: &mut Ended,
 ) {
     let values = model.parameters.as_ref().map_or(&[][..], |(parameters, _)| parameters.values());
+    let tighter = tighter(settings);
+    let contact = ContactPlan { located: Some(tighter.clone()), ..contact.clone() };
     let run = |moved: &Moved<'_>| -> Option<Ended> {
         let bound =
             if model.parameters.is_some() { model.with_parameters(moved.parameters).ok()? } else { model.clone() };
         let initial = moved.initial(&bound.initial);
         let plan = Plan { initial, ..moved.plan.clone() };
-        Some(integrate_contact_once(&bound, &plan, contact, analysis, control))
+        Some(integrate_contact_once(&bound, &plan, &contact, analysis, control))
     };
-    compare(plan, values, (settings.rtol, &settings.atol), run, ended);
+    compare(plan, values, (settings.rtol, &tighter), run, ended);
+}
+
+/// The settings of the runs that derivatives are compared with: tighter than those of the run, so that their differences know
+/// more digits than its tolerance asks of the derivatives.
+fn tighter(settings: &Settings) -> Settings {
+    let part = TIGHTER.max((TIGHTEST / settings.rtol).min(1.0));
+    let atol = settings.atol.iter().map(|atol| part * atol).collect();
+    Settings { rtol: part * settings.rtol, atol, ..settings.clone() }
 }
 
 /// A run with other parameters and initial values.
@@ -412,7 +431,7 @@ fn is_between_events(events: &[Vec<f64>], t: f64) -> bool {
 fn compare(
     plan: &Plan,
     values: &[f64],
-    (rtol, atol): (f64, &[f64]),
+    (rtol, tighter): (f64, &Settings),
     run: impl Fn(&Moved<'_>) -> Option<Ended>,
     ended: &mut Ended,
 ) {
@@ -473,13 +492,17 @@ fn compare(
     };
     let is_between: Vec<bool> = compared.iter().map(|at| is_between_events(&events, at.t)).collect();
     let mut worst: Option<(f64, f64, Checked)> = None;
+    let (mut shown, mut is_any) = (0.0_f64, false);
     for (k, &of) in asked.of.iter().enumerate() {
         let largest = here[k].iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        let along = |row: &[f64]| row.iter().zip(&direction).map(|(slope, change)| slope * change).sum::<f64>();
+        let rows = compared.iter().filter_map(|at| at.rows.chunks(asked.by.len()).nth(k));
+        let steepest = rows.map(|row| along(row).abs()).fold(0.0, f64::max);
         for (i, At { t, rows }) in compared.iter().enumerate() {
             let Some(row) = rows.chunks(asked.by.len()).nth(k) else { continue };
             let [here, above, below] = [here, above, below].map(|values| values[k][i]);
             let [far_above, far_below] = [far_above, far_below].map(|values| values[k][i]);
-            let derivative: f64 = row.iter().zip(&direction).map(|(slope, change)| slope * change).sum();
+            let derivative = along(row);
             let near = 0.5 * (above - below);
             let far = 0.25 * (far_above - far_below);
             let is_end = i + 1 == compared.len();
@@ -488,10 +511,11 @@ fn compare(
             }
             // On the way errors are as large as the state was before.
             let size = if is_end { here.abs() } else { largest };
-            let known = rtol * size + atol.get(of).copied().unwrap_or(0.0) + resolution + f64::EPSILON * largest;
+            let atol = tighter.atol.get(of).copied().unwrap_or(0.0);
+            let known = tighter.rtol * size + atol + resolution + f64::EPSILON * largest;
             // The error of the nearer of two differences is a third of what they differ by. At a jump, where there is no derivative,
             // it is more than all of it: there the nearer one is twice the other.
-            let uncertainty = (near - far).abs() + SLACK * known;
+            let uncertainty = (near - far).abs() + SLACK * known + OWN * rtol * steepest;
             let distance = if is_end {
                 (derivative - near).abs()
             } else {
@@ -502,6 +526,8 @@ fn compare(
                 let most = sides.into_iter().fold(f64::NEG_INFINITY, f64::max);
                 if derivative.is_nan() { derivative } else { (least - derivative).max(derivative - most).max(0.0) }
             };
+            shown = shown.max(derivative.abs().max(near.abs()) / uncertainty);
+            is_any |= derivative != 0.0 || near != 0.0;
             let off = if distance == 0.0 { 0.0 } else { distance / uncertainty };
             if worst.as_ref().is_none_or(|(worst, ..)| off > *worst || off.is_nan()) {
                 let name = plan.names.get(of).or_else(|| observables.names.get(of - plan.names.len()));
@@ -510,6 +536,11 @@ fn compare(
                 worst = Some((off, *t, Checked { of, direction, derivative, finite_difference: near, uncertainty }));
             }
         }
+    }
+    if is_any && shown < 1.0 {
+        let message = "what is varied moves the results by less than differences of runs tell apart; make the parameters larger, \
+                       or tighten `rtol` and `atol`";
+        checks.caveat("derivatives_not_checked", message.to_owned());
     }
     if let Some((off, t, checked)) = worst {
         checks.record(CheckCode::Derivatives, off, 1.0, || {

@@ -262,15 +262,16 @@ fn shoot_dvi(
             return Err(too_many(radau.counts.accepted, radau.t(), &radau.y()[..n]));
         }
         let at = radau.t();
-        if let Err(error) = radau.step() {
-            return Err(failed(error, at, &radau.y()[..n]));
+        let stepped = match &mut tangents {
+            Ok(tangents) => tangents.advance(&mut radau),
+            Err(_) => radau.step().map(Ok),
+        };
+        match stepped {
+            Ok(Ok(())) => {}
+            Ok(Err(why)) => tangents = Err(why.to_string()),
+            Err(error) => return Err(failed(error, at, &radau.y()[..n])),
         }
         word.extend(radau.take_switches().map(|Switch { variable, from, to, .. }| Passed::Switch(variable, from, to)));
-        if let Ok(followed) = &mut tangents
-            && let Err(why) = followed.follow(&mut radau)
-        {
-            tangents = Err(why.to_string());
-        }
     }
     let slopes = tangents.map(|tangents| {
         let mut matrix = DMatrix::zeros(n, by.len());

@@ -24,6 +24,10 @@ const APART: f64 = 1e-4;
 /// How far along a direction another solution is searched for, relative to the size of the one found: far more than solutions
 /// differ that count as the same, and near enough for Newton's method to find what is there.
 const ASIDE: f64 = 1e-2;
+/// How far a point moves, relative to the size of the variables, that its equations do not determine; and by how much they grow
+/// that far from one that they determine.
+const FAR: f64 = 1e-2;
+const GROWN: f64 = 2.0;
 /// Most variables named in a message.
 const NAMED: usize = 6;
 /// Relative tolerance for negative eigenvalues of a positive semidefinite symmetric part.
@@ -113,7 +117,18 @@ pub fn solve_static(model: &StaticModel, plan: &Plan, asked: StaticPlan, control
     let at = search.at(&z);
     record(model, &z, &at, asked, found, &mut solution.diagnostics);
     let is_finite = at.g.iter().all(|g| g.is_finite());
-    if found.report.outcome == Outcome::Solved && is_finite && solution.status == Status::Completed {
+    let is_solved = found.report.outcome == Outcome::Solved && is_finite && solution.status == Status::Completed;
+    let undetermined = is_solved.then(|| search.undetermined(&z, &at)).flatten();
+    if let Some(row) = undetermined {
+        let message = format!(
+            "no solution was found, nor a proof that there is none: the inequality of `{0}` nearly vanishes where the search ended, \
+             with `{0}` = {1:e}, and keeps its sign around: it may vanish at infinity only",
+            search.name(row),
+            z[row]
+        );
+        let failure = Failure { code: "vi_unsolved".into(), message, time: plan.start, state: Vec::new() };
+        (solution.status, solution.error) = (Status::Failed, Some(failure));
+    } else if is_solved {
         let names = &model.equations.variable_names;
         let certificate = search.certify(&z, &at, &mut solution.diagnostics);
         let by_name = |values: &[f64]| names.iter().cloned().zip(values.iter().copied()).collect();
@@ -193,6 +208,41 @@ impl Search<'_> {
 
     fn name(&self, i: usize) -> &str {
         self.model.equations.variable_names.get(i).map_or("?", String::as_str)
+    }
+
+    /// A row whose zero does not determine the point, if there is one: what it is off zero, and its rounding, moves variables far by
+    /// its derivatives, and it keeps its sign and its size as far around. So end searches for what vanishes at infinity only.
+    fn undetermined(&mut self, z: &[f64], at: &At) -> Option<usize> {
+        let structure = self.model.equations.structure();
+        let (set, pattern) = (&structure.set, &structure.pattern);
+        let m = z.len();
+        let points: Vec<Interval> = z.iter().map(|z| Interval::point(*z)).collect();
+        let mut enclosed = vec![Interval::LINE; structure.rows()];
+        if !self.problem.equations.enclose(Interval::point(0.0), &points, &mut enclosed) {
+            return None;
+        }
+        let size = z.iter().chain(&self.model.start).fold(f64::MIN_POSITIVE, |most, z| most.max(z.abs()));
+        let mut steepest = vec![0.0_f64; m];
+        for (&(row, _), slope) in pattern.iter().zip(&at.derivatives).filter(|((row, _), _)| *row < m) {
+            steepest[row] = steepest[row].max(slope.abs());
+        }
+        let is_inside = |i: usize| set.block_of(i).is_none() && set.lower[i] < z[i] && z[i] < set.upper[i];
+        let off = |i: usize| at.g[i].abs() + enclosed[i].width();
+        let is_open = |&i: &usize| is_inside(i) && off(i).is_finite() && off(i) > FAR * size * steepest[i];
+        let open: Vec<usize> = (0..m).filter(is_open).collect();
+        let mut g = vec![0.0; m];
+        open.into_iter().find(|&row| {
+            let columns = pattern.iter().filter(|(i, _)| *i == row).map(|(_, j)| *j);
+            let beside = columns.flat_map(|j| [(j, FAR * size), (j, -FAR * size)]);
+            let mut grows = |(j, by): (usize, f64)| {
+                let mut moved = z.to_vec();
+                moved[j] += by;
+                self.problem.evaluate(&moved, &mut g);
+                // What is not finite is not known to stay.
+                !(g[row].abs() <= GROWN * off(row) && g[row] * at.g[row] >= 0.0)
+            };
+            !beside.into_iter().any(&mut grows)
+        })
     }
 
     /// The certificate of a solution, in words. The existence of other solutions is also a caveat.
@@ -352,7 +402,7 @@ impl Search<'_> {
         let m = at.g.len();
         let ranges: Vec<Interval> = (0..m).map(|i| Interval::new(set.lower[i], set.upper[i])).collect();
         let mut enclosed = vec![Interval::LINE; structure.rows()];
-        if self.problem.0.enclose(Interval::point(0.0), &ranges, &mut enclosed) {
+        if self.problem.equations.enclose(Interval::point(0.0), &ranges, &mut enclosed) {
             for (i, range) in enclosed.iter().enumerate().take(m).filter(|(i, _)| set.block_of(*i).is_none()) {
                 if let Some(side) = presses(*range, set, i) {
                     return Some(format!(

@@ -1,11 +1,13 @@
 //! One nonlinear variational inequality of any size, by the methods that fit it, one after the other: of few variables, or over
 //! sets that bind them together, Josephy and Newton's with pivots or conic programs, which finds solutions where Jacobians are
-//! singular; of many over intervals, semismooth Newton and interior points on sparse factors; and where all fail, from other
-//! starts.
+//! singular; of many over intervals, active sets where `F'` is a constant M-matrix, semismooth Newton and interior points on
+//! sparse factors; and where all fail, from other starts.
 
 use super::auto::SolverKind;
 use super::interior_point::InteriorPoint;
-use super::{JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Worst};
+use super::{ActiveSet, JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Worst};
+use factorisation::SparseMatrix;
+use faer::sparse::Triplet;
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
@@ -68,6 +70,7 @@ pub struct Portfolio {
 #[derive(Clone, Copy, Debug)]
 enum Method {
     JosephyNewton,
+    ActiveSet,
     Newton { searches: bool },
     InteriorPoint,
 }
@@ -76,6 +79,7 @@ impl Method {
     fn name(self) -> &'static str {
         match self {
             Self::JosephyNewton => "josephy_newton",
+            Self::ActiveSet => "active_set",
             Self::Newton { .. } => "semismooth_newton",
             Self::InteriorPoint => "interior_point",
         }
@@ -125,14 +129,18 @@ impl Portfolio {
                 &[Method::JosephyNewton, Method::Newton { searches: true }, Method::InteriorPoint]
             }
             (false, ..=DENSE_AT_MOST) => &[
+                Method::ActiveSet,
                 Method::Newton { searches: false },
                 Method::InteriorPoint,
                 Method::Newton { searches: true },
                 Method::JosephyNewton,
             ],
-            (false, _) => {
-                &[Method::Newton { searches: false }, Method::InteriorPoint, Method::Newton { searches: true }]
-            }
+            (false, _) => &[
+                Method::ActiveSet,
+                Method::Newton { searches: false },
+                Method::InteriorPoint,
+                Method::Newton { searches: true },
+            ],
         };
         let first = z.to_vec();
         let mut best: Option<(Found, Vec<f64>)> = None;
@@ -141,6 +149,7 @@ impl Portfolio {
             let mut point = first.clone();
             let report = match method {
                 Method::JosephyNewton => self.josephy_newton(vi, tolerance, &mut point, &mut ray, control),
+                Method::ActiveSet => active_set(vi, tolerance, &mut point, control),
                 Method::Newton { searches } => self.newton(vi, tolerance, &mut point, searches, control),
                 Method::InteriorPoint => self.interior_point(vi, tolerance, &mut point, control),
             };
@@ -237,6 +246,38 @@ impl Portfolio {
         }
         report
     }
+}
+
+/// The active set method, where it ends after finitely many steps: `F` is affine, with an M-matrix.
+fn active_set(vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
+    let m = z.len();
+    if !vi.is_affine() {
+        return Report::UNSUITABLE;
+    }
+    let mut derivatives = vec![0.0; vi.pattern().len()];
+    vi.derivatives(z, &mut derivatives);
+    let is_positive = |at: &(&(usize, usize), &f64)| (at.0.0 == at.0.1) == (*at.1 > 0.0);
+    let mut entries = vi.pattern().iter().zip(&derivatives).filter(|(_, value)| **value != 0.0);
+    if !entries.all(|entry| is_positive(&entry)) {
+        return Report::UNSUITABLE;
+    }
+    let triplets: Vec<Triplet<usize, usize, f64>> =
+        vi.pattern().iter().zip(&derivatives).map(|(&(i, j), &value)| Triplet::new(i, j, value)).collect();
+    let matrix = SparseMatrix::try_new_from_triplets(m, m, &triplets).ok();
+    let of_matrix = |matrix: SparseMatrix| match vi.grid() {
+        Some(shape) => ActiveSet::on_grid(&matrix, &shape, control).ok(),
+        None => ActiveSet::new(&matrix).ok(),
+    };
+    let Some(mut method) = matrix.and_then(of_matrix) else { return Report::UNSUITABLE };
+    let mut q = vec![0.0; m];
+    vi.evaluate(&vec![0.0; m], &mut q);
+    let report = method.solve(&q, vi.set(), z, control);
+    let reached = worst(vi, z);
+    let outcome = match report.outcome {
+        Outcome::Solved if reached.relative() > tolerance => Outcome::Limit,
+        outcome => outcome,
+    };
+    Report { outcome, residual: reached.largest, ..report }
 }
 
 /// How far a point is from a solution.

@@ -17,6 +17,16 @@ pub trait SparseVi {
     /// The places of `F'` that may be nonzero, as `(row, column)`.
     fn pattern(&self) -> &[(usize, usize)];
 
+    /// Whether `F'` is constant.
+    fn is_affine(&self) -> bool {
+        false
+    }
+
+    /// The shape of the grid whose nodes the variables are, with the last index fastest, if they are those of one.
+    fn grid(&self) -> Option<Vec<usize>> {
+        None
+    }
+
     /// Writes `F(z)` (m). What is not defined comes out as NaN or an infinity.
     fn evaluate(&mut self, z: &[f64], f: &mut [f64]);
 

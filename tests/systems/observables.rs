@@ -267,6 +267,20 @@ fn integrands_with_a_narrow_feature_within_a_step_are_exact() {
 
 /// An integral has no value where monitors and other integrands are evaluated.
 #[test]
+fn integrals_of_remainders_are_exact_between_jumps_and_across_them() {
+    // The integral of mod(t, p)^2 over n periods and a part r: n p^3/3 + r^3/3.
+    for (period, end) in [(1.59, 1.0), (7.0, 5.5), (0.3, 1.0)] {
+        let solution =
+            solve(&json!({"problem": {"dvi": {"parameters": {"p": period}, "integrals": {"I": "mod(t, p)^2"},
+            "states": {"x": {"initial": 1, "rate": "-x"}}}}, "time": {"end": end}}));
+        assert_trusted(&solution);
+        let whole = f64::floor(end / period);
+        let exact = (whole * period.powi(3) + (end - whole * period).powi(3)) / 3.0;
+        assert_near(last(&solution, "I"), exact, 1e-9);
+    }
+}
+
+#[test]
 fn integrals_are_unknown_to_monitors_and_integrands() {
     let problem =
         |integrals: Value| json!({"dvi": {"states": {"x": {"initial": 0, "rate": 1}}, "integrals": integrals}});

@@ -137,6 +137,7 @@ fn what_has_no_orbit_says_why() {
         ("-x", json!({"free": 2, "phase": "x"}), "no_orbit"),
         ("sin(t) - x", json!(2), "not_periodic"),
         ("sin(t) - x", json!({"free": 6, "phase": "x"}), "not_periodic"),
+        ("cos(3*t) + pulse(t, 50, 1) - x", json!("2*pi/3"), "not_periodic"),
     ] {
         let error = of(rate, period).error.expect("a failure");
         assert_eq!(error.code, code, "{}", error.message);
@@ -349,5 +350,16 @@ fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
     for (problem, stable) in [(with_z("-x+3*z-2", "z-x", -3.0), true), (one(1.0, "x-1"), false)] {
         let solution = solve(&json!({"problem": problem, "steady_state": {}}));
         assert_eq!(solution.steady_state.expect("a state of rest").stable, Some(stable));
+    }
+}
+
+#[test]
+fn orbits_that_runs_return_to_from_far_around_are_said_to_be_uncertain() {
+    // x = 5 + sin t + .. comes nearer by 1e-9 a unit of time; without damping all starts are those of orbits.
+    for (rate, is_uncertain) in [("cos(t) - 1e-9*(x - 5)", true), ("cos(t)", true), ("cos(t) - (x - 5)", false)] {
+        let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": rate}}}},
+            "periodic": {"period": "2*pi"}}));
+        let is_told = solution.verdict.caveats.iter().any(|caveat| caveat.code == "orbit_uncertain");
+        assert_eq!(is_told, is_uncertain, "{rate}: {:?}", solution.verdict);
     }
 }

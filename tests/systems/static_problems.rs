@@ -364,3 +364,75 @@ fn the_traffic_of_sioux_falls_comes_to_its_published_flows() {
     let gap = (total - shortest) / total;
     assert!(gap.abs() <= 1e-10, "relative gap {gap:e}");
 }
+
+#[test]
+fn what_vanishes_at_infinity_only_is_no_solution() {
+    let free = json!([{"free": ["x1"]}]);
+    let nonnegative = json!([{"nonnegative": ["x1"]}]);
+    for (row, set) in [
+        ("-exp(-x1)", &nonnegative),
+        ("exp(-2*x1)", &free),
+        ("atan(x1) - pi/2", &free),
+        ("tanh(x1) - 1", &free),
+        ("sqrt(x1^2 + 1) - x1", &free),
+        ("x1/(1 + x1) - 1", &nonnegative),
+    ] {
+        let (code, message) = failed(&problem(&[("x1", row, 1.0)], set.clone()));
+        assert!(code == "vi_unsolved" || code == "no_solution", "{row}: {code}: {message}");
+    }
+    let (code, _) = failed(&problem(
+        &[("x1", "-exp(-x1)*(1 + x2)", 0.0), ("x2", "x2 - 1", 0.0)],
+        json!([{"nonnegative": ["x1", "x2"]}]),
+    ));
+    assert_eq!(code, "vi_unsolved");
+    // Multiple roots, and what is flat all around, are solutions.
+    for (row, start, exact, tolerance) in [
+        ("1 - cos(x1)", 0.0, 0.0, 1e-12),
+        ("1 - cos(x1)", 1.0, 0.0, 1e-4),
+        ("x1^3", 1.0, 0.0, 1e-3),
+        ("exp(x1) - 1 - x1", 1.0, 0.0, 1e-4),
+        ("max(0, x1 - 1)", 0.5, 0.5, 1e-12),
+        ("(x1 - 1e-9)*(x1 + 1)", 0.5, 1e-9, 1e-10),
+    ] {
+        let (_, found) = solved(&problem(&[("x1", row, start)], free.clone()));
+        assert_point(&found, &[exact], tolerance);
+    }
+}
+
+#[test]
+fn a_membrane_of_many_nodes_over_an_obstacle_is_solved_by_active_sets() {
+    // -u'' = -8 over [0, 1] above -1/2, a string whose free ends are known: u = 4 (x - a)^2 - 1/2 with a = 1/sqrt 8 from the left.
+    let n = 1999;
+    let h = 1.0 / f64::from(n + 1);
+    let specification = json!({"problem": {"vi": {"parameters": {"n": n, "h": h},
+        "variables": {"u[1..n]": {"inequality": "(2*u[i] - u[i-1] - u[i+1])/h^2 + 8"}},
+        "definitions": {"u[0]": 0, "u[n+1]": 0}, "set": [{"box": {"of": ["u[1..n]"], "lower": -0.5}}]}}});
+    let (solution, found) = solved(&specification);
+    assert_eq!(solution.diagnostics.method, "active_set");
+    let exact = |x: f64| if x < 0.125_f64.sqrt() { 4.0 * (x - 0.125_f64.sqrt()).powi(2) - 0.5 } else { -0.5 };
+    for i in 1..=n {
+        let x = f64::from(i) * h;
+        let value = found.z[&format!("u[{i}]")];
+        assert!((value - exact(x.min(1.0 - x))).abs() < 10.0 * h * h, "{value} at {x}");
+    }
+}
+
+#[test]
+fn a_membrane_on_a_grid_is_solved_from_coarse_to_fine() {
+    // Under an even load over a flat obstacle: the solution has the symmetries of the square.
+    let specification = json!({"problem": {"vi": {"parameters": {"n": 40, "h": 0.1},
+        "variables": {"z[i in 1..n, j in 1..n]": {"inequality": "4*z[i,j] - z[i-1,j] - z[i+1,j] - z[i,j-1] - z[i,j+1] + h^2"}},
+        "definitions": {"z[0, 1..n]": 0, "z[n+1, 1..n]": 0, "z[1..n, 0]": 0, "z[1..n, n+1]": 0},
+        "set": [{"box": {"of": ["z[1..n, 1..n]"], "lower": -0.5}}]}}});
+    let (solution, found) = solved(&specification);
+    assert_eq!(solution.diagnostics.method, "active_set");
+    let at = |i: usize, j: usize| found.z[&format!("z[{i},{j}]")];
+    let held = (1..=40).flat_map(|i| (1..=40).map(move |j| (i, j))).filter(|&(i, j)| at(i, j) == -0.5).count();
+    assert!(held > 100 && held < 1500, "{held} nodes");
+    for i in 1..=40 {
+        for j in 1..=40 {
+            assert!((at(i, j) - at(j, i)).abs() < 1e-9 && (at(i, j) - at(41 - i, j)).abs() < 1e-9);
+        }
+    }
+    assert!(solution.diagnostics.newton_iterations < 10, "{}", solution.diagnostics.newton_iterations);
+}

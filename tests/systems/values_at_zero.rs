@@ -1,8 +1,9 @@
 //! Parameters that are zero where an analysis begins: derivatives, fits and branches compared with closed solutions, of
 //! equations in which the terms of these parameters are absent at the start.
 
-use crate::systems::harness::{last, solve};
+use crate::systems::harness::{column, last, solve};
 use dvi::problem::Control;
+use dvi::solution::Status;
 use dvi::specification::Specification;
 use serde_json::{Value, json};
 
@@ -138,4 +139,47 @@ fn a_parameter_that_decides_the_structure_is_refused_with_what_to_write() {
         assert!(error.detail.contains("`m` decides the structure"), "{error:?}");
         assert!(error.expected.as_ref().is_some_and(|text| text.contains("another value than 0")), "{error:?}");
     }
+}
+
+#[test]
+fn the_derivative_by_the_amplitude_of_a_fast_force_that_is_not_there() {
+    // s = dx/dA solves s' = -s/10 + sin 40 t from 0, while x hardly moves.
+    let exact = |t: f64| (0.1 * (40.0 * t).sin() - 40.0 * (40.0 * t).cos() + 40.0 * (-0.1 * t).exp()) / 1600.01;
+    for amplitude in [0.0, 1e-8, 1e-6, 1e-4] {
+        let problem = json!({"dvi": {"parameters": {"A": amplitude},
+            "states": {"x": {"initial": 1, "rate": "-0.1*x + A*sin(40*t)"}}}});
+        let solution = solve(&json!({"problem": problem, "time": {"end": 10}, "output": {"times": [0, 3, 7.5]},
+            "sensitivities": {"to": ["A"]}}));
+        assert!(solution.verdict.trusted, "{amplitude}: {:?}", solution.verdict);
+        for (&t, &found) in solution.trajectory.t.iter().zip(column(&solution, "dx/dA")) {
+            assert_near(found, exact(t), 2e-5);
+        }
+    }
+    let gradient = solve(&json!({"problem": {"dvi": {"parameters": {"A": 1e-6},
+        "states": {"x": {"initial": 1, "rate": "-0.1*x + A*sin(40*t)"}}}}, "time": {"end": 10},
+        "sensitivities": {"to": ["A"], "mode": "adjoint", "objective": {"final": "x"}}}));
+    assert_near(gradient.gradient["A"], exact(10.0), 2e-5);
+}
+
+#[test]
+fn the_derivative_of_the_impulse_of_friction_that_holds_a_force_that_is_not_there() {
+    // The body sticks, F = A sin wt: d/dA of its integral is (1 - cos wt)/w.
+    let problem = json!({"dvi": {"parameters": {"A": 0, "w": 3}, "states": {"v": {"initial": 0, "rate": "A*sin(w*t) - F"},
+        "J": {"initial": 0, "rate": "F"}}, "variables": {"F": {"inequality": "-v"}},
+        "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}]}});
+    let solution = solve(&json!({"problem": problem, "time": {"end": 20}, "output": {"times": {"count": 21}},
+        "sensitivities": {"to": ["A"], "of": ["J"]}}));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    for (&t, &found) in solution.trajectory.t.iter().zip(column(&solution, "dJ/dA")) {
+        assert_near(found, (1.0 - (3.0 * t).cos()) / 3.0, 1e-4);
+    }
+}
+
+#[test]
+fn a_negative_number_has_no_derivative_by_its_exponent() {
+    let problem = json!({"dvi": {"parameters": {"n": 2}, "states": {"x": {"initial": -1, "rate": "x^n"}}}});
+    let document = json!({"problem": problem, "time": {"end": 1}, "sensitivities": {"to": ["n"]}});
+    let specification = Specification::from_json(document.to_string().as_bytes()).unwrap();
+    let solution = dvi::solve(&specification, &Control::new());
+    assert!(!solution.verdict.trusted && solution.status != Status::Completed, "{:?}", solution.verdict);
 }

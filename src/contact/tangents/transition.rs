@@ -379,6 +379,8 @@ impl Tangents {
                 largest.iter().zip(atol).map(|(largest, atol)| (f64::EPSILON.sqrt() * largest).max(most * atol));
             size.iter_mut().zip(rounding).for_each(|(size, rounding)| *size += rounding);
         }
+        // So is what is left of terms that cancel, as of a mass that nothing depends on.
+        size.zip_apply(&self.terms, |size, terms| *size += f64::EPSILON.sqrt() * terms);
         for (i, (after, before)) in v.iter().chain(&a).zip(rates).enumerate() {
             let mut row = size.row_mut(i);
             row += times.row(i % n).abs() * (after.abs() + before.abs());

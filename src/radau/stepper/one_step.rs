@@ -9,7 +9,7 @@ use crate::error_control::Controller;
 use crate::face::ActiveFace;
 use crate::orders::Orders;
 use crate::progress::Progress;
-use crate::settings::{Settings, StageChoice, StepError};
+use crate::settings::{RejectionCause, Settings, StageChoice, StepError};
 use crate::stages::{Contraction, Newton};
 use crate::switches::History;
 use hybrid::{Breaks, OneStep};
@@ -31,6 +31,8 @@ pub struct Saved {
     jumped: Option<f64>,
     breaks: Breaks,
     history: History,
+    /// The number of switches that nobody has taken yet.
+    switches: usize,
     chattering: Chattering,
     progress: Progress,
     counts: Counts,
@@ -133,6 +135,26 @@ impl OneStep for Radau<'_> {
 
     fn save(&mut self) -> Saved {
         self.forget_step();
+        self.mark()
+    }
+
+    fn restore(&mut self, saved: &Saved) {
+        let Saved { clock, y, h, last, face, rounding, orders, controller, extent, .. } = saved.clone();
+        (self.clock, self.y, self.h, self.last) = (clock, y, h, last);
+        (self.system.face, self.control.rounding, self.orders) = (face, rounding, orders);
+        (self.controller, self.extent) = (controller, extent);
+        let Saved { continues, jumped, breaks, history, switches, chattering, progress, counts, .. } = saved.clone();
+        self.switching.switches.truncate(switches);
+        (self.continues, self.jumped, self.breaks) = (continues, jumped, breaks);
+        (self.switching.history, self.chattering, self.progress) = (history, chattering, progress);
+        self.counts = counts;
+        self.forget_step();
+    }
+}
+
+impl Radau<'_> {
+    /// The present point, from which the run goes on as if nothing had been saved.
+    pub(crate) fn mark(&self) -> Saved {
         Saved {
             clock: self.clock,
             y: self.y.clone(),
@@ -147,26 +169,20 @@ impl OneStep for Radau<'_> {
             jumped: self.jumped,
             breaks: self.breaks.clone(),
             history: self.switching.history.clone(),
+            switches: self.switching.switches.len(),
             chattering: self.chattering.clone(),
             progress: self.progress.clone(),
             counts: self.counts,
         }
     }
 
-    fn restore(&mut self, saved: &Saved) {
-        let Saved { clock, y, h, last, face, rounding, orders, controller, extent, .. } = saved.clone();
-        (self.clock, self.y, self.h, self.last) = (clock, y, h, last);
-        (self.system.face, self.control.rounding, self.orders) = (face, rounding, orders);
-        (self.controller, self.extent) = (controller, extent);
-        let Saved { continues, jumped, breaks, history, chattering, progress, counts, .. } = saved.clone();
-        (self.continues, self.jumped, self.breaks) = (continues, jumped, breaks);
-        (self.switching.history, self.chattering, self.progress) = (history, chattering, progress);
-        self.counts = counts;
-        self.forget_step();
+    /// Returns to a point before the last step, to make a step of at most this size in its place.
+    pub(crate) fn retry_from(&mut self, mark: &Saved, h: f64) {
+        self.restore(mark);
+        self.h = self.h.min(h);
+        self.counts.rejected[RejectionCause::Error as usize] += 1;
     }
-}
 
-impl Radau<'_> {
     /// Forgets derivatives, factors and the contraction of earlier steps, so that the next step depends on its
     /// beginning alone.
     fn forget_step(&mut self) {

@@ -308,8 +308,7 @@ impl Adjoint {
         tangents.restore(point);
         let mut records = Vec::new();
         while radau.t() < *end {
-            radau.step()?;
-            tangents.follow(radau)?;
+            tangents.advance(radau)??;
             self.record(radau, tangents, &mut records)?;
             self.work.repeated += 1;
         }

@@ -2,11 +2,12 @@
 //! it is not. The slopes of the derivatives jump from the polynomial of one step to that of the next; the jump, `gamma e` of the
 //! embedded estimate `e` for nonstiff equations, bounds the size of the next step as it does for the states.
 //!
-//! Errors are measured against the largest value so far of a derivative, and against what moves a state by its own size for a
-//! parameter that is moved by its own (Hindmarsh et al. 2005, *SUNDIALS*: `atol_i` over the size of the parameter).
+//! Errors are measured against the largest value so far of a derivative, and against what moves a state by its absolute tolerance
+//! for a parameter that is moved by its own size (Hindmarsh et al. 2005, *SUNDIALS*: `atol_i` over the size of the parameter).
 
 use super::Tangents;
 use crate::stepper::Radau;
+use crate::tableau::Tableau;
 use hybrid::OneStep;
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
@@ -16,18 +17,34 @@ const SAFETY: f64 = 0.9;
 const LEAST_CHANGE: f64 = 0.2;
 const LARGEST_CHANGE: f64 = 8.0;
 
+/// The largest part of a step that is made in its place: less than the whole, so that attempts come to an end.
+const LARGEST_RETRIED: f64 = 0.5;
+
 impl Tangents {
     pub(super) fn remember_largest(&mut self) {
         self.largest.zip_apply(&self.now, |largest, now| *largest = largest.max(now.abs()));
     }
 
-    /// Bounds the next step by the error of the derivatives in the last.
-    pub(super) fn limit_step(&self, radau: &mut Radau<'_>) {
+    /// Estimates the error of the derivatives in the last step, and bounds the next one by it.
+    pub(super) fn limit_step(&mut self, radau: &mut Radau<'_>) {
         let method = radau.orders.last();
         let (Some(gamma), Some(jump)) = (method.tableau.gamma, &self.slopes[0]) else { return };
         let error = self.norm(jump, radau) / (gamma * method.tolerance.rtol);
-        let change = SAFETY * error.powf(-1.0 / (method.tableau.stages() as f64 + 1.0));
-        radau.h = radau.h.min(radau.last.h * change.clamp(LEAST_CHANGE, LARGEST_CHANGE));
+        self.error = Some(error);
+        radau.h = radau.h.min(radau.last.h * Self::change(error, method.tableau));
+    }
+
+    /// The size of a step in place of the last one, in which the derivatives are not accurate enough; `None` if they are, or
+    /// no other size may be taken.
+    pub(super) fn shorter(&self, radau: &Radau<'_>) -> Option<f64> {
+        let error = self.error.filter(|error| *error > 1.0 && radau.settings.step.is_none())?;
+        Some(radau.last.h * Self::change(error, radau.orders.last().tableau).min(LARGEST_RETRIED))
+    }
+
+    /// The change of the step size that brings an error to the tolerance.
+    fn change(error: f64, tableau: &Tableau) -> f64 {
+        let change = SAFETY * error.powf(-1.0 / (tableau.stages() as f64 + 1.0));
+        change.clamp(LEAST_CHANGE, LARGEST_CHANGE)
     }
 
     /// Bounds the first step behind a switch: derivatives may have jumped into a direction in which the states do not move.
@@ -49,8 +66,7 @@ impl Tangents {
     /// The largest root mean square of the changes in a direction, relative to the sizes of the derivatives.
     fn norm(&self, changes: &DMatrix<f64>, radau: &Radau<'_>) -> f64 {
         let settings = &radau.settings;
-        let states = radau.largest().iter().zip(&settings.atol).map(|(largest, atol)| largest + atol / settings.rtol);
-        let states: Vec<f64> = states.collect();
+        let states: Vec<f64> = settings.atol.iter().map(|atol| atol / settings.rtol).collect();
         let of_direction = |(direction, (changes, largest)): (usize, (&[f64], &[f64]))| {
             let shifted = self.directions.shifted.get(direction).and_then(Option::as_ref);
             let initial = self.directions.initial.column(direction);

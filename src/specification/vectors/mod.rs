@@ -292,7 +292,11 @@ impl Expansion<'_> {
 
 /// Whether a list consists of indexed names, so that it does not give one value per element.
 fn is_of_names(items: &[Json]) -> bool {
-    items.iter().all(|item| matches!(item, Json::Text(text) if text.ends_with(']') && !text.contains([' ', '*', '+'])))
+    let is_name = |text: &str| {
+        let parts = text.strip_suffix(']').and_then(|text| text.split_once('['));
+        parts.is_some_and(|(name, inside)| !name.contains([' ', '*', '+']) && !inside.contains(['[', '*', '+']))
+    };
+    items.iter().all(|item| matches!(item, Json::Text(text) if is_name(text)))
 }
 
 /// The name of a list entry that may have a range: of a text the text itself, of a box its only variable.

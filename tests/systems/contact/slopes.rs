@@ -179,6 +179,42 @@ fn a_ball_that_slides_while_its_impacts_accumulate() {
 }
 
 #[test]
+fn a_body_that_a_growing_load_lifts_off_at_a_time_without_rounding() {
+    // y'' = k t - g off the floor from t = g/k on: y = k (t - g/k)^3/6. There the acceleration is exactly zero, too.
+    for (g, k) in [(10.0, 5.0), (9.81, 5.0), (8.0, 2.0), (1e-6, 1e-6), (3e5, 1e5)] {
+        let problem = json!({"parameters": {"g": g, "k": k}, "coordinates": {"y": {"initial": 0, "velocity": 0}},
+            "mass": [[1]], "forces": {"y": "k*t - g"}, "contacts": [{"name": "floor", "gap": "y"}]});
+        let solution = derived(problem, g / k + 1.5, json!({"to": ["g", "k"]}));
+        let flown = |t: f64| (t - g / k).max(0.0);
+        assert!(solution.verdict.trusted, "{g}, {k}: {:?}", solution.verdict);
+        for (row, &t) in solution.trajectory.t.iter().enumerate() {
+            let flown = flown(t);
+            let exact = [flown.powi(3) / 6.0 + flown.powi(2) * g / (2.0 * k), -flown.powi(2) / 2.0];
+            for (name, exact) in ["dy/dk", "dy/dg"].into_iter().zip(exact) {
+                let found = column(&solution, name)[row];
+                assert!((found - exact).abs() <= 1e-8 * (1.0 + g / k), "{name} at {t}: {found:e} for {exact:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_pendulum_that_strikes_a_wall_does_not_depend_on_its_mass() {
+    // Forces of gravity and the rod are in proportion to the mass.
+    let problem = json!({"parameters": {"l": 1.0086, "g": 9.81, "e": 0.43, "th": 1.086, "xw": 0.286, "m": 1.36},
+        "coordinates": {"x": {"initial": "l*sin(th)"}, "y": {"initial": "-l*cos(th)"}}, "mass": [["m", 0], [0, "m"]],
+        "potential": "m*g*y", "forces": {}, "joints": [{"name": "rod", "constraint": "x^2 + y^2 - l^2"}],
+        "contacts": [{"name": "wall", "gap": "x + xw", "restitution": "e"}]});
+    let solution = derived(problem, 1.75, json!({"to": ["m", "xw"]}));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    for of in ["x", "y", "x_dot", "y_dot"] {
+        let by_mass = column(&solution, &format!("d{of}/dm")).iter().fold(0.0_f64, |most, slope| most.max(slope.abs()));
+        assert!(by_mass < 1e-9, "d{of}/dm: {by_mass:e}");
+    }
+    assert!(solution.trajectory.events.len() > 1 && last(&solution, "dx/dxw").abs() > 1e-3);
+}
+
+#[test]
 fn the_limit_of_a_ball_that_loses_little_at_each_impact() {
     // Some two hundred impacts; flights of the last are longer than 1e-9 of the time in all.
     let mut slow = ball();
