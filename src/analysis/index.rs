@@ -6,7 +6,7 @@
 //! found by blocks.
 
 use super::linearisation::{Linearisation, RANK};
-use factorisation::Singular;
+use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
 /// Largest number of differentiations.
@@ -37,16 +37,18 @@ pub fn index(linearisation: &Linearisation) -> Option<Index> {
     let mut determined = 0;
     while m > 0 && levels.len() <= MOST_DIFFERENTIATIONS {
         equilibrate(&mut c, &mut d);
-        let range = Singular::of(&d)?;
-        let (rank, u) = (range.rank(RANK), range.u);
+        let (scaled, of_rows, _) = equilibrated(d.clone());
+        let range = Singular::of(&scaled)?;
+        let (rank, mut combinations) = (range.rank(RANK), range.u.transpose());
+        combinations.column_iter_mut().zip(of_rows).for_each(|(mut column, scale)| column.scale_mut(scale));
         levels.push(rank - determined);
         determined = rank;
         if rank == m {
             break;
         }
         // Rows `rank..` of the rotated system do not contain z: differentiate them.
-        let rotated = u.transpose() * &d;
-        let mut states = u.transpose() * &c;
+        let rotated = &combinations * &d;
+        let mut states = combinations * &c;
         let rest = states.rows(rank, m - rank).into_owned();
         let mut next = rotated.clone();
         let mut product = &rest * &linearisation.b;

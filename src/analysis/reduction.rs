@@ -7,7 +7,7 @@
 //! - If `q^T A = 0` and `q^T B = 0`, `q^T x` is an invariant: two solutions differ orthogonally to `q`.
 
 use super::linearisation::{Linearisation, RANK};
-use factorisation::Singular;
+use factorisation::{Singular, equilibrated};
 use nalgebra::DMatrix;
 
 impl Linearisation {
@@ -23,10 +23,13 @@ impl Linearisation {
         let rows = stack(&self.a, &self.c.select_rows(&bounded));
         let by_bounded = stack(&self.b.select_columns(&bounded), &self.block(&bounded, &bounded));
         let mut known = join(&rows, &by_bounded);
-        let by_free = stack(&self.b.select_columns(&free), &self.block(&bounded, &free));
-        let equations = join(&self.c.select_rows(&free), &self.block(&free, &bounded));
+        let mut by_free = stack(&self.b.select_columns(&free), &self.block(&bounded, &free));
+        let mut equations = join(&self.c.select_rows(&free), &self.block(&free, &bounded));
+        let (scaled, of_rows, of_columns) = equilibrated(self.block(&free, &free));
+        equations.row_iter_mut().zip(of_rows).for_each(|(mut row, scale)| row.scale_mut(scale));
+        by_free.column_iter_mut().zip(of_columns).for_each(|(mut column, scale)| column.scale_mut(scale));
 
-        let own = Singular::of(&self.block(&free, &free))?;
+        let own = Singular::of(&scaled)?;
         let rank = own.rank(RANK);
         let (equations, by_free) = (own.u.transpose() * equations, by_free * own.v_t.transpose());
         for i in 0..rank {

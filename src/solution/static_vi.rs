@@ -221,12 +221,14 @@ impl Search<'_> {
         if !self.problem.equations.enclose(Interval::point(0.0), &points, &mut enclosed) {
             return None;
         }
-        let size = z.iter().chain(&self.model.start).fold(f64::MIN_POSITIVE, |most, z| most.max(z.abs()));
+        let size = z.iter().chain(&self.model.start).fold(0.0_f64, |most, z| most.max(z.abs()));
+        let size = if size > 0.0 { size } else { 1.0 };
         let mut steepest = vec![0.0_f64; m];
         for (&(row, _), slope) in pattern.iter().zip(&at.derivatives).filter(|((row, _), _)| *row < m) {
             steepest[row] = steepest[row].max(slope.abs());
         }
-        let is_inside = |i: usize| set.block_of(i).is_none() && set.lower[i] < z[i] && z[i] < set.upper[i];
+        let is_inside =
+            |i: usize| set.block_of(i).is_none() && (z[i] - set.lower[i]).min(set.upper[i] - z[i]) > FAR * size;
         let off = |i: usize| at.g[i].abs() + enclosed[i].width();
         let is_open = |&i: &usize| is_inside(i) && off(i).is_finite() && off(i) > FAR * size * steepest[i];
         let open: Vec<usize> = (0..m).filter(is_open).collect();

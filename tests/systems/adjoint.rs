@@ -442,8 +442,7 @@ fn with_memory(specification: &Specification, most: usize) -> (Vec<f64>, usize, 
     let mut largest = 0;
     while !radau.is_done() {
         adjoint.prepare(&mut radau, &tangents);
-        radau.step().expect("a step");
-        tangents.follow(&mut radau).expect("derivatives");
+        tangents.advance(&mut radau).expect("a step").expect("derivatives");
         adjoint.store(&mut radau, &tangents).expect("derivatives");
         largest = largest.max(adjoint.bytes());
     }

@@ -260,3 +260,23 @@ fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
         }
     }
 }
+
+/// The equations of two free variables in units that differ by up to `1e18`: `R i + v = x`, `-i + v/R = y/R`, of which
+/// `R i = (x - y)/2` and `v = (x + y)/2` whatever `R` is.
+#[test]
+fn free_variables_are_determined_whatever_their_units() {
+    for r in [1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e8, 1e9] {
+        for times in [json!("steps"), json!({"count": 9})] {
+            let solution = solve(&json!({"problem": {"dvi": {"parameters": {"R": r},
+                "states": {"x": {"initial": 1, "rate": "y - 0.1*v - 0.1*R*i"}, "y": {"initial": 0.5, "rate": "-4*x"}},
+                "variables": {"i": {"inequality": "R*i + v - x"}, "v": {"inequality": "-i + v/R - y/R"}},
+                "set": [{"free": ["i", "v"]}]}}, "time": {"end": 2}, "output": {"times": times}}));
+            assert!(solution.verdict.trusted && solution.verdict.caveats.is_empty(), "{r:e}: {:?}", solution.verdict);
+            let [x, y, i, v] = ["x", "y", "i", "v"].map(|name| column(&solution, name));
+            for k in 0..x.len() {
+                let off = [r * i[k] - 0.5 * (x[k] - y[k]), v[k] - 0.5 * (x[k] + y[k])];
+                assert!(off.iter().all(|off| off.abs() < 1e-9), "{off:?} for {r:e}");
+            }
+        }
+    }
+}

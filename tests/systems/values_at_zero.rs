@@ -152,13 +152,13 @@ fn the_derivative_by_the_amplitude_of_a_fast_force_that_is_not_there() {
             "sensitivities": {"to": ["A"]}}));
         assert!(solution.verdict.trusted, "{amplitude}: {:?}", solution.verdict);
         for (&t, &found) in solution.trajectory.t.iter().zip(column(&solution, "dx/dA")) {
-            assert_near(found, exact(t), 2e-5);
+            assert_near(found, exact(t), 1e-4);
         }
     }
     let gradient = solve(&json!({"problem": {"dvi": {"parameters": {"A": 1e-6},
         "states": {"x": {"initial": 1, "rate": "-0.1*x + A*sin(40*t)"}}}}, "time": {"end": 10},
         "sensitivities": {"to": ["A"], "mode": "adjoint", "objective": {"final": "x"}}}));
-    assert_near(gradient.gradient["A"], exact(10.0), 2e-5);
+    assert_near(gradient.gradient["A"], exact(10.0), 1e-4);
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::super::screening::contraction::{Enclosed, Errors};
 use super::super::system::System;
-use factorisation::Singular;
+use factorisation::{Singular, equilibrated};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use numerics::Interval;
 use problem::{Face, Mass};
@@ -115,14 +115,13 @@ impl Dense {
         if rest > 0.0 {
             of_z.iter().for_each(|&row| d.row_mut(row).scale_mut(rest));
         }
-        let range = Singular::of(&d)?;
-        let rank = range.rank(RANK);
+        let (rank, combinations) = combinations(&d)?;
         let (mut matrix, mut of_g, mut of_hidden) =
             (d.clone(), DMatrix::zeros(count, count), DMatrix::zeros(count, count));
-        for (row, left) in range.u.column_iter().enumerate() {
+        for (row, left) in combinations.row_iter().enumerate() {
             let (from, of) = if row < rank { (&d, &mut of_g) } else { (&derivative, &mut of_hidden) };
-            matrix.set_row(row, &left.tr_mul(from).row(0));
-            of.set_row(row, &left.transpose());
+            matrix.set_row(row, &(left * from));
+            of.set_row(row, &left);
         }
         let inverse = matrix.try_inverse().filter(|inverse| inverse.iter().all(|entry| entry.is_finite()))?;
         let (to_g, to_hidden) = (&inverse * of_g, inverse * of_hidden);
@@ -223,6 +222,16 @@ pub struct Response {
 /// Relative rank threshold: singular values below this fraction of the largest are rounding.
 const RANK: f64 = 1e-10;
 
+/// The rank of `D`, and the combinations of its rows, those first that do not vanish: rows and columns have units of their own, so
+/// that both are those of the equilibrated matrix.
+fn combinations(d: &DMatrix<f64>) -> Option<(usize, DMatrix<f64>)> {
+    let (scaled, of_rows, _) = equilibrated(d.clone());
+    let range = Singular::of(&scaled)?;
+    let mut combinations = range.u.transpose();
+    combinations.column_iter_mut().zip(of_rows).for_each(|(mut column, scale)| column.scale_mut(scale));
+    Some((range.rank(RANK), combinations))
+}
+
 /// The rows `V^T (D | G)` and `U^T (derivative | hidden)`.
 fn combine(
     d: &DMatrix<f64>,
@@ -230,13 +239,12 @@ fn combine(
     derivative: &DMatrix<f64>,
     hidden: &DVector<f64>,
 ) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let range = Singular::of(d)?;
-    let rank = range.rank(RANK);
+    let (rank, combinations) = combinations(d)?;
     let (mut matrix, mut right) = (d.clone(), g.clone());
-    for (row, left) in range.u.column_iter().enumerate() {
+    for (row, left) in combinations.row_iter().enumerate() {
         let (from, value) = if row < rank { (d, g) } else { (derivative, hidden) };
-        matrix.set_row(row, &left.tr_mul(from).row(0));
-        right[row] = left.dot(value);
+        matrix.set_row(row, &(left * from));
+        right[row] = (left * value)[0];
     }
     Some((matrix, right))
 }

@@ -3,7 +3,8 @@
 //! embedded estimate `e` for nonstiff equations, bounds the size of the next step as it does for the states.
 //!
 //! Errors are measured against the largest value so far of a derivative, and against what moves a state by its absolute tolerance
-//! for a parameter that is moved by its own size (Hindmarsh et al. 2005, *SUNDIALS*: `atol_i` over the size of the parameter).
+//! for a parameter that is moved by its own size, or by one if it is smaller (Hindmarsh et al. 2005, *SUNDIALS*: `atol_i` over the
+//! size of the parameter, which would leave no digit of the derivatives by a tiny one), and what rounding of the states moves.
 
 use super::Tangents;
 use crate::stepper::Radau;
@@ -16,6 +17,9 @@ use numerics::CENTRAL_DIFFERENCE;
 const SAFETY: f64 = 0.9;
 const LEAST_CHANGE: f64 = 0.2;
 const LARGEST_CHANGE: f64 = 8.0;
+
+/// Rounding of the states in a step, relative to their sizes: some hundred operations.
+const ROUNDING: f64 = 1e-13;
 
 /// The largest part of a step that is made in its place: less than the whole, so that attempts come to an end.
 const LARGEST_RETRIED: f64 = 0.5;
@@ -65,19 +69,21 @@ impl Tangents {
 
     /// The largest root mean square of the changes in a direction, relative to the sizes of the derivatives.
     fn norm(&self, changes: &DMatrix<f64>, radau: &Radau<'_>) -> f64 {
-        let settings = &radau.settings;
-        let states: Vec<f64> = settings.atol.iter().map(|atol| atol / settings.rtol).collect();
+        let (settings, reached) = (&radau.settings, &radau.largest()[..changes.nrows()]);
         let of_direction = |(direction, (changes, largest)): (usize, (&[f64], &[f64]))| {
             let shifted = self.directions.shifted.get(direction).and_then(Option::as_ref);
             let initial = self.directions.initial.column(direction);
-            let moved = initial.iter().zip(&states).map(|(initial, size)| initial.abs() / size);
+            let moved = initial.iter().zip(reached).filter(|(_, size)| **size > 0.0);
+            let moved = moved.map(|(initial, size)| initial.abs() / size);
             // The size of a parameter, of which its shift is a part, or of an initial value.
             let per_size = moved.fold(shifted.map_or(0.0, |shifted| CENTRAL_DIFFERENCE / shifted.by), f64::max);
-            let terms = changes.iter().zip(largest).zip(&states).map(|((change, largest), size)| {
-                let size = largest + per_size * size;
+            let least = |(atol, reached): (&f64, &f64)| per_size.min(1.0) * atol + ROUNDING * per_size * reached;
+            let least = settings.atol.iter().zip(reached).map(least);
+            let terms = changes.iter().zip(largest).zip(least).map(|((change, largest), least)| {
+                let size = largest + least / settings.rtol;
                 if size > 0.0 { (change / size).powi(2) } else { 0.0 }
             });
-            (terms.sum::<f64>() / states.len() as f64).sqrt()
+            (terms.sum::<f64>() / reached.len().max(1) as f64).sqrt()
         };
         let n = changes.nrows().max(1);
         let directions = changes.as_slice().chunks(n).zip(self.largest.as_slice().chunks(n));

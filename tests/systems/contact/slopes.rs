@@ -211,7 +211,7 @@ fn a_pendulum_that_strikes_a_wall_does_not_depend_on_its_mass() {
         let by_mass = column(&solution, &format!("d{of}/dm")).iter().fold(0.0_f64, |most, slope| most.max(slope.abs()));
         assert!(by_mass < 1e-9, "d{of}/dm: {by_mass:e}");
     }
-    assert!(solution.trajectory.events.len() > 1 && last(&solution, "dx/dxw").abs() > 1e-3);
+    assert!(!solution.trajectory.events.is_empty() && last(&solution, "dx/dxw").abs() > 1e-3);
 }
 
 #[test]
