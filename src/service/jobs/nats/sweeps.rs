@@ -45,6 +45,10 @@ const WAITING: usize = 2;
 /// are given back after a chunk.
 const MOST_DIVIDED: usize = 64;
 
+/// The number of chunks that are halved when they have taken workers down, to find the member that does; the members of
+/// further ones are set aside together. One member in a chunk of the largest size is found by half of these.
+const HALVED: usize = 16;
+
 /// The interval at which the divider looks whether the sweep is still its own, and the chunks as it was told.
 const LOOK: Duration = Duration::from_secs(5);
 
@@ -84,6 +88,8 @@ struct Sweep<'w> {
     unwritten: Vec<(PartId, Chunk, Done, Vec<u8>)>,
     rows: RowFile,
     stopping_since: Option<Instant>,
+    /// The number of chunks that have taken workers down.
+    poisoned: usize,
     /// Chunks have entries.
     has_parts: bool,
     /// The sweep is one of those that the worker divides for others.
@@ -156,6 +162,7 @@ impl Worker {
             unwritten: Vec::new(),
             rows: RowFile(temp_dir().join(format!("dvi-{}-{id}.rows", std::process::id()))),
             stopping_since: None,
+            poisoned: 0,
             has_parts: !is_new,
             counted: None,
         };
@@ -283,7 +290,7 @@ impl Sweep<'_> {
     /// Takes over the rows and the chunks of those who divided the sweep before.
     async fn adopt(&mut self) {
         let id = self.job.id;
-        let parts = loop {
+        let mut parts = loop {
             match self.worker.exchange.parts(id).await {
                 Ok(parts) => break parts,
                 Err(Trouble::OtherVersion) => return,
@@ -292,7 +299,8 @@ impl Sweep<'_> {
         };
         let of_attempt = parts.iter().filter(|(part, _)| part.attempt == self.attempt);
         self.number = of_attempt.map(|(part, _)| part.number + 1).max().unwrap_or(0);
-        // First those that are done: members that they did not come to may be in later ones.
+        // First those that are done, as they were made: members that they did not come to may be in later ones.
+        parts.sort_unstable_by_key(|(part, _)| (part.attempt, part.number));
         let (done, waiting): (Vec<_>, Vec<_>) = parts.into_iter().partition(|(_, part)| part.done.is_some());
         for (part_id, part) in done {
             let chunk = match part.done {
@@ -419,9 +427,15 @@ impl Sweep<'_> {
             }
             Done::Broken(fault) => (Solved::Broken(fault), Duration::ZERO),
             Done::Poisoned => {
-                tracing::warn!(members = ?chunk.members, "chunk {id} has taken workers down and is set aside");
-                let message = "workers were lost while they solved these members".to_owned();
-                (Solved::SetAside(Lost { code: "poisoned".to_owned(), message }), Duration::ZERO)
+                tracing::warn!(members = ?chunk.members, "chunk {id} has taken workers down");
+                self.poisoned += 1;
+                let message = "workers were lost while they solved the member".to_owned();
+                let lost = Lost { code: "poisoned".to_owned(), message };
+                if chunk.members.len() > 1 && self.poisoned <= HALVED {
+                    (Solved::Lost(lost, 0), Duration::ZERO)
+                } else {
+                    (Solved::SetAside(lost), Duration::ZERO)
+                }
             }
             Done::Withdrawn => (Solved::Nothing, Duration::ZERO),
         };
