@@ -13,6 +13,7 @@ mod durable;
 mod events;
 mod exchange;
 mod exchange_kills;
+mod exchange_sweeps;
 mod explanations;
 mod full_disk;
 mod fuzzed;

@@ -18,7 +18,7 @@ const TWO: NonZeroUsize = NonZeroUsize::new(2).unwrap();
 const PATIENCE: Duration = Duration::from_secs(300);
 
 /// Oscillators over stiffness and start, some milliseconds each.
-fn oscillators(members: usize, end: u32) -> String {
+pub fn oscillators(members: usize, end: u32) -> String {
     format!(
         r#"{{"problem": {{"dvi": {{"parameters": {{"k": 1}}, "states": {{"x": {{"initial": 1, "rate": "v"}}, "v": {{"initial": 0, "rate": "-k*x"}}}}}}}},
             "time": {{"end": {end}}}, "sweep": {{"over": {{"k": {{"uniform": [0.5, 2]}}, "x.initial": {{"normal": [0, 1]}}}},
@@ -26,7 +26,7 @@ fn oscillators(members: usize, end: u32) -> String {
     )
 }
 
-fn undisturbed(document: &str) -> Vec<u8> {
+pub fn undisturbed(document: &str) -> Vec<u8> {
     let specification = Specification::from_json(document.as_bytes()).unwrap();
     let mut json = Vec::new();
     write_json(&dvi::solve_on(TWO, &specification, &Control::new()), &mut json).unwrap();
@@ -35,7 +35,7 @@ fn undisturbed(document: &str) -> Vec<u8> {
 
 impl Server {
     /// The rows of the sweep at `path`, once it has at least `least`, or has ended.
-    fn rows(&self, path: &str, least: u64) -> u64 {
+    pub fn rows(&self, path: &str, least: u64) -> u64 {
         let start = Instant::now();
         loop {
             let status = self.get(path).json();
@@ -48,7 +48,7 @@ impl Server {
         }
     }
 
-    fn succeeds(&self, path: &str) -> Value {
+    pub fn succeeds(&self, path: &str) -> Value {
         let start = Instant::now();
         loop {
             let status = self.get(path).json();

@@ -1,7 +1,7 @@
 //! Sweeps over HTTP: a table in every form, made in chunks by any number of workers, the same bytes whatever happens.
 
 use crate::harness::{Call, Site, count, one_worker};
-use crate::nats::on_both;
+use crate::nats::{is_shared, on_both};
 use arrow_array::Array;
 use arrow_ipc::reader::StreamReader;
 use axum::http::StatusCode;
@@ -19,6 +19,9 @@ use std::time::{Duration, Instant};
 on_both! {
     the_answer_is_a_table_with_a_row_a_member,
     it_comes_in_every_form_and_is_the_same_again,
+    any_number_of_workers_makes_the_same_bytes,
+    a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows,
+    a_member_that_never_ends_fails_as_a_row,
     a_sweep_cancelled_or_deleted_at_once_leaves_nothing_running,
     a_member_that_takes_its_worker_down_fails_as_a_row_and_no_other_does,
     events_tell_the_rows_that_are_done,
@@ -113,7 +116,6 @@ async fn it_comes_in_every_form_and_is_the_same_again() {
     assert_eq!(one.body, other.body);
 }
 
-#[tokio::test]
 async fn any_number_of_workers_makes_the_same_bytes() {
     for (members, workers, express) in [(1, 1, 0), (7, 2, 1), (700, 1, 0), (700, 2, 1), (700, 16, 1)] {
         let document = relays(members);
@@ -128,7 +130,6 @@ async fn any_number_of_workers_makes_the_same_bytes() {
     }
 }
 
-#[tokio::test]
 async fn a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows() {
     let site = site();
     let path = site.post(1, &relays(1_000_000)).await;
@@ -153,7 +154,9 @@ async fn a_sweep_goes_on_between_jobs_of_others_and_tells_its_rows() {
         (ended["members"]["done"].as_u64(), &"cancelled".into())
     );
     assert!(rows.len() as u64 > before && json["status"] == "stopped");
-    assert!(rows.iter().enumerate().all(|(k, member)| *member == k));
+    // Where chunks are messages, one that did not come to its end leaves a gap before the next.
+    let are_all = rows.iter().enumerate().all(|(k, member)| *member == k);
+    assert!(are_all || is_shared() && rows.iter().map(Value::as_u64).is_sorted_by(|one, next| one < next));
     // The worker is free again.
     assert_eq!(Call::solve(relays(2)).client(1).send(&site).await.status, StatusCode::OK);
 }
@@ -210,7 +213,6 @@ async fn a_member_that_takes_its_worker_down_fails_as_a_row_and_no_other_does() 
     assert!(deaths <= 10 * BAD.len(), "{deaths} workers for {} members", BAD.len());
 }
 
-#[tokio::test]
 async fn a_member_that_never_ends_fails_as_a_row() {
     let options = Options { wall_seconds: NonZeroU64::MIN, workers: count(2), ..one_worker() };
     let site = Site::new(options, solver());

@@ -87,7 +87,7 @@ impl Jobs {
     }
 
     /// Changes the state of a sweep to running, if it waits; returns whether it runs.
-    fn begin_sweep(&self, job: &Job, chunks: &Chunks, lane: Lane) -> bool {
+    pub(super) fn begin_sweep(&self, job: &Job, chunks: &Chunks, lane: Lane) -> bool {
         let allowed = chunks.facts.seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok());
         let deadline = allowed.and_then(|allowed| Instant::now().checked_add(allowed));
         let control = deadline.map_or_else(Control::new, Control::with_deadline);
@@ -261,7 +261,7 @@ impl Jobs {
     }
 
     /// Ends a sweep, if it is to end now.
-    async fn settle(&self, job: &Arc<Job>, chunks: &Arc<Chunks>) {
+    pub(super) async fn settle(&self, job: &Arc<Job>, chunks: &Arc<Chunks>) {
         let Some(control) = job.control() else { return };
         let is_late = control.poll().is_some();
         let Some(settled) = chunks.settle(job.halted(), is_late) else { return };
@@ -273,6 +273,10 @@ impl Jobs {
                 return self.store.park(job).await;
             }
             Settled::Broken(fault) => job.ended(Ending::Broken(fault)),
+            // Who divides the sweep makes the table, of the rows in the log.
+            Settled::Table(_) if chunks.is_part() => {
+                return self.store.conclude(job, job.ended(Ending::Successful)).await;
+            }
             Settled::Table(_) if job.is_forgotten() => job.ended(Ending::Dismissed),
             Settled::Table(incomplete) => match self.make_table(job, chunks, incomplete).await {
                 Ok(Some(Made { ending, solution, results })) => {
@@ -337,7 +341,7 @@ impl Jobs {
 }
 
 /// Whether `bytes` are so many rows, from that of member `first` on.
-fn are_rows(bytes: &[u8], first: usize, rows: usize) -> bool {
+pub(super) fn are_rows(bytes: &[u8], first: usize, rows: usize) -> bool {
     let Ok(table) = Table::of_bytes(bytes) else { return false };
     let Some(members) = table.column("member") else { return false };
     table.rows() == rows && (0..rows).all(|row| members.number(row) == Some((first + row) as f64))

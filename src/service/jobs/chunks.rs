@@ -9,6 +9,9 @@
 //! A chunk that takes its worker down is divided where it had come to, or in the middle, until it is one member: that
 //! member is lost, and has a row that says why. The rows of all other members are what they would be without it, since
 //! they depend on the member alone.
+//!
+//! A chunk of a sweep that several machines share is, where it is solved, a sweep that has no other members open, and that
+//! ends with its first rows.
 
 use super::ended::Fault;
 use super::job::{Halt, Job};
@@ -54,6 +57,8 @@ pub enum Solved {
     Lost(Lost, usize),
     /// Its first member outlasted the wall-time limit.
     Late(Lost),
+    /// All its members are to have rows that say why.
+    SetAside(Lost),
     /// Nothing: it was stopped.
     Nothing,
     /// The sweep cannot go on.
@@ -78,6 +83,8 @@ pub struct Chunks {
     pub facts: SweepFacts,
     /// The client dismissed the job before this process began.
     is_dismissed: bool,
+    /// This is a chunk of a sweep whose other chunks are elsewhere.
+    is_part: bool,
     /// Rows have been added by this process.
     has_progressed: AtomicBool,
     division: Mutex<Division>,
@@ -131,6 +138,7 @@ impl Chunks {
         Self {
             facts,
             is_dismissed,
+            is_part: false,
             has_progressed: AtomicBool::new(false),
             division: Mutex::new(division),
             log: Mutex::new(log),
@@ -138,11 +146,23 @@ impl Chunks {
         }
     }
 
+    /// A chunk of a sweep whose other chunks are elsewhere.
+    pub fn part(facts: SweepFacts, chunk: &Chunk) -> Self {
+        let mut division = Division::default();
+        division.open(chunk.members.clone(), chunk.lost.clone());
+        Self { is_part: true, division: Mutex::new(division), ..Self::new(facts) }
+    }
+
+    /// Whether this is a chunk of a sweep whose other chunks are elsewhere.
+    pub fn is_part(&self) -> bool {
+        self.is_part
+    }
+
     /// Takes the next chunk for one of `workers`; `None` if there is none.
     pub fn take(&self, workers: usize) -> Option<Chunk> {
         let mut division = self.division();
         division.is_queued = false;
-        if division.is_over() || self.is_dismissed {
+        if division.is_over() || self.is_dismissed || self.is_part && !division.begins_part() {
             return None;
         }
         let share = division.open.iter().map(|(first, open)| open.end - first).sum::<usize>().div_ceil(2 * workers);
@@ -152,8 +172,10 @@ impl Chunks {
         let fit = division.width.map_or(UNMEASURED, |width| (ROW_BYTES as f64 / width.max(1.0)) as usize);
         let most = within(target).unwrap_or(usize::MAX).min(fit);
         let count = share.max(within(LEAST * target).unwrap_or(1)).min(most).clamp(1, end - first);
+        // That of a part was measured where the sweep is divided.
+        let count = if self.is_part { end - first } else { count };
         if first + count < end {
-            division.open(first + count..end, None);
+            division.open(first + count..end, lost.clone());
         }
         division.taken += 1;
         Some(Chunk { members: first..first + count, lost })
@@ -163,9 +185,28 @@ impl Chunks {
     /// then puts it there.
     pub fn queues(&self) -> bool {
         let mut division = self.division();
-        let queues = !division.is_queued && !division.is_over() && !self.is_dismissed && !division.open.is_empty();
+        let begins = !self.is_part || division.begins_part();
+        let queues =
+            !division.is_queued && !division.is_over() && !self.is_dismissed && begins && !division.open.is_empty();
         division.is_queued |= queues;
         queues
+    }
+
+    /// Whether there are members that no worker has and that have no row.
+    pub fn has_open(&self) -> bool {
+        !self.division().open.is_empty()
+    }
+
+    /// Counts members as a chunk that another process has taken; returns whether all of them were open.
+    pub fn adopt(&self, members: &Range<usize>) -> bool {
+        let mut division = self.division();
+        let are_open =
+            division.open.range(..=members.start).next_back().is_some_and(|(_, open)| members.end <= open.end);
+        if are_open {
+            division.close(members);
+            division.taken += 1;
+        }
+        are_open
     }
 
     /// Counts a chunk that has been taken as one that can be asked to stop.
@@ -179,7 +220,8 @@ impl Chunks {
         self.has_progressed.store(true, Relaxed);
     }
 
-    /// Counts a chunk out, after `time`, as what became of it. Its rows are in the log already.
+    /// Counts a chunk out, after `time`, which is zero if it was not measured, as what became of it. Its rows are in the log
+    /// already.
     pub fn end(&self, chunk: &Chunk, job: Option<&Arc<Job>>, solved: &Solved, time: Duration) {
         let mut division = self.division();
         division.taken -= 1;
@@ -192,12 +234,12 @@ impl Chunks {
                 let rows = (*rows).min(end - start);
                 division.rows += rows;
                 division.steps += steps;
-                if chunk.lost.is_none() && rows > 0 {
+                if chunk.lost.is_none() && rows > 0 && !time.is_zero() {
                     division.pace = Some((time.as_secs_f64() / rows as f64).max(f64::MIN_POSITIVE));
                     let width = *bytes as f64 / rows as f64;
                     division.width = Some(division.width.map_or(width, |widest| widest.max(width)));
                 }
-                division.open(start + rows..end, None);
+                division.open(start + rows..end, chunk.lost.clone());
             }
             Solved::Lost(lost, _) if end - start == 1 => {
                 division.lost += 1;
@@ -215,9 +257,23 @@ impl Chunks {
                 division.open(start..start + 1, Some(lost.clone()));
                 division.open(start + 1..end, None);
             }
+            Solved::SetAside(lost) => {
+                division.lost += 1;
+                division.open(start..end, Some(lost.clone()));
+            }
             Solved::Nothing => division.open(start..end, chunk.lost.clone()),
             Solved::Broken(fault) => division.broken = Some(*fault),
         }
+    }
+
+    /// Counts members that were lost in another process.
+    pub fn lose(&self, members: usize) {
+        self.division().lost += members;
+    }
+
+    /// The members that have been lost.
+    pub fn lost(&self) -> usize {
+        self.division().lost
     }
 
     /// How the sweep is to end, if it is to end now, in the hands of the caller alone. `halted` says why its job was
@@ -229,7 +285,7 @@ impl Chunks {
         }
         let settled = if let Some(fault) = division.broken {
             Settled::Broken(fault)
-        } else if division.open.is_empty() {
+        } else if division.open.is_empty() || self.is_part && division.rows > 0 {
             Settled::Table(None)
         } else {
             match halted {
@@ -305,6 +361,11 @@ impl Chunks {
 }
 
 impl Division {
+    /// Whether the members of a part, which one worker has at a time, are to be solved: none has a row yet.
+    fn begins_part(&self) -> bool {
+        self.taken == 0 && self.rows == 0
+    }
+
     /// Whether no further chunk is begun, whatever is open.
     fn is_over(&self) -> bool {
         self.is_settled || self.broken.is_some() || self.lost > MOST_LOST
@@ -372,6 +433,35 @@ mod tests {
             assert_eq!((sweep.rows(), sweep.settle(None, false)), (members, Some(Settled::Table(None))));
             assert_eq!(sweep.settle(None, false), None);
         }
+    }
+
+    #[test]
+    fn a_part_has_its_members_alone_and_ends_with_its_first_rows() {
+        let facts = SweepFacts { members: 1000, seconds: None, kept: 0 };
+        let part = Chunks::part(facts, &Chunk { members: 100..400, lost: None });
+        let whole = part.take(8).unwrap();
+        assert_eq!((whole.members.clone(), part.take(8), part.queues()), (100..400, None, false));
+        part.end(&whole, None, &Solved::Lost(lost(), 10), TARGET);
+        assert!(part.queues() && part.settle(None, false).is_none());
+        let first = part.take(8).unwrap();
+        assert_eq!(first.members, 100..110);
+        part.end(&first, None, &rows(10), TARGET);
+        assert_eq!((part.take(8), part.queues(), part.lost()), (None, false, 0));
+        assert_eq!(part.settle(None, false), Some(Settled::Table(None)));
+    }
+
+    #[test]
+    fn chunks_of_another_process_are_not_taken_and_one_set_aside_stays_so() {
+        let sweep = chunks(100);
+        assert!(sweep.adopt(&(10..20)) && !sweep.adopt(&(15..25)) && !sweep.adopt(&(0..100)));
+        sweep.end(&Chunk { members: 10..20, lost: None }, None, &Solved::SetAside(lost()), Duration::ZERO);
+        let mut aside = Vec::new();
+        through(&sweep, 4, |chunk| {
+            aside.extend(chunk.members.clone().filter(|_| chunk.lost.is_some()));
+            (rows(chunk.members.len()), TARGET)
+        });
+        assert!(aside.into_iter().eq(10..20));
+        assert_eq!((sweep.rows(), sweep.lost()), (100, 1));
     }
 
     #[test]

@@ -7,7 +7,8 @@
 //! lost a worker runs alone from then on (for the first while: see `Jobs::apart`), so that a first loss says nothing yet.
 
 use super::entry::{Claim, Entry};
-use crate::jobs::{Ended, Ending, Fault};
+use super::parts::{Done, Part};
+use crate::jobs::{Ended, Ending, Fault, Record};
 use jiff::Timestamp;
 use std::time::Duration;
 
@@ -27,34 +28,28 @@ pub enum Holder {
     Unknown,
 }
 
-/// What to do with a message.
+/// What to do with a message, by the entry `E` of its job or chunk.
 #[derive(Debug)]
-pub enum Decision {
+pub enum Decision<E> {
     /// Acknowledge it: the job has ended.
     Drop,
     /// Leave the job for so long.
     Wait(Duration),
     /// The job is over; the entry says how.
-    End(Box<Entry>),
+    End(Box<E>),
     /// Solve the job; the entry has the claim.
-    Take(Box<Entry>),
+    Take(Box<E>),
 }
 
 /// Decides for the worker `name`, which hears nothing of lost workers for `lost_after`.
-pub fn decide(entry: &Entry, name: &str, holder: Holder, lost_after: Duration) -> Decision {
+pub fn decide(entry: &Entry, name: &str, holder: Holder, lost_after: Duration) -> Decision<Entry> {
     let mut entry = entry.clone();
     if entry.record.ended.is_some() {
         return Decision::Drop;
     }
-    if let Some(claim) = entry.claim.take() {
-        match holder {
-            Holder::HasIt | Holder::Unknown => return Decision::Wait(lost_after),
-            Holder::LeftIt => {}
-            Holder::Lost => {
-                entry.record.crashes += 1;
-                entry.record.crashes_alone += u32::from(claim.alone);
-            }
-        }
+    let Record { crashes, crashes_alone, .. } = &mut entry.record;
+    if is_left_to_holder(entry.claim.take(), holder, crashes, crashes_alone) {
+        return Decision::Wait(lost_after);
     }
     let ending = if entry.record.crashes_alone >= MOST_LOST {
         Ending::Broken(Fault::Poisoned)
@@ -69,11 +64,44 @@ pub fn decide(entry: &Entry, name: &str, holder: Holder, lost_after: Duration) -
     Decision::End(Box::new(entry))
 }
 
+/// Decides likewise for a chunk of a sweep, which is set aside as a job is.
+pub fn decide_part(part: &Part, name: &str, holder: Holder, lost_after: Duration) -> Decision<Part> {
+    let mut part = part.clone();
+    if part.done.is_some() {
+        return Decision::Drop;
+    }
+    if is_left_to_holder(part.claim.take(), holder, &mut part.crashes, &mut part.crashes_alone) {
+        return Decision::Wait(lost_after);
+    }
+    if part.crashes_alone >= MOST_LOST {
+        part.done = Some(Done::Poisoned);
+        return Decision::End(Box::new(part));
+    }
+    let alone = part.crashes > 0;
+    part.claim = Some(Claim { worker: name.to_owned(), started: Timestamp::now(), alone });
+    Decision::Take(Box::new(part))
+}
+
+/// Whether what a worker has claimed is left to it; otherwise, its loss is counted.
+fn is_left_to_holder(claim: Option<Claim>, holder: Holder, crashes: &mut u32, crashes_alone: &mut u32) -> bool {
+    let Some(claim) = claim else { return false };
+    match holder {
+        Holder::HasIt | Holder::Unknown => return true,
+        Holder::LeftIt => {}
+        Holder::Lost => {
+            *crashes += 1;
+            *crashes_alone += u32::from(claim.alone);
+        }
+    }
+    false
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::digest::Fingerprint;
-    use crate::jobs::{Held, Record};
+    use crate::jobs::Held;
+    use crate::jobs::chunks::Chunk;
 
     const LONG: Duration = Duration::from_secs(30);
 
@@ -82,7 +110,7 @@ mod tests {
     }
 
     /// The entry after a worker has taken the job and become `holder`, and the next has decided.
-    fn again(entry: &Entry, holder: Holder) -> Decision {
+    fn again(entry: &Entry, holder: Holder) -> Decision<Entry> {
         let Decision::Take(taken) = decide(entry, "first", Holder::Unknown, LONG) else { panic!("not taken") };
         assert_eq!(taken.claim.as_ref().unwrap().worker, "first");
         decide(&taken, "second", holder, LONG)
@@ -117,6 +145,19 @@ mod tests {
         }
         // The first was lost before it was known that the job had better run alone.
         assert_eq!(lost, 3);
+    }
+
+    #[test]
+    fn a_chunk_is_set_aside_as_a_job_is() {
+        let mut part = Part::waiting(&Chunk { members: 3..7, lost: None }, None);
+        for lost in 0..3 {
+            let Decision::Take(taken) = decide_part(&part, "first", Holder::Lost, LONG) else { panic!("{lost}") };
+            assert!(matches!(decide_part(&taken, "second", Holder::HasIt, LONG), Decision::Wait(LONG)));
+            part = *taken;
+        }
+        let Decision::End(end) = decide_part(&part, "fourth", Holder::Lost, LONG) else { panic!("not set aside") };
+        assert!(matches!(end.done, Some(Done::Poisoned)) && end.crashes == 3);
+        assert!(matches!(decide_part(&end, "fifth", Holder::Unknown, LONG), Decision::Drop));
     }
 
     #[test]

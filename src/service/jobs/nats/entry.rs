@@ -2,12 +2,13 @@
 
 use crate::jobs::{Client, Record};
 use jiff::Timestamp;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::net::IpAddr;
 
 /// The version of entries and of what they refer to. Who does not know it leaves the job to others.
-pub const FORMAT: u32 = 1;
+pub const FORMAT: u32 = 2;
 
 /// The entry of a job.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -19,6 +20,9 @@ pub struct Entry {
     /// The worker that has the job.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub claim: Option<Claim>,
+    /// The job is a sweep of which there are chunks.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub divided: bool,
 }
 
 /// The claim of a worker to a job.
@@ -33,28 +37,33 @@ pub struct Claim {
     pub alone: bool,
 }
 
-/// Only the version of an entry.
+/// Only the version.
 #[derive(Deserialize)]
-struct Versioned {
+struct Version {
     format: u32,
 }
+
+/// What has a `format` in the bucket of states, and is changed by compare-and-set.
+pub trait Versioned: Serialize + DeserializeOwned {
+    /// Reads it; `None` if another version wrote it.
+    fn read(text: &[u8]) -> Option<Self> {
+        let Version { format } = serde_json::from_slice(text).ok()?;
+        if format == FORMAT { serde_json::from_slice(text).ok() } else { None }
+    }
+
+    /// The same as JSON.
+    fn text(&self) -> Vec<u8> {
+        // Strings and finite numbers can always be encoded.
+        serde_json::to_vec(self).unwrap_or_default()
+    }
+}
+
+impl Versioned for Entry {}
 
 impl Entry {
     /// The entry of a waiting job.
     pub fn waiting(record: Record) -> Self {
-        Self { format: FORMAT, record, claim: None }
-    }
-
-    /// Reads an entry; `None` if another version wrote it.
-    pub fn read(text: &[u8]) -> Option<Self> {
-        let Versioned { format } = serde_json::from_slice(text).ok()?;
-        if format == FORMAT { serde_json::from_slice(text).ok() } else { None }
-    }
-
-    /// The entry as JSON.
-    pub fn text(&self) -> Vec<u8> {
-        // Strings and finite numbers can always be encoded.
-        serde_json::to_vec(self).unwrap_or_default()
+        Self { format: FORMAT, record, claim: None, divided: false }
     }
 }
 

@@ -4,7 +4,7 @@
 //! reserves the id; specification and entry; and the message. A gateway that dies in between leaves a reserved id, which a
 //! client that comes again under its key takes over, or an entry without a message, which every gateway looks for.
 
-use super::entry::{Entry, FORMAT};
+use super::entry::{Entry, FORMAT, Versioned as _};
 use super::mirror::{Mirror, Told};
 use super::options::Nats;
 use super::servers::{Away, Exchange, Trouble, away, job_key, job_of};
@@ -235,7 +235,8 @@ impl Jobs {
             if entry.record.ended.is_some() || entry.record.dismissed {
                 return false;
             }
-            if entry.claim.is_some() {
+            // A sweep keeps the rows that it has, of which the next worker makes the table.
+            if entry.claim.is_some() || entry.divided {
                 entry.record.dismissed = true;
             } else {
                 entry.record.ended = Some(Ended::unsolved(Ending::Dismissed));
@@ -282,6 +283,9 @@ impl Jobs {
         dequeued.and(document)?;
         for attempt in 1..=attempts {
             exchange.remove_results(id, attempt).await?;
+        }
+        if job.members().is_some() {
+            exchange.clear_parts(id).await?;
         }
         exchange.clear(&format!("progress.{id}")).await?;
         match &job.key {

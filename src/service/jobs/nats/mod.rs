@@ -3,13 +3,16 @@
 //!
 //! ```text
 //! stream  NAME_jobs     NAME.jobs.CLIENT.JOB   a message per job that no worker has ended; work-queue retention
+//!                       NAME.jobs.CLIENT.PART  a message per chunk of a sweep that workers share
 //! bucket  NAME_state    job.JOB                its entry: the row of the job, and the claim of the worker that has it
+//!                       part.JOB.NUMBER        the entry of a chunk: its members, its claim, and what became of it
 //!                       key.CLIENT.DIGEST      the job of an idempotency key
 //!                       client.CLIENT          a client whose subject has a consumer
 //!                       cancel.JOB             a running job that is to stop
 //!                       progress.JOB           the progress and the latest switches of a long solve
 //! bucket  NAME_data     document.JOB           the specification
 //!                       results.JOB.ATTEMPT    the results
+//!                       rows.JOB.NUMBER.ATTEMPT  the rows of a chunk
 //! objects NAME_objects                         those that are longer than a message may be
 //! core    NAME.progress.JOB                    progress and switches, as they come
 //!         NAME.arrival.CLIENT                  wakes workers that have nothing to do
@@ -24,6 +27,8 @@
 //! 3. The results are complete before the entry says that the job has ended, by a compare-and-set that fails if another
 //!    worker has claimed the job since; the message is acknowledged last. So a message that comes twice, at whatever
 //!    moment its worker died, does no harm: its job has ended, or begins again.
+//! 4. The worker that has claimed a sweep divides it, and makes its table in the end; the chunks are solved by whoever takes
+//!    their messages (`sweeps`, `parts`).
 
 mod claims;
 mod entry;
@@ -31,7 +36,9 @@ mod gateway;
 mod lines;
 mod mirror;
 mod options;
+mod parts;
 mod servers;
+mod sweeps;
 mod texts;
 mod worker;
 

@@ -1,6 +1,6 @@
 //! The connection to the NATS servers, and the stream and the buckets there.
 
-use super::entry::{Entry, FORMAT};
+use super::entry::{Entry, FORMAT, Versioned};
 use super::options::Nats;
 use crate::jobs::{Client, JobId};
 use async_nats::connection::State;
@@ -168,8 +168,16 @@ impl Exchange {
     /// # Errors
     /// See [`Trouble`].
     pub async fn entry(&self, id: JobId) -> Result<Option<(Entry, u64)>, Trouble> {
-        let Some(message) = self.last(&self.state, &job_key(id)).await? else { return Ok(None) };
-        let entry = Entry::read(&message.payload).ok_or(Trouble::OtherVersion)?;
+        self.read(&job_key(id)).await
+    }
+
+    /// What stands under a key of the bucket of states, and its revision; `None` if there is nothing.
+    ///
+    /// # Errors
+    /// See [`Trouble`].
+    pub async fn read<E: Versioned>(&self, key: &str) -> Result<Option<(E, u64)>, Trouble> {
+        let Some(message) = self.last(&self.state, key).await? else { return Ok(None) };
+        let entry = E::read(&message.payload).ok_or(Trouble::OtherVersion)?;
         Ok(Some((entry, message.sequence)))
     }
 
@@ -208,20 +216,33 @@ impl Exchange {
     pub async fn change(
         &self,
         id: JobId,
-        mut known: Option<(Entry, u64)>,
-        mut change: impl FnMut(&mut Entry) -> bool,
+        known: Option<(Entry, u64)>,
+        change: impl FnMut(&mut Entry) -> bool,
     ) -> Result<Option<(Entry, u64)>, Trouble> {
+        self.alter(&job_key(id), known, change).await
+    }
+
+    /// Changes what stands under a key of the bucket of states, likewise.
+    ///
+    /// # Errors
+    /// See [`Trouble`].
+    pub async fn alter<E: Versioned>(
+        &self,
+        key: &str,
+        mut known: Option<(E, u64)>,
+        mut change: impl FnMut(&mut E) -> bool,
+    ) -> Result<Option<(E, u64)>, Trouble> {
         loop {
             let found = match known.take() {
                 Some(known) => Some(known),
-                None => self.entry(id).await?,
+                None => self.read(key).await?,
             };
             let Some((mut entry, revision)) = found else { return Ok(None) };
             if !change(&mut entry) {
                 return Ok(Some((entry, revision)));
             }
             self.near()?;
-            match self.state.update(job_key(id), entry.text().into(), revision).await {
+            match self.state.update(key, entry.text().into(), revision).await {
                 Ok(revision) => return Ok(Some((entry, revision))),
                 Err(error) if error.kind() == UpdateErrorKind::WrongLastRevision => {}
                 Err(error) => return Err(away(&error).into()),
@@ -253,11 +274,11 @@ impl Exchange {
         Ok(())
     }
 
-    /// Whether the message of a job is in the stream: it has not been acknowledged.
+    /// Whether the message of a job, or of a chunk, is in the stream: it has not been acknowledged.
     ///
     /// # Errors
     /// The servers do not answer.
-    pub async fn is_queued(&self, id: JobId, client: Client) -> Result<bool, Away> {
+    pub async fn is_queued(&self, id: impl fmt::Display, client: Client) -> Result<bool, Away> {
         self.near()?;
         match self.messages.get_last_raw_message_by_subject(&self.job_subject(id, client)).await {
             Ok(_) => Ok(true),
@@ -266,25 +287,25 @@ impl Exchange {
         }
     }
 
-    /// Puts the message of a job in the stream, once, and wakes workers.
+    /// Puts the message of a job, or of a chunk, in the stream, once, and wakes workers.
     ///
     /// # Errors
     /// The servers do not answer, so that it may be there or not.
-    pub async fn enqueue(&self, id: JobId, client: Client) -> Result<(), Away> {
+    pub async fn enqueue(&self, id: impl fmt::Display, client: Client) -> Result<(), Away> {
         self.near()?;
         let message = message::PublishMessage::build().message_id(id.to_string()).payload(FORMAT.to_string().into());
-        let sent = self.jetstream.send_publish(self.job_subject(id, client), message).await;
+        let sent = self.jetstream.send_publish(self.job_subject(&id, client), message).await;
         sent.map_err(|error| away(&error))?.await.map_err(|error| away(&error))?;
         // Workers that do not hear of it look by themselves after a while.
         let _ = self.client.publish(self.subject("arrival", client.token()), "".into()).await;
         Ok(())
     }
 
-    /// Removes the message of a job that waits.
+    /// Removes the message of a job, or of a chunk, that waits.
     ///
     /// # Errors
     /// The servers do not answer.
-    pub async fn dequeue(&self, id: JobId, client: Client) -> Result<(), Away> {
+    pub async fn dequeue(&self, id: impl fmt::Display, client: Client) -> Result<(), Away> {
         self.near()?;
         // By its number: a consumer of Debian's server counts wrongly what is left after a purge by subject.
         match self.messages.get_last_raw_message_by_subject(&self.job_subject(id, client)).await {
@@ -298,7 +319,7 @@ impl Exchange {
         }
     }
 
-    fn job_subject(&self, id: JobId, client: Client) -> String {
+    fn job_subject(&self, id: impl fmt::Display, client: Client) -> String {
         format!("{}.jobs.{}.{id}", self.name, client.token())
     }
 

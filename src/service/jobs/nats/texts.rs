@@ -1,6 +1,7 @@
 //! Specifications and results: values of a bucket, or objects if they are longer than a message may be.
 
 use super::servers::{Away, Exchange, ONE_MESSAGE, away};
+use crate::digest::Digest;
 use crate::jobs::results::{Long, Results};
 use crate::jobs::spool::{Backing, Spool};
 use crate::jobs::{Held, JobId};
@@ -111,6 +112,23 @@ impl Exchange {
                 Results::Columns(Long { backing, json: *json, index: *index })
             }
         }))
+    }
+
+    /// Writes rows of a sweep under a name.
+    ///
+    /// # Errors
+    /// The servers do not answer.
+    pub async fn put_rows(&self, name: &str, rows: &[u8]) -> Result<(), Away> {
+        self.put(name, rows.to_vec()).await
+    }
+
+    /// Rows of a sweep.
+    ///
+    /// # Errors
+    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if they are damaged or not there.
+    pub async fn rows(&self, name: &str, digest: Digest) -> io::Result<Vec<u8>> {
+        let mut rows = Vec::new();
+        if self.copy(name, &mut rows).await? { digest.vouch(rows) } else { Err(gone()) }
     }
 
     /// Removes the results of an attempt.

@@ -4,12 +4,12 @@
 //! It only connects to the servers, and nothing connects to it, so that it runs wherever these can be reached.
 
 use super::claims::{Decision, Holder, decide};
-use super::entry::Entry;
+use super::entry::{Entry, Versioned as _};
 use super::lines::Lines;
 use super::mirror::Told;
 use super::options::Nats;
-use super::servers::{Exchange, Trouble, job_key, job_of};
-use crate::jobs::chunks::Chunks;
+use super::parts::Work;
+use super::servers::{Exchange, Trouble, job_key};
 use crate::jobs::{Bounds, Ended, Halt, Held, Job, JobId, Jobs, Pool, Record, Solver};
 use crate::metrics::Metrics;
 use crate::options::Options;
@@ -25,10 +25,11 @@ use jiff::SignedDuration;
 use std::collections::{HashMap, HashSet};
 use std::io;
 use std::num::{NonZeroU64, NonZeroUsize};
-use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::mpsc::Receiver;
+use tokio::sync::oneshot;
 use tokio::task::JoinSet;
 use tokio::time::{Instant, MissedTickBehavior, interval, interval_at, sleep, timeout};
 use uuid::Uuid;
@@ -44,13 +45,13 @@ const BEATS: u32 = 4;
 const ANSWER: Duration = Duration::from_secs(2);
 
 /// The time for solves that are left to reach their next step.
-const LAST_CALL: Duration = Duration::from_secs(10);
+pub const LAST_CALL: Duration = Duration::from_secs(10);
 
 /// The pause before something is tried again, and before a job is looked at again whose entry is not there yet.
-const PAUSE: Duration = Duration::from_millis(500);
+pub const PAUSE: Duration = Duration::from_millis(500);
 
 /// The time for which a job of another version is left to a worker that can read it.
-const OTHERS: Duration = Duration::from_secs(10);
+pub const OTHERS: Duration = Duration::from_secs(10);
 
 /// The options of a worker.
 #[derive(Args, Clone, Debug)]
@@ -98,12 +99,16 @@ fn duration(text: &str) -> Result<Duration, String> {
 }
 
 /// The worker and the jobs that it has.
-struct Worker {
-    name: String,
-    exchange: Exchange,
-    jobs: Arc<Jobs>,
+pub struct Worker {
+    pub name: String,
+    pub exchange: Exchange,
+    pub jobs: Arc<Jobs>,
     lines: Lines,
-    mine: Mutex<HashMap<JobId, Option<Arc<Job>>>>,
+    mine: Mutex<HashMap<Work, Option<Arc<Job>>>>,
+    /// The number of sweeps that this worker divides for others.
+    pub divided: AtomicUsize,
+    /// The specification of the sweep that the worker last had a chunk of.
+    latest: Mutex<Option<(JobId, Arc<[u8]>)>>,
     /// Jobs that are to stop.
     cancelled: Mutex<HashSet<JobId>>,
     until_idle: Option<Duration>,
@@ -113,21 +118,34 @@ struct Worker {
 }
 
 /// A job that this worker has claimed.
-struct Claimed {
-    id: JobId,
-    entry: Entry,
-    revision: u64,
-    document: Arc<[u8]>,
+pub struct Claimed {
+    pub id: JobId,
+    pub entry: Entry,
+    pub revision: u64,
+    pub document: Arc<[u8]>,
 }
 
+/// A place of a worker, which takes the next message when this is dropped.
+pub type Place = oneshot::Sender<()>;
+
 /// What becomes of a message.
-enum Reply {
+pub enum Reply {
     /// The job has ended, or is deleted.
     Acknowledge,
     /// It is to come again after a while.
     Later(Duration),
     /// Another worker has the job, and a message of its own.
     Nothing,
+}
+
+impl Reply {
+    /// What becomes of a message whose entry is not at hand.
+    pub fn after(trouble: Trouble) -> Self {
+        match trouble {
+            Trouble::OtherVersion => Self::Later(OTHERS),
+            Trouble::Away => Self::Later(PAUSE),
+        }
+    }
 }
 
 /// Works until there has been nothing to do for the time that `options` say, or until a message on `stop`; running jobs
@@ -158,6 +176,8 @@ pub async fn work(
         jobs,
         lines: Lines::default(),
         mine: Mutex::default(),
+        divided: AtomicUsize::new(0),
+        latest: Mutex::default(),
         cancelled: Mutex::default(),
         until_idle,
         active: Mutex::new(Instant::now()),
@@ -182,6 +202,7 @@ pub async fn work(
         _ = stop.recv() => {
             worker.is_stopping.store(true, Relaxed);
             worker.lines.look();
+            worker.leave_sweeps();
             tracing::info!(grace_seconds, "stopping: no more jobs are taken");
             let have_ended = tokio::select! {
                 () = &mut all => true,
@@ -208,14 +229,14 @@ impl Worker {
         let [clients, cancels, arrivals, questions] = [0; 4].map(|_| Arc::clone(self));
         let mut tasks = JoinSet::new();
         tasks.spawn(async move { clients.follow("client.*", |key, _| clients.lines.add(key)).await });
-        tasks.spawn(async move { cancels.follow("cancel.*", |key, is| cancels.cancel(key, is)).await });
+        tasks.spawn(async move { cancels.follow("cancel.*", |key, is| cancels.cancel(key, is.is_some())).await });
         tasks.spawn(async move { arrivals.hear_arrivals().await });
         tasks.spawn(async move { questions.answer().await });
         tasks
     }
 
-    /// Calls `came` for each key of the bucket of states that fits `filter`, with its last part and whether it has a value.
-    async fn follow(&self, filter: &str, came: impl Fn(&str, bool)) {
+    /// Calls `came` for each key of the bucket of states that fits `filter`, with its last part and its value, if it has one.
+    pub async fn follow(&self, filter: &str, came: impl Fn(&str, Option<&[u8]>)) {
         let kv::Store { stream, prefix, .. } = &self.exchange.state;
         loop {
             let config = push::OrderedConfig {
@@ -235,7 +256,7 @@ impl Worker {
                         let operation = message.headers.as_ref().and_then(|headers| headers.get("KV-Operation"));
                         let is = operation.is_none_or(|what| what.as_str() == "PUT");
                         if let Some(key) = message.subject.rsplit('.').next() {
-                            came(key, is);
+                            came(key, is.then_some(&*message.payload));
                         }
                     }
                 }
@@ -258,14 +279,14 @@ impl Worker {
         }
     }
 
-    /// Tells other workers whether this one has a job.
+    /// Tells other workers whether this one has a job, or a chunk.
     async fn answer(&self) {
         loop {
             if let Ok(mut questions) = self.exchange.client.subscribe(self.exchange.subject("worker", &self.name)).await
             {
                 while let Some(question) = questions.next().await {
-                    let id = str::from_utf8(&question.payload).ok().and_then(|id| id.parse::<JobId>().ok());
-                    let has_it = id.is_some_and(|id| self.mine().contains_key(&id));
+                    let work = str::from_utf8(&question.payload).ok().and_then(|work| work.parse::<Work>().ok());
+                    let has_it = work.is_some_and(|work| self.mine().contains_key(&work));
                     if let Some(reply) = question.reply {
                         let _ = self.exchange.client.publish(reply, if has_it { "yes" } else { "no" }.into()).await;
                     }
@@ -275,9 +296,9 @@ impl Worker {
         }
     }
 
-    /// What has become of the worker that has claimed a job.
-    async fn ask(&self, holder: &str, id: JobId, lost_after: Duration) -> Holder {
-        let question = self.exchange.client.request(self.exchange.subject("worker", holder), id.to_string().into());
+    /// What has become of the worker that has claimed a job, or a chunk.
+    pub async fn ask(&self, holder: &str, work: Work, lost_after: Duration) -> Holder {
+        let question = self.exchange.client.request(self.exchange.subject("worker", holder), work.to_string().into());
         match timeout(ANSWER, question).await {
             Ok(Ok(answer)) if &*answer.payload == b"yes" => Holder::HasIt,
             Ok(Ok(_)) => Holder::LeftIt,
@@ -299,8 +320,9 @@ impl Worker {
             return;
         }
         self.cancelled().insert(id);
-        let job = self.mine().get(&id).cloned().flatten();
-        if let Some(job) = job {
+        let of_job = |(work, job): (&Work, &Option<Arc<Job>>)| job.clone().filter(|_| work.job() == id);
+        let jobs: Vec<_> = self.mine().iter().filter_map(of_job).collect();
+        for job in jobs {
             let jobs = Arc::clone(&self.jobs);
             tokio::spawn(async move { jobs.cancel(&job).await });
         }
@@ -315,33 +337,56 @@ impl Worker {
         }
     }
 
-    /// Takes jobs and has them solved, one after the other.
-    async fn take_jobs(&self) {
-        while let Some((message, lost_after)) = self.lines.next(&self.exchange, || self.is_over()).await {
-            let mut beats = interval_at(Instant::now() + lost_after / BEATS, lost_after / BEATS);
-            beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
-            let beating = async {
-                loop {
-                    beats.tick().await;
-                    // If this is lost, the next comes in time.
-                    let _ = message.ack_with(AckKind::Progress).await;
-                }
-            };
-            let reply = tokio::select! {
-                reply = self.see_to(&message, lost_after) => reply,
-                () = beating => Reply::Nothing,
-            };
-            let replied = match reply {
-                Reply::Acknowledge => message.ack().await,
-                Reply::Later(time) => message.ack_with(AckKind::Nak(Some(time))).await,
-                Reply::Nothing => Ok(()),
-            };
-            if let Err(error) = replied {
-                // The message comes again, and its entry says that the job has ended.
-                tracing::debug!(%error, "a message could not be answered");
-            }
-            *self.active.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+    /// Leaves sweeps that this worker divides to others, for it takes no more chunks itself.
+    fn leave_sweeps(&self) {
+        let mine = self.mine();
+        let jobs: Vec<_> = mine.iter().filter(|(work, _)| matches!(work, Work::Job(_))).collect();
+        for job in jobs.into_iter().filter_map(|(_, job)| job.clone()).filter(|job| job.chunks.is_some()) {
+            let jobs = Arc::clone(&self.jobs);
+            tokio::spawn(async move { jobs.leave(&job).await });
         }
+    }
+
+    /// Takes jobs and has them solved, one after the other. Sweeps that are divided for others go on beside them.
+    async fn take_jobs(self: &Arc<Self>) {
+        let mut attended = JoinSet::new();
+        while let Some((message, lost_after)) = self.lines.next(&self.exchange, || self.is_over()).await {
+            let (place, is_free) = oneshot::channel();
+            let worker = Arc::clone(self);
+            attended.spawn(async move { worker.attend(&message, lost_after, place).await });
+            let _ = is_free.await;
+            while attended.try_join_next().is_some() {}
+        }
+        while attended.join_next().await.is_some() {}
+    }
+
+    /// Sees to a message until it is answered.
+    async fn attend(self: &Arc<Self>, message: &Message, lost_after: Duration, place: Place) {
+        let mut beats = interval_at(Instant::now() + lost_after / BEATS, lost_after / BEATS);
+        beats.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let beating = async {
+            loop {
+                beats.tick().await;
+                // If this is lost, the next comes in time.
+                let _ = message.ack_with(AckKind::Progress).await;
+            }
+        };
+        // Freed with the answer at the latest.
+        let mut place = Some(place);
+        let reply = tokio::select! {
+            reply = self.see_to(message, lost_after, &mut place) => reply,
+            () = beating => Reply::Nothing,
+        };
+        let replied = match reply {
+            Reply::Acknowledge => message.ack().await,
+            Reply::Later(time) => message.ack_with(AckKind::Nak(Some(time))).await,
+            Reply::Nothing => Ok(()),
+        };
+        if let Err(error) = replied {
+            // The message comes again, and its entry says that the job has ended.
+            tracing::debug!(%error, "a message could not be answered");
+        }
+        *self.active.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
     }
 
     /// Whether no more jobs are to be taken.
@@ -351,20 +396,30 @@ impl Worker {
         self.is_stopping.load(Relaxed) || is_idle
     }
 
-    async fn see_to(&self, message: &Message, lost_after: Duration) -> Reply {
-        let Some(id) = job_of(&message.subject) else {
-            return Reply::Acknowledge;
+    async fn see_to(self: &Arc<Self>, message: &Message, lost_after: Duration, place: &mut Option<Place>) -> Reply {
+        let Some(work) = Work::of(&message.subject) else {
+            // Another version knows what it is.
+            return Reply::Later(OTHERS);
         };
-        if self.mine().contains_key(&id) {
+        if self.mine().contains_key(&work) {
             // Its last signs of life came late.
             return Reply::Later(lost_after);
         }
-        self.mine().insert(id, None);
-        let reply = match self.claim(id, lost_after).await {
-            Ok(claimed) => self.solve(claimed).await,
-            Err(reply) => reply,
+        self.mine().insert(work, None);
+        let reply = match work {
+            Work::Part(id) => self.see_to_part(id, lost_after).await,
+            Work::Job(id) => match self.claim(id, lost_after).await {
+                Ok(claimed) => match claimed.entry.record.sweep() {
+                    Some(facts) => {
+                        let is_new = message.info().is_ok_and(|info| info.delivered == 1);
+                        self.divide(claimed, facts, is_new, place).await
+                    }
+                    None => self.solve(claimed).await,
+                },
+                Err(reply) => reply,
+            },
         };
-        self.mine().remove(&id);
+        self.mine().remove(&work);
         reply
     }
 
@@ -380,7 +435,7 @@ impl Worker {
             };
             let holder = match &entry.claim {
                 Some(claim) if entry.record.ended.is_none() && claim.worker == self.name => Holder::LeftIt,
-                Some(claim) if entry.record.ended.is_none() => self.ask(&claim.worker, id, lost_after).await,
+                Some(claim) if entry.record.ended.is_none() => self.ask(&claim.worker, Work::Job(id), lost_after).await,
                 Some(_) | None => Holder::Unknown,
             };
             let (next, is_over) = match decide(&entry, &self.name, holder, lost_after) {
@@ -412,12 +467,13 @@ impl Worker {
     }
 
     /// Gives a job back that was claimed.
-    async fn release(&self, id: JobId, entry: Entry, revision: u64) -> Reply {
-        let claim = entry.claim.clone();
+    pub async fn release(&self, id: JobId, entry: Entry, revision: u64) -> Reply {
+        let (claim, divided) = (entry.claim.clone(), entry.divided);
         let released = self.exchange.change(id, Some((entry, revision)), |entry| {
             let is_mine = entry.claim == claim;
             if is_mine {
                 entry.claim = None;
+                entry.divided = divided;
             }
             is_mine
         });
@@ -432,30 +488,41 @@ impl Worker {
     async fn solve(&self, claimed: Claimed) -> Reply {
         let Claimed { id, entry, revision, document } = claimed;
         let job = self.jobs.take_on(id, &entry.record, document);
-        self.mine().insert(id, Some(Arc::clone(&job)));
-        let is_cancelled = self.cancelled().contains(&id);
-        if is_cancelled || entry.record.dismissed {
-            // Nothing on a disk is to be changed.
-            let _ = self.jobs.cancel(&job).await;
-        }
+        self.begin(&job, entry.record.dismissed).await;
         let (ended, is_kept) = self.follow_job(&job).await;
         let reply = match ended {
             None => self.release(id, entry, revision).await,
             Some(ended) => self.finish(&job, (entry, revision), &ended).await,
         };
+        self.let_go(&job, is_kept).await;
+        reply
+    }
+
+    /// Has a job stop if a client wants it to.
+    pub async fn begin(&self, job: &Arc<Job>, is_dismissed: bool) {
+        self.mine().insert(Work::Job(job.id), Some(Arc::clone(job)));
+        let is_cancelled = self.cancelled().contains(&job.id);
+        if is_cancelled || is_dismissed {
+            // Nothing on a disk is to be changed.
+            let _ = self.jobs.cancel(job).await;
+        }
+    }
+
+    /// Forgets a job that has ended, or been left.
+    pub async fn let_go(&self, job: &Arc<Job>, is_kept: bool) {
+        let id = job.id;
         // Before another job of this id: the same worker may take it again.
-        let _ = self.jobs.forget(&job).await;
+        let _ = self.jobs.forget(job).await;
         if is_kept {
             let _ = self.exchange.clear(&format!("progress.{id}")).await;
         }
         if self.cancelled().remove(&id) {
             let _ = self.exchange.clear(&format!("cancel.{id}")).await;
         }
-        reply
     }
 
     /// Tells the progress of a job until it has ended, or has been left. Returns whether the progress has been written.
-    async fn follow_job(&self, job: &Arc<Job>) -> (Option<Arc<Ended>>, bool) {
+    pub async fn follow_job(&self, job: &Arc<Job>) -> (Option<Arc<Ended>>, bool) {
         let (id, attempt) = (job.id, job.attempt());
         let mut looks = interval_at(Instant::now() + TELL, TELL);
         looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -489,7 +556,7 @@ impl Worker {
     }
 
     /// Writes results and end of a job, however long it takes.
-    async fn finish(&self, job: &Arc<Job>, claimed: (Entry, u64), ended: &Ended) -> Reply {
+    pub async fn finish(&self, job: &Arc<Job>, claimed: (Entry, u64), ended: &Ended) -> Reply {
         let (id, attempt) = (job.id, job.attempt());
         let mut ended = ended.clone();
         if let Some(Held::Memory(results)) = &ended.held {
@@ -546,11 +613,18 @@ impl Worker {
         }
     }
 
-    fn mine(&self) -> MutexGuard<'_, HashMap<JobId, Option<Arc<Job>>>> {
+    /// The specification of the sweep that the worker last had a chunk of.
+    pub fn latest(&self) -> MutexGuard<'_, Option<(JobId, Arc<[u8]>)>> {
+        self.latest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The jobs and chunks that the worker has; those that it has begun to solve as jobs.
+    pub fn mine(&self) -> MutexGuard<'_, HashMap<Work, Option<Arc<Job>>>> {
         self.mine.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn cancelled(&self) -> MutexGuard<'_, HashSet<JobId>> {
+    /// The jobs that are to stop.
+    pub fn cancelled(&self) -> MutexGuard<'_, HashSet<JobId>> {
         self.cancelled.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -558,10 +632,9 @@ impl Worker {
 impl Jobs {
     /// Takes a job on that another process has admitted.
     fn take_on(&self, id: JobId, record: &Record, document: Arc<[u8]>) -> Arc<Job> {
-        let chunks = record.sweep().map(Chunks::new);
         // Keys are the business of who admits jobs.
         let record = Record { key: None, ..record.clone() };
-        let job = Arc::new(Job::taken_on(id, record, chunks, document));
+        let job = Arc::new(Job::taken_on(id, record, None, document));
         // Without a key, nothing is in its way.
         let _ = self.store.index().insert(&job);
         self.lock().queue.push(job.client, Arc::clone(&job));
@@ -570,7 +643,7 @@ impl Jobs {
     }
 
     /// Stops a job, for another process to begin again.
-    async fn leave(&self, job: &Arc<Job>) {
+    pub(super) async fn leave(&self, job: &Arc<Job>) {
         if job.halt(Halt::Park) {
             self.stop_chunks(job, Halt::Park).await;
         } else {
