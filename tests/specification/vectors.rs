@@ -132,7 +132,7 @@ fn what_is_wrong_with_a_vector_is_told_where_it_is_declared_and_once() {
     for (name, says) in [
         ("x[1..m]", "`m` is neither a whole number nor a parameter that is one"),
         ("x[3..1]", "the range 3..1 is empty"),
-        ("x[1..1000000]", "more than 200000 elements"),
+        ("x[1..1000000]", "more than 400000 elements"),
     ] {
         let errors = errors_of(declared(name).to_string());
         assert!(errors.iter().any(|error| error.detail.contains(says)), "{errors:#?}");

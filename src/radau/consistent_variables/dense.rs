@@ -115,7 +115,7 @@ impl Dense {
         if rest > 0.0 {
             of_z.iter().for_each(|&row| d.row_mut(row).scale_mut(rest));
         }
-        let (rank, combinations) = combinations(&d)?;
+        let (rank, combinations) = combinations(&d, system.set.has_blocks())?;
         let (mut matrix, mut of_g, mut of_hidden) =
             (d.clone(), DMatrix::zeros(count, count), DMatrix::zeros(count, count));
         for (row, left) in combinations.row_iter().enumerate() {
@@ -161,8 +161,11 @@ impl Dense {
             return None;
         }
         let hidden = DVector::from_fn(inside.len(), |a, _| drift[inside[a]]) + &c * rates;
-        let (matrix, right) =
-            if d.amax() == 0.0 { (derivative, hidden) } else { combine(&d, &g, &derivative, &hidden)? };
+        let (matrix, right) = if d.amax() == 0.0 {
+            (derivative, hidden)
+        } else {
+            combine((&d, system.set.has_blocks()), &g, &derivative, &hidden)?
+        };
         matrix.lu().solve(&right)
     }
 
@@ -223,9 +226,12 @@ pub struct Response {
 const RANK: f64 = 1e-10;
 
 /// The rank of `D`, and the combinations of its rows, those first that do not vanish: rows and columns have units of their own, so
-/// that both are those of the equilibrated matrix.
-fn combinations(d: &DMatrix<f64>) -> Option<(usize, DMatrix<f64>)> {
-    let (scaled, of_rows, _) = equilibrated(d.clone());
+/// that both are those of the equilibrated matrix. Variables of a block have one unit, and on its curved faces rows of rounding.
+fn combinations(d: &DMatrix<f64>, has_blocks: bool) -> Option<(usize, DMatrix<f64>)> {
+    let (scaled, of_rows, _) = match has_blocks {
+        true => (d.clone(), vec![1.0; d.nrows()], Vec::new()),
+        false => equilibrated(d.clone()),
+    };
     let range = Singular::of(&scaled)?;
     let mut combinations = range.u.transpose();
     combinations.column_iter_mut().zip(of_rows).for_each(|(mut column, scale)| column.scale_mut(scale));
@@ -234,12 +240,12 @@ fn combinations(d: &DMatrix<f64>) -> Option<(usize, DMatrix<f64>)> {
 
 /// The rows `V^T (D | G)` and `U^T (derivative | hidden)`.
 fn combine(
-    d: &DMatrix<f64>,
+    (d, has_blocks): (&DMatrix<f64>, bool),
     g: &DVector<f64>,
     derivative: &DMatrix<f64>,
     hidden: &DVector<f64>,
 ) -> Option<(DMatrix<f64>, DVector<f64>)> {
-    let (rank, combinations) = combinations(d)?;
+    let (rank, combinations) = combinations(d, has_blocks)?;
     let (mut matrix, mut right) = (d.clone(), g.clone());
     for (row, left) in combinations.row_iter().enumerate() {
         let (from, value) = if row < rank { (d, g) } else { (derivative, hidden) };

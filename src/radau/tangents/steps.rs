@@ -33,7 +33,10 @@ impl Tangents {
     pub(super) fn limit_step(&mut self, radau: &mut Radau<'_>) {
         let method = radau.orders.last();
         let (Some(gamma), Some(jump)) = (method.tableau.gamma, &self.slopes[0]) else { return };
-        let error = self.norm(jump, radau) / (gamma * method.tolerance.rtol);
+        let rtol = radau.settings.rtol;
+        let least =
+            |per_size: f64, atol: f64, size: f64| (per_size.min(1.0) * atol + ROUNDING * per_size * size) / rtol;
+        let error = self.norm(jump, radau, least) / (gamma * method.tolerance.rtol);
         self.error = Some(error);
         radau.h = radau.h.min(radau.last.h * Self::change(error, method.tableau));
     }
@@ -61,14 +64,16 @@ impl Tangents {
         let Some(slopes) = slopes else { return };
         let method = radau.orders.current();
         let reach = method.tolerance.rtol.powf(1.0 / (method.tableau.stages() as f64 + 1.0));
-        let speed = self.norm(&slopes, radau);
+        let rtol = radau.settings.rtol;
+        let speed = self.norm(&slopes, radau, |per_size, atol, size| per_size * (size + atol / rtol));
         if speed > 0.0 {
             radau.h = radau.h.min(reach / speed);
         }
     }
 
-    /// The largest root mean square of the changes in a direction, relative to the sizes of the derivatives.
-    fn norm(&self, changes: &DMatrix<f64>, radau: &Radau<'_>) -> f64 {
+    /// The largest root mean square of the changes in a direction, relative to the sizes of the derivatives, which are at least
+    /// `least` of one over the size of the direction, and of the absolute tolerance and the size of a state.
+    fn norm(&self, changes: &DMatrix<f64>, radau: &Radau<'_>, least: impl Fn(f64, f64, f64) -> f64) -> f64 {
         let (settings, reached) = (&radau.settings, &radau.largest()[..changes.nrows()]);
         let of_direction = |(direction, (changes, largest)): (usize, (&[f64], &[f64]))| {
             let shifted = self.directions.shifted.get(direction).and_then(Option::as_ref);
@@ -77,10 +82,9 @@ impl Tangents {
             let moved = moved.map(|(initial, size)| initial.abs() / size);
             // The size of a parameter, of which its shift is a part, or of an initial value.
             let per_size = moved.fold(shifted.map_or(0.0, |shifted| CENTRAL_DIFFERENCE / shifted.by), f64::max);
-            let least = |(atol, reached): (&f64, &f64)| per_size.min(1.0) * atol + ROUNDING * per_size * reached;
-            let least = settings.atol.iter().zip(reached).map(least);
-            let terms = changes.iter().zip(largest).zip(least).map(|((change, largest), least)| {
-                let size = largest + least / settings.rtol;
+            let sizes = settings.atol.iter().zip(reached).map(|(atol, size)| least(per_size, *atol, *size));
+            let terms = changes.iter().zip(largest).zip(sizes).map(|((change, largest), least)| {
+                let size = largest + least;
                 if size > 0.0 { (change / size).powi(2) } else { 0.0 }
             });
             (terms.sum::<f64>() / reached.len().max(1) as f64).sqrt()
