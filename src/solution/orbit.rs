@@ -278,21 +278,25 @@ pub(super) type Missed = Box<(Option<Shot>, Failure)>;
 /// time.
 pub(super) fn check_forcing(subject: Subject<'_>, plan: &Plan, period: f64, is_free: bool) -> Result<(), Failure> {
     let mut rows_at = rows_at(subject, plan);
-    let periods = if is_free { 1 } else { PERIODS };
-    let pairs: Vec<_> = (0..periods)
-        .flat_map(|number| (0..COMPARED).map(move |k| (number, k)))
-        .map(|(number, k)| {
-            let part = (f64::from(k) * 0.618_033_988_749_894_8).fract();
-            let t = plan.start + (f64::from(number) + part) * period;
-            let after = if is_free { t + part * period } else { t + period };
-            [(t, rows_at(t)), (after, rows_at(after))]
-        })
-        .collect();
-    let rows = pairs.first().map_or(0, |[(_, values), _]| values.len());
-    for row in 0..rows {
-        let largest = pairs.iter().flatten().fold(0.0_f64, |most, (_, values)| most.max(values[row].abs()));
-        let differs = |[(_, now), (_, later)]: &&[(f64, Vec<f64>); 2]| (now[row] - later[row]).abs() > SAME * largest;
-        let Some([(t, now), (_, later)]) = pairs.iter().find(differs) else { continue };
+    let mut largest: Vec<f64> = Vec::new();
+    for number in 0..if is_free { 1 } else { PERIODS } {
+        let pairs: Vec<_> = (0..COMPARED)
+            .map(|k| {
+                let part = (f64::from(k) * 0.618_033_988_749_894_8).fract();
+                let t = plan.start + (f64::from(number) + part) * period;
+                let after = if is_free { t + part * period } else { t + period };
+                [(t, rows_at(t)), (after, rows_at(after))]
+            })
+            .collect();
+        for (_, values) in pairs.iter().flatten() {
+            largest.resize(values.len(), 0.0);
+            largest.iter_mut().zip(values).for_each(|(largest, value)| *largest = largest.max(value.abs()));
+        }
+        let differs = |row: usize, [(_, now), (_, later)]: &[(f64, Vec<f64>); 2]| {
+            (now[row] - later[row]).abs() > SAME * largest[row]
+        };
+        let found = (0..largest.len()).find_map(|row| Some((row, pairs.iter().find(|pair| differs(row, pair))?)));
+        let Some((row, [(t, now), (_, later)])) = found else { continue };
         let what = match subject {
             Subject::Dvi(model, _) if row < model.structure().states => format!("the rate of `{}`", plan.names[row]),
             Subject::Dvi(..) => {
