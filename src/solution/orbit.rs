@@ -36,8 +36,8 @@ const HALVINGS: i32 = 1;
 /// Least reduction of the residual, or of Newton's correction, relative to the fraction of the step taken (Deuflhard 2011,
 /// *Newton Methods for Nonlinear Problems*, sections 3.1 and 3.3).
 const GAIN: f64 = 0.25;
-/// This number of tolerances, of which fewer than three digits are known: an orbit with a free period and no greater length counts as
-/// a point, and an orbit whose start is known no better is uncertain.
+/// A distance of this number of tolerances has fewer than three known digits: an orbit with a free period and no greater length counts
+/// as a point, and an orbit whose start is known no better is uncertain.
 const SEEN: f64 = 1e3;
 /// A multiplier within this distance of the unit circle counts as being on it, given the accuracy of the derivatives.
 const ON_CIRCLE: f64 = 1e-6;

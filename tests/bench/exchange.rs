@@ -9,11 +9,11 @@ mod nats_server;
 #[path = "../service/process.rs"]
 mod process;
 
-use nats_server::{NatsServer, is_installed};
+use nats_server::{NatsServer, Worker, is_installed};
 use process::{DVI, Folder, Server};
 use serde_json::Value;
 use std::env;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -23,29 +23,6 @@ const CLIENTS: usize = 4;
 const DECAY: &str = r#"{"problem":{"dvi":{"states":{"x":{"initial":1,"rate":"-x"}}}},"time":{"end":1}}"#;
 
 const MANY: [&str; 6] = ["--queue", "1000000", "--client-share", "1000000", "--kept-jobs", "1000000"];
-
-/// Processes that are killed when they are dropped.
-struct Workers(Vec<Child>);
-
-impl Workers {
-    fn start(url: &str, count: usize) -> Self {
-        let start = |_| {
-            let mut worker = Command::new(DVI);
-            worker.args(["worker", "--nats", url, "--workers", "1"]).stdin(Stdio::null()).stderr(Stdio::null());
-            worker.spawn().unwrap()
-        };
-        Self((0..count).map(start).collect())
-    }
-}
-
-impl Drop for Workers {
-    fn drop(&mut self) {
-        for worker in &mut self.0 {
-            let _ = worker.kill();
-            let _ = worker.wait();
-        }
-    }
-}
 
 fn number(name: &str, usual: usize) -> usize {
     env::var(name).map_or(usual, |text| text.parse().unwrap())
@@ -65,7 +42,7 @@ fn main() {
     let nats = NatsServer::start(folder.path());
     let url = nats.url();
     let server = Server::start(&near, &[&["--ask-tokens", "--nats", &url][..], &MANY].concat());
-    let _workers = Workers::start(&url, workers);
+    let _workers: Vec<Worker> = (0..workers).map(|_| Worker::start(&url, &[])).collect();
     measure("over NATS", &server, &tokens, jobs);
     shares(&server, &tokens, jobs / CLIENTS);
 }

@@ -2,10 +2,11 @@
 //! it would have had.
 
 use crate::nats::{NatsServer, is_installed};
+use crate::nats_server::Worker;
 use crate::process::{DVI, Folder, Server, send};
 use dvi::specification::Specification;
 use serde_json::Value;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -23,24 +24,6 @@ const BETWEEN: usize = 6;
 
 /// Longer than all jobs take on a busy machine, for each of the usual number of jobs.
 const SETTLED: Duration = Duration::from_secs(240);
-
-/// A running `dvi worker`, killed when it is dropped.
-struct Worker(Child);
-
-impl Worker {
-    fn start(url: &str, arguments: &[&str]) -> Self {
-        let mut command = Command::new(DVI);
-        command.args(["worker", "--nats", url, "--workers", "1"]).args(arguments);
-        Self(command.stdin(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
-    }
-}
-
-impl Drop for Worker {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
 
 fn gateway(url: &str) -> Server {
     let many = "1000000";

@@ -2,6 +2,7 @@
 
 use crate::harness::{Call, DECAY, Site, one_worker};
 use crate::nats::{NatsServer, anew, is_installed, worker};
+use crate::nats_server::Worker;
 use crate::process::{DVI, Folder, Server};
 use crate::sweep_kills::{oscillators, undisturbed};
 use axum::http::StatusCode;
@@ -10,29 +11,11 @@ use dvi::service::jobs::Solver;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
-use std::process::{Child, Command, Stdio};
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
-
-/// A running `dvi worker`, killed when it is dropped.
-struct Worker(Child);
-
-impl Worker {
-    fn start(url: &str) -> Self {
-        let mut command = Command::new(DVI);
-        command.args(["worker", "--nats", url, "--workers", "1"]);
-        Self(command.stdin(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
-    }
-}
-
-impl Drop for Worker {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
 
 fn gateway(url: &str) -> Server {
     let mut command = Command::new(DVI);
@@ -73,13 +56,13 @@ fn kills_of_workers_that_share_a_sweep_change_no_byte_and_leave_nothing_behind()
     let nats = NatsServer::start(folder.path());
     let url = nats.url();
     let server = gateway(&url);
-    let mut workers = [0; 2].map(|_| Worker::start(&url));
+    let mut workers = [0; 2].map(|_| Worker::start(&url, &[]));
     let path = server.accept(&document);
     let mut known = 0;
     // One of them divides the sweep, whichever it is.
     for kill in 0..4 {
         known = server.rows(&path, known + 200);
-        workers[kill % 2] = Worker::start(&url);
+        workers[kill % 2] = Worker::start(&url, &[]);
         let next = server.rows(&path, known + 1);
         assert!(next >= known, "{next} rows of {known} after kill {kill}");
     }

@@ -1,4 +1,4 @@
-//! A NATS server of a test, as a process.
+//! A NATS server of a test, and workers that solve what it has, as processes.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -86,5 +86,24 @@ impl Drop for NatsServer {
     fn drop(&mut self) {
         self.kill();
         let _ = fs::remove_dir_all(&self.folder);
+    }
+}
+
+/// A running `dvi worker` over NATS, with one process that solves, killed when it is dropped.
+pub struct Worker(pub Child);
+
+impl Worker {
+    /// Starts a worker with further arguments.
+    pub fn start(url: &str, arguments: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_dvi"));
+        command.args(["worker", "--nats", url, "--workers", "1"]).args(arguments);
+        Self(command.stdin(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+    }
+}
+
+impl Drop for Worker {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
     }
 }

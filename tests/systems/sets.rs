@@ -261,8 +261,8 @@ fn what_a_set_holds_it_lets_go_whenever_the_drive_is_beyond_it() {
     }
 }
 
-/// The equations of two free variables in units that differ by up to `1e18`: `R i + v = x`, `-i + v/R = y/R`, of which
-/// `R i = (x - y)/2` and `v = (x + y)/2` whatever `R` is.
+/// The equations `R i + v = x`, `-i + v/R = y/R` of two free variables have the solution `R i = (x - y)/2`, `v = (x + y)/2`
+/// whatever `R` is; their entries differ by up to `1e18`.
 #[test]
 fn free_variables_are_determined_whatever_their_units() {
     for r in [1e-9, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e8, 1e9] {
