@@ -21,6 +21,9 @@ pub enum Format {
     Ndjson,
     /// The trajectory, or the table of a sweep, as an Arrow stream
     Arrow,
+    /// The trajectory, or the table of a sweep, as a file of Parquet
+    #[cfg(feature = "parquet")]
+    Parquet,
     /// The trajectory, or the table of a sweep, as a picture
     Svg,
 }
@@ -35,7 +38,17 @@ impl Format {
             Some(Form::Csv) => Ok(Self::Csv),
             Some(Form::Lines) => Ok(Self::Ndjson),
             Some(Form::Arrow) => Ok(Self::Arrow),
+            #[cfg(feature = "parquet")]
+            Some(Form::Parquet) => Ok(Self::Parquet),
             Some(Form::Svg) => Ok(Self::Svg),
+            #[cfg(not(feature = "parquet"))]
+            None if extension == "parquet" => {
+                eprintln!(
+                    "dvi: this program was built without the feature `parquet`: build it with `cargo build --release \
+                     --features parquet`, or use .arrow"
+                );
+                Err(ExitCode::from(USAGE))
+            }
             None => {
                 eprintln!(
                     "dvi: .{extension} is not the extension of a result format: use .json, .csv, .ndjson, .arrow or .svg, \
@@ -52,6 +65,8 @@ impl Format {
             Self::Csv => Form::Csv,
             Self::Ndjson => Form::Lines,
             Self::Arrow => Form::Arrow,
+            #[cfg(feature = "parquet")]
+            Self::Parquet => Form::Parquet,
             Self::Svg => Form::Svg,
         }
     }
@@ -63,6 +78,8 @@ impl Format {
             Self::Csv => "csv",
             Self::Ndjson => "ndjson",
             Self::Arrow => "arrow",
+            #[cfg(feature = "parquet")]
+            Self::Parquet => "parquet",
             Self::Svg => "svg",
         }
     }
@@ -74,6 +91,8 @@ impl Format {
             Self::Csv => "text/csv",
             Self::Ndjson => "application/x-ndjson",
             Self::Arrow => "application/vnd.apache.arrow.stream",
+            #[cfg(feature = "parquet")]
+            Self::Parquet => "application/vnd.apache.parquet",
             Self::Svg => "image/svg+xml",
         }
     }

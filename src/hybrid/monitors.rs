@@ -38,16 +38,12 @@ pub struct Crossing {
     pub is_rising: bool,
 }
 
-/// The sides of zero on which the monitors are, and the search for their next sign change.
+/// The search for the next sign change of the monitors.
 #[derive(Clone, Debug)]
 pub struct Monitors {
-    /// Sign of each monitor: 1, -1, or 0 if it has been zero since the start. A monitor that reaches zero counts as
-    /// having changed sign.
-    sides: Vec<f64>,
-    /// Whether a monitor has reached zero and stayed there since.
-    rests: Vec<bool>,
-    /// Time up to which sign changes of a monitor belong to its last event.
-    quiet: Vec<f64>,
+    signs: Vec<Sign>,
+    /// Whether the values at the start of a run are still to be compared with their rounding.
+    is_new: bool,
     values: Vec<f64>,
     ranges: Vec<Interval>,
     /// Subintervals of a step still to be examined, as a stack: the earliest is last.
@@ -56,14 +52,52 @@ pub struct Monitors {
     pub open: u64,
 }
 
+/// The sign of a monitor at the time up to which it has been followed.
+#[derive(Clone, Copy, Debug)]
+struct Sign {
+    /// 1, -1, or 0 for a value that is zero or cannot be told from zero by its enclosure.
+    now: f64,
+    /// The last sign that was not 0; 0 if there has been none.
+    last: f64,
+    /// Whether the monitor has been zero over an interval since the start.
+    rested: bool,
+    /// Time up to which sign changes belong to the last event.
+    quiet: f64,
+}
+
+impl Sign {
+    /// Follows the monitor to another sign; returns whether that is an event. Zero is reached once, from either side;
+    /// leaving it to the other side completes that event, and returning is another. A monitor that is zero at the
+    /// start has an event only if it has rested there.
+    fn pass(&mut self, to: f64) -> bool {
+        let is_event = self.now != 0.0 || self.last == to || self.last == 0.0 && self.rested;
+        self.now = to;
+        if to != 0.0 {
+            self.last = to;
+        }
+        is_event
+    }
+
+    /// Follows, within the time of the last event, a monitor that leaves zero to the other side.
+    fn complete(&mut self, to: f64) {
+        if self.now == 0.0 && to != 0.0 && to != self.last {
+            self.now = to;
+            self.last = to;
+        }
+    }
+}
+
 impl Monitors {
     /// Starts from the values of the monitors at the start of a run.
     pub fn new(values: &[f64]) -> Self {
         let count = values.len();
+        let sign = |value: &f64| {
+            let sign = sign_of(*value);
+            Sign { now: sign, last: sign, rested: false, quiet: f64::NEG_INFINITY }
+        };
         Self {
-            sides: values.iter().map(|value| side(*value)).collect(),
-            rests: vec![false; count],
-            quiet: vec![f64::NEG_INFINITY; count],
+            signs: values.iter().map(sign).collect(),
+            is_new: true,
             values: vec![0.0; count],
             ranges: vec![Interval::LINE; count],
             left: Vec::new(),
@@ -73,12 +107,15 @@ impl Monitors {
 
     /// The first sign change in `[from, to]` within a step.
     pub fn next(&mut self, step: &mut impl Followed, from: f64, to: f64) -> Option<Crossing> {
-        if self.sides.is_empty() {
+        if self.signs.is_empty() {
             return None;
         }
         let h = to - from;
-        if let Some(monitor) = self.changed_at(step, from) {
-            return Some(self.cross(monitor, from, h));
+        if std::mem::take(&mut self.is_new) {
+            self.begin(step, from, h);
+        }
+        if let Some(crossing) = self.pass_at(step, from, h) {
+            return Some(crossing);
         }
         self.left.clear();
         self.left.push((from, to));
@@ -93,79 +130,104 @@ impl Monitors {
             is_enclosed &= self.ranges.iter().all(|range| range.width().is_finite());
             let middle = a + 0.5 * (b - a);
             let can_halve = a < middle && middle < b;
-            if let Some(monitor) = self.changed_at(step, b) {
+            if self.changed_at(step, b).is_some() {
                 if !can_halve || b - a <= FOUND * f64::EPSILON * a.abs().max(b.abs()) {
-                    crossing = Some((monitor, b));
-                    break;
+                    crossing = self.pass_at(step, b, h);
+                    if crossing.is_some() {
+                        break;
+                    }
+                    continue;
                 }
             } else if !can_halve || b - a <= ONE * h {
-                self.set_sides();
+                self.complete(step, b);
                 continue;
             } else if parts > MOST_PARTS || !is_enclosed && b - a <= h / SAMPLES {
                 is_open = true;
-                self.set_sides();
+                self.complete(step, b);
                 continue;
             }
             self.left.extend([(middle, b), (a, middle)]);
         }
         self.open += u64::from(is_open);
-        crossing.map(|(monitor, t)| self.cross(monitor, t, h))
+        crossing
     }
 
-    /// Whether the enclosures of a subinterval that ends at `b` exclude a sign change. Sets the sign of monitors that
-    /// were zero so far, if the enclosures decide it.
+    /// Compares the values at the start with their rounding. What leaves zero at once has not changed its sign.
+    fn begin(&mut self, step: &mut impl Followed, from: f64, h: f64) {
+        step.monitors(from, &mut self.values);
+        for k in 0..self.signs.len() {
+            if !self.values[k].is_nan() {
+                let sign = self.certain_sign(step, from, k);
+                self.signs[k] = Sign { now: sign, last: sign, rested: false, quiet: self.signs[k].quiet };
+            }
+            if self.signs[k].now == 0.0 {
+                self.signs[k].quiet = from + ONE * h;
+            }
+        }
+    }
+
+    /// Whether the enclosures of a subinterval that ends at `b` exclude a sign change.
     fn are_clear(&mut self, b: f64) -> bool {
         let mut are_clear = true;
-        for k in 0..self.sides.len() {
-            let range = self.ranges[k];
-            let sign = f64::from(i8::from(range.least() > 0.0) - i8::from(range.defined && range.hi < 0.0));
-            if self.sides[k] == 0.0 {
-                self.sides[k] = sign;
-            }
+        for (sign, range) in self.signs.iter_mut().zip(&self.ranges) {
+            let within = f64::from(i8::from(range.least() > 0.0) - i8::from(range.defined && range.hi < 0.0));
             let is_zero = range.defined && range.lo == 0.0 && range.hi == 0.0;
-            let stays =
-                if is_zero { self.rests[k] || self.sides[k] == 0.0 } else { sign != 0.0 && sign == self.sides[k] };
-            are_clear &= stays || self.quiet[k] >= b;
+            let stays = if sign.now == 0.0 { is_zero } else { within == sign.now };
+            sign.rested |= stays && is_zero;
+            let is_quiet = sign.quiet >= b;
+            if is_quiet {
+                sign.complete(within);
+            }
+            are_clear &= stays || is_quiet;
         }
         are_clear
     }
 
-    /// The first monitor (of lowest index) whose sign at `t` differs from its recorded sign; a NaN leaves the sign as
-    /// it is.
+    /// The first monitor (of lowest index) whose sign at `t` differs from its last one; a NaN leaves the sign as it is.
     fn changed_at(&mut self, step: &mut impl Followed, t: f64) -> Option<usize> {
         step.monitors(t, &mut self.values);
-        let mut changed = None;
-        for k in (0..self.sides.len()).rev() {
-            if self.values[k].is_nan() {
-                continue;
-            }
-            let now = side(self.values[k]);
-            if self.sides[k] == 0.0 || now == self.sides[k] {
-                self.rests[k] &= now == 0.0;
-            } else if t > self.quiet[k] && !(now == 0.0 && self.rests[k]) {
-                changed = Some(k);
-            }
-        }
-        changed
+        (0..self.signs.len()).find(|&k| {
+            let Sign { now, quiet, .. } = self.signs[k];
+            let is_other = !self.values[k].is_nan() && sign_of(self.values[k]) != now && t > quiet;
+            is_other && (now != 0.0 || self.certain_sign(step, t, k) != 0.0)
+        })
     }
 
-    /// Sets the sign of monitors that were zero so far, from their values at the end of a finished subinterval.
-    fn set_sides(&mut self) {
-        for (own, value) in self.sides.iter_mut().zip(&self.values).filter(|(side, _)| **side == 0.0) {
-            *own = side(*value);
-        }
+    /// The sign of a monitor at `t`, where the values are known: zero if the enclosure there contains zero.
+    fn certain_sign(&mut self, step: &mut impl Followed, t: f64, k: usize) -> f64 {
+        let is_certain = !step.enclose(t, t, &mut self.ranges) || {
+            let range = self.ranges[k];
+            !range.width().is_finite() || range.lo > 0.0 || range.hi < 0.0
+        };
+        if is_certain { sign_of(self.values[k]) } else { 0.0 }
     }
 
-    fn cross(&mut self, monitor: usize, t: f64, h: f64) -> Crossing {
-        let is_rising = self.sides[monitor] < 0.0;
-        self.sides[monitor] = -self.sides[monitor];
-        self.rests[monitor] = self.values[monitor] == 0.0;
-        self.quiet[monitor] = t + ONE * h;
-        Crossing { t, monitor, is_rising }
+    /// Passes the sign changes at `t` up to the first that is an event.
+    fn pass_at(&mut self, step: &mut impl Followed, t: f64, h: f64) -> Option<Crossing> {
+        while let Some(monitor) = self.changed_at(step, t) {
+            let to = self.certain_sign(step, t, monitor);
+            let sign = &mut self.signs[monitor];
+            let is_rising = if sign.now == 0.0 { to > 0.0 } else { sign.now < 0.0 };
+            sign.quiet = t + ONE * h;
+            if sign.pass(to) {
+                return Some(Crossing { t, monitor, is_rising });
+            }
+        }
+        None
+    }
+
+    /// Follows monitors that leave zero within the time of their last event, at the end of a finished subinterval.
+    fn complete(&mut self, step: &mut impl Followed, b: f64) {
+        for k in 0..self.signs.len() {
+            if self.signs[k].now == 0.0 && !self.values[k].is_nan() && sign_of(self.values[k]) != 0.0 {
+                let to = self.certain_sign(step, b, k);
+                self.signs[k].complete(to);
+            }
+        }
     }
 }
 
-fn side(value: f64) -> f64 {
+fn sign_of(value: f64) -> f64 {
     if value > 0.0 {
         1.0
     } else if value < 0.0 {
@@ -244,5 +306,94 @@ mod tests {
         let mut monitors = Monitors::new(&[0.0]);
         let found = monitors.next(&mut Polynomial(&[0.0, 0.5]), 0.0, 1.0).expect("a change at one half");
         assert!((found.t - 0.5).abs() < 1e-15 && found.is_rising);
+    }
+
+    /// A function of time that has constant values between its jumps.
+    struct Steps<'a>(&'a [(f64, f64)]);
+
+    impl Steps<'_> {
+        fn at(&self, t: f64) -> f64 {
+            self.0.iter().take_while(|(from, _)| *from <= t).last().expect("a value from the start").1
+        }
+    }
+
+    impl Followed for Steps<'_> {
+        fn monitors(&mut self, t: f64, out: &mut [f64]) {
+            out[0] = self.at(t);
+        }
+
+        fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+            let met = self.0.iter().filter(|(at, _)| *at > from && *at <= to).map(|(_, value)| *value);
+            out[0] = met.fold(Interval::point(self.at(from)), |range, value| {
+                Interval::new(range.lo.min(value), range.hi.max(value))
+            });
+            true
+        }
+    }
+
+    /// The events of a monitor in steps with these ends.
+    fn events(step: &mut impl Followed, ends: &[f64]) -> Vec<(f64, bool)> {
+        let mut value = [0.0];
+        step.monitors(0.0, &mut value);
+        let mut monitors = Monitors::new(&value);
+        let (mut from, mut found) = (0.0, Vec::new());
+        for &end in ends {
+            while let Some(Crossing { t, is_rising, .. }) = monitors.next(step, from, end) {
+                found.push((t, is_rising));
+                from = t;
+            }
+            from = end;
+        }
+        assert_eq!(monitors.open, 0);
+        found
+    }
+
+    fn assert_alike(found: &[(f64, bool)], expected: &[(f64, bool)]) {
+        let is_alike = |(found, expected): (&(f64, bool), &(f64, bool))| {
+            (found.0 - expected.0).abs() < 1e-14 && found.1 == expected.1
+        };
+        let are_alike = found.len() == expected.len() && found.iter().zip(expected).all(is_alike);
+        assert!(are_alike, "{found:?} instead of {expected:?}");
+    }
+
+    #[test]
+    fn resting_at_zero_is_reached_once_and_left_to_the_other_side_without_another_event() {
+        let floor = [(0.0, -2.0), (1.0, -1.0), (2.0, 0.0), (3.0, 1.0), (4.0, 2.0)];
+        for ends in [&[4.5][..], &[1.7, 2.4, 2.6, 4.5], &[2.0, 3.0, 4.0]] {
+            assert_alike(&events(&mut Steps(&floor), ends), &[(2.0, true)]);
+        }
+    }
+
+    #[test]
+    fn a_return_from_zero_is_an_event_and_so_is_leaving_rest_at_the_start() {
+        let expected = [(2.0, true), (3.0, false), (5.0, true), (6.0, false)];
+        for ends in [&[7.0][..], &[0.3, 2.5, 4.0, 7.0], &[2.0, 3.0, 5.0, 6.0]] {
+            let mut pulses = Steps(&[(0.0, 0.0), (2.0, 1.0), (3.0, 0.0), (5.0, 1.0), (6.0, 0.0)]);
+            assert_alike(&events(&mut pulses, ends), &expected);
+        }
+    }
+
+    #[test]
+    fn rounding_around_zero_is_no_event() {
+        /// `t - 1/2` up to rounding until it is held at zero, as far as rounding goes.
+        struct Held;
+
+        impl Followed for Held {
+            fn monitors(&mut self, t: f64, out: &mut [f64]) {
+                let noise = if (t * 1e9) as u64 % 2 == 0 { 1e-16 } else { -1e-16 };
+                out[0] = (0.5 - t).max(0.0) + noise;
+            }
+
+            fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+                out[0] = Interval::new((0.5 - to).max(0.0) - 1e-16, (0.5 - from).max(0.0) + 1e-16);
+                true
+            }
+        }
+
+        let mut monitors = Monitors::new(&[0.5]);
+        let found = monitors.next(&mut Held, 0.0, 1.0).expect("zero is reached");
+        assert!((found.t - 0.5).abs() < 3e-9 && !found.is_rising, "{found:?}");
+        assert_eq!(monitors.next(&mut Held, found.t, 1.0), None);
+        assert_eq!(monitors.next(&mut Held, 1.0, 2.0), None);
     }
 }

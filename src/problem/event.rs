@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-/// What happened to a variable at a switch of the active face of `K`, to a contact, or to what the user watches.
+/// What happened to a variable at a switch of the active face of `K`, to a state, to a contact, or to what the user watches.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EventKind {
@@ -11,6 +11,8 @@ pub enum EventKind {
     Activated,
     /// It came to rest on a bound.
     Deactivated,
+    /// A state jumped, since a constraint did.
+    Jumped,
     /// A contact closed.
     Impact,
     /// A contact opened that had been closed for a while.
@@ -30,6 +32,6 @@ pub struct Event {
     pub t: f64,
     /// What.
     pub kind: EventKind,
-    /// The variable or the contact; between bodies both, as in `ground and ball`; of what `stop` watches its label.
+    /// The variable, the state or the contact; between bodies both, as in `ground and ball`; of what `stop` watches its label.
     pub of: String,
 }

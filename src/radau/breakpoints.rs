@@ -40,6 +40,9 @@ impl Radau<'_> {
         self.restart();
         self.switching.remember(&self.system.face);
         self.start()?;
+        if let Some(jump) = self.jumps.last_mut().filter(|jump| jump.behind == after) {
+            jump.t = self.breaks.at();
+        }
         self.switching.record(self.breaks.at(), &self.system.set, &self.system.face, &[]);
         Ok(())
     }

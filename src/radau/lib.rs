@@ -57,11 +57,12 @@ pub use footprint::{MOST_BYTES, run_numbers};
 pub use law::Excess;
 pub use screening::{ALLOWED, Screened};
 pub use settings::{RejectionCause, Settings, StageChoice, StepError, Switches};
+pub use start::Jump;
 pub use stepper::{Counts, End, LastStep, Radau, Saved, Variables};
 pub use switches::Switch;
 pub use tableau::{MOST_STAGES, Tableau};
 pub use tangents::{
-    Adjoint, AdjointWork, Directions, IntegralWeights, NoDerivative, RowsBy, Shifted, StoredStep, SweepError, Swept,
-    Tangents,
+    Adjoint, AdjointWork, DirectionSize, Directions, IntegralWeights, NoDerivative, RowsBy, Shifted, StoredStep,
+    SweepError, Swept, Tangents,
 };
 pub use work::{Rates, Work};

@@ -60,6 +60,19 @@ impl Probe {
     }
 }
 
+/// A jump of the states: `x+ = x + M^-1 B p` with `p` in `K` complementary to `G(x+)`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Jump {
+    /// Time of the jump.
+    pub t: f64,
+    /// Time from which on the states are those behind the jump.
+    pub behind: f64,
+    /// `(x, z)` before the jump.
+    pub before: Vec<f64>,
+    /// `p`, the integrals of the variables over the jump.
+    pub impulses: Vec<f64>,
+}
+
 impl Radau<'_> {
     /// Finds the face and the variables at the start, and checks whether the start is consistent.
     pub(super) fn start(&mut self) -> Result<(), StepError> {
@@ -94,10 +107,14 @@ impl Radau<'_> {
                 let jump = self.switching.probe.stages.z[state];
                 return Err(StepError::InconsistentStart { state, jump });
             }
-            let jump = self.switching.probe.stages.z[..n].to_vec();
+            let probed = self.switching.probe.stages.z.clone();
+            let (jump, variables) = probed.split_at(n);
             if !self.is_steep(state, jump[state], instant * h) {
-                self.y.iter_mut().zip(&jump).for_each(|(y, jump)| *y += jump);
+                let impulses = self.y[n..].iter().zip(variables).map(|(y, z)| (y + z) * instant * h).collect();
+                let before = self.y.clone();
+                self.y.iter_mut().zip(jump).for_each(|(y, jump)| *y += jump);
                 self.jumped.get_or_insert(self.clock.t);
+                self.jumps.push(Jump { t: self.clock.t, behind: self.clock.t, before, impulses });
             }
         }
         if self.choose_face(h) { Ok(()) } else { Err(self.no_start()) }

@@ -24,6 +24,7 @@ use super::progress::Progress;
 use super::settings::{RejectionCause, Settings, StepError};
 use super::stage_vi::StageVi;
 use super::stages::{Contraction, Stages, THETA};
+use super::start::Jump;
 use super::switches::Switching;
 use super::system::System;
 use super::tableau::Tableau;
@@ -69,6 +70,7 @@ pub struct Radau<'p> {
     pub(super) extent: Extent,
     pub(super) continues: bool,
     pub(super) jumped: Option<f64>,
+    pub(super) jumps: Vec<Jump>,
     pub(super) breaks: Breaks,
     pub(super) chattering: Chattering,
     pub(super) unseen: Unseen,
@@ -168,6 +170,7 @@ impl<'p> Radau<'p> {
             extent: Extent { longest: 0.0, largest: vec![0.0; unknowns] },
             continues: false,
             jumped: None,
+            jumps: Vec::new(),
             breaks: Breaks::new(t),
             chattering: Chattering::default(),
             unseen: Unseen::default(),

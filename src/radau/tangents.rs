@@ -23,6 +23,7 @@ mod stages;
 mod steps;
 
 pub use adjoint::{Adjoint, IntegralWeights, StoredStep, SweepError, Swept, Work as AdjointWork};
+pub use steps::DirectionSize;
 
 use super::dense_output::Step;
 use super::face::Activity;

@@ -115,9 +115,9 @@ pub(super) fn integrate_contact_once(
     let mut evaluators = ModeEvaluators::new(|| Box::new(Elapsed::new(model.problem(), clock.start)));
     let mut given = GivenSteps::default();
     let ended = loop {
-        let phase = SmoothPhase::new(&mut located, &mut evaluators, control);
+        let mut phase = SmoothPhase::new(&mut located, &mut evaluators, control);
         if let Some(followed) = &mut followed {
-            followed.begin(&phase);
+            followed.begin(&mut phase);
         }
         let followed = followed.as_mut();
         let given = &mut given;

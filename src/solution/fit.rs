@@ -15,7 +15,7 @@ use super::run::{Ended, Plan, ending};
 use super::sensitivities::{By, Sensitivities};
 use super::{CheckCode, Failure, Solution, Status};
 use analysis::Analysis;
-use intervals::{Intervals, intervals, is_too_large};
+use intervals::{Intervals, Stretches, intervals, is_too_large, long_stretches};
 use least_squares::{LeastSquares, Minimum, Residuals};
 use models::DviModel;
 use nalgebra::{DMatrix, DVector};
@@ -36,6 +36,8 @@ const SHARE: f64 = 0.9;
 /// Beginning of the search in the progress. It is above 0 because only the events of a run that begins at 0 are
 /// recorded as those of the answer.
 const BEGIN: f64 = 1e-9;
+/// Largest share of the errors of runs in the sum of squares at which residuals are those of the data.
+const EXACT: f64 = 0.01;
 /// Relative tolerance for the loss at minima that count as equal.
 const SAME: f64 = 1e-3;
 
@@ -537,6 +539,20 @@ impl Search<'_> {
             checks.caveat("misfit", message);
         }
         let noise = minimum.residuals.noise;
+        // The errors of runs are no chance.
+        if noise.powi(2) < EXACT * squares {
+            for (name, residuals) in &answer.residuals {
+                let Some(Stretches { count, expected }) = long_stretches(residuals.iter().flatten().copied()) else {
+                    continue;
+                };
+                let message = format!(
+                    "the residuals of `{name}` have one sign for long: they form {count} stretches, where chance makes {expected:.0}: \
+                     the model does not describe the data, the search ended in a minimum that is not the least, or errors that \
+                     follow each other are alike, and the intervals are too narrow"
+                );
+                checks.caveat("misfit", message);
+            }
+        }
         let unit = self.problem(&self.bounds()).unit(&minimum.residuals, minimum.loss);
         let rms = noise / (answer.observations as f64).sqrt();
         if fit.is_scaled && rms > 0.1 * unit {

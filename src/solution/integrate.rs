@@ -2,6 +2,7 @@
 
 use super::audit::{Audit, SMALL, states_above_zero};
 use super::energy_balance::EnergyBalance;
+use super::observables::Impulse;
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::sensitivities::{Followed, Gradient};
 use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
@@ -14,7 +15,7 @@ use hybrid::OneStep;
 use models::{DviModel, KinkAdvice, Outputs};
 use numerics::Interval;
 use problem::{Control, Mass, Structure};
-use radau::{Activity, Radau, RejectionCause, Settings, StageChoice, StepError, Switch, Switches, Variables};
+use radau::{Activity, Jump, Radau, RejectionCause, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
 
 /// Most faces analysed in one run.
@@ -61,8 +62,9 @@ pub(super) fn integrate_once(
         let failed = |error| failure(plan, &model.kinks, &error, plan.start, &plan.initial);
         let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, &plan.initial, plan.end, control)
             .map_err(failed)?;
-        // The active set at the start is not a switch.
+        // The active set at the start is not a switch, and integrals begin behind a jump there.
         radau.take_switches();
+        radau.take_jumps();
         let balance = model.outputs.energy().map(|form| EnergyBalance::new(form.clone(), &radau));
         let audit = Audit::new(plan, model.has_kinks());
         let tolerances = (settings.rtol, settings.atol.as_slice());
@@ -76,6 +78,7 @@ pub(super) fn integrate_once(
         Ok(RadauRun {
             followed,
             radau,
+            jumps: Vec::new(),
             plan,
             kinks,
             atol: &settings.atol,
@@ -92,6 +95,8 @@ pub(super) fn integrate_once(
 /// A Radau IIA run with the names of its columns.
 struct RadauRun<'p> {
     radau: Radau<'p>,
+    /// The jumps at the end of the last step.
+    jumps: Vec<Jump>,
     followed: Option<Followed>,
     plan: &'p Plan,
     kinks: &'p KinkAdvice,
@@ -127,6 +132,7 @@ impl Stepper for RadauRun<'_> {
             Some(followed) => followed.step(&mut self.radau),
             None => self.radau.step().map(Ok),
         };
+        self.jumps = self.radau.take_jumps();
         let followed = stepped.map_err(|error| {
             let mut failure = failure(self.plan, self.kinks, &error, self.t(), self.states());
             if let StepError::StepTooSmall { .. } | StepError::NewtonFailed { .. } | StepError::Unresolved { .. } =
@@ -170,6 +176,24 @@ impl Stepper for RadauRun<'_> {
         true
     }
 
+    fn impulses(&mut self) -> Vec<Impulse> {
+        let Self { radau, jumps, outputs, plan, .. } = self;
+        let n = plan.initial.len();
+        let after = radau.y();
+        let of = |jump: &Jump| {
+            let mut at = |states: &[f64], share: f64| {
+                let variables = jump.impulses.iter().map(|impulse| share * impulse);
+                let mut out: Vec<f64> = states[..n].iter().copied().chain(variables).collect();
+                out.resize(plan.names.len(), 0.0);
+                outputs.append(jump.behind, &mut out);
+                out
+            };
+            let before = [0.0, 1.0].map(|share| at(&jump.before, share));
+            Impulse { t: jump.behind, before, after: [0.0, 1.0, 2.0].map(|share| at(after, share)) }
+        };
+        jumps.iter().map(of).collect()
+    }
+
     fn mode(&mut self) -> Option<String> {
         let names = &self.plan.names[self.plan.initial.len()..];
         let mut mode = String::new();
@@ -197,6 +221,11 @@ impl Stepper for RadauRun<'_> {
             let kind = if freer { EventKind::Activated } else { EventKind::Deactivated };
             Event { t, kind, of: plan.names[n + variable].clone() }
         }));
+        let states = self.radau.y();
+        for jump in &self.jumps {
+            let moved = (0..n).filter(|&i| self.radau.is_beyond_tolerance(i, states[i] - jump.before[i]));
+            events.extend(moved.map(|i| Event { t: jump.t, kind: EventKind::Jumped, of: plan.names[i].clone() }));
+        }
     }
 
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {

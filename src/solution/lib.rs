@@ -193,8 +193,9 @@ fn passed_over<'de, T: Default, D: Deserializer<'de>>(deserializer: D) -> Result
 }
 
 impl Solution {
-    /// Derives the verdict from all measurements, after the last of them. `end` is the requested end time.
-    pub fn judge(&mut self, end: f64) {
+    /// Derives the verdict from all measurements, after the last of them. `end` is the requested end time, if a run was
+    /// asked for and not a search.
+    pub fn judge(&mut self, end: Option<f64>) {
         self.verdict = Verdict::of(self.status, self.error.as_ref(), end, &self.diagnostics.checks);
     }
 }

@@ -9,6 +9,7 @@ use expression::{IntervalWorkspace, Sight, Tape};
 use hybrid::{Crossing, Followed, Monitors};
 use numerics::Interval;
 use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
 use utoipa::ToSchema;
 
 /// The definitions, integrals and monitors of a user.
@@ -111,9 +112,26 @@ pub(super) struct Observed<'a> {
     /// The places of the integrands among the values, none of which is squared.
     integrands: Vec<(usize, bool)>,
     reached: f64,
+    /// Impulses that the integrals have not passed, in the order of time.
+    impulses: VecDeque<Impulse>,
+    /// An integral that an impulse leaves undefined, and the time of that, if there is one.
+    undefined: Option<(usize, f64)>,
     /// A monitor without a finite value, if there is one.
     lost: Option<usize>,
 }
+
+/// A jump of the states by impulses, as the outputs of the problem with multiples of these impulses as their variables.
+pub struct Impulse {
+    /// Time from which on the states are those behind the jump.
+    pub t: f64,
+    /// With the states before the jump: the impulses times 0 and 1.
+    pub before: [Vec<f64>; 2],
+    /// With the states behind it: the impulses times 0, 1 and 2.
+    pub after: [Vec<f64>; 3],
+}
+
+/// Relative difference of integrals over an impulse that is rounding.
+const SAME: f64 = 1e-9;
 
 /// Buffers for one evaluation.
 struct EvaluationBuffer {
@@ -178,7 +196,17 @@ impl<'a> Observed<'a> {
         let t = stepper.t();
         let monitors = Monitors::new(&place.at(stepper, t)[of.names.len()..]);
         let integrands = (of.definitions()..of.names.len()).map(|at| (at, false)).collect();
-        Self { monitors, place, integrals: Integrals::new(of.integrals), integrands, reached: t, lost: None, of }
+        Self {
+            monitors,
+            place,
+            integrals: Integrals::new(of.integrals),
+            integrands,
+            reached: t,
+            impulses: VecDeque::new(),
+            undefined: None,
+            lost: None,
+            of,
+        }
     }
 
     /// Locates the events of the monitors over the last step, from `begin` on, and appends them to `events` as long as
@@ -253,9 +281,52 @@ impl<'a> Observed<'a> {
         out.copy_from_slice(&values[..out.len()]);
     }
 
+    /// Announces the impulses at the end of the last step.
+    pub fn expect(&mut self, impulses: Vec<Impulse>) {
+        if self.of.integrals > 0 {
+            self.impulses.extend(impulses);
+        }
+    }
+
     /// Continues the integrals up to a time within the last step.
     pub fn integrate(&mut self, stepper: &mut impl Stepper, t: f64) {
-        if self.of.integrals == 0 || t <= self.reached {
+        if self.of.integrals == 0 {
+            return;
+        }
+        while let Some(impulse) = self.impulses.pop_front_if(|impulse| impulse.t <= t) {
+            self.integrate_smooth(stepper, impulse.t);
+            self.pass(&impulse);
+        }
+        self.integrate_smooth(stepper, t);
+    }
+
+    /// Adds the integrals over an impulse. An integrand has one if it is affine in the impulses, with the same slope
+    /// on both sides of the jump; of others, as the square of a variable, the integral is undefined.
+    fn pass(&mut self, impulse: &Impulse) {
+        let EvaluationBuffer { program, values, .. } = &mut self.place;
+        let (first, count) = (self.of.definitions(), self.of.integrals);
+        let mut at = |outputs: &[f64]| {
+            program.evaluate(impulse.t, outputs, values);
+            values[first..first + count].to_vec()
+        };
+        let [rest_before, once_before] = [0, 1].map(|share| at(&impulse.before[share]));
+        let [rest, once, twice] = [0, 1, 2].map(|share| at(&impulse.after[share]));
+        for k in 0..count {
+            let over = once[k] - rest[k];
+            let others = [once_before[k] - rest_before[k], twice[k] - once[k]];
+            let sizes = [rest_before[k], once_before[k], rest[k], once[k], twice[k]];
+            let size = sizes.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+            let is_one = others.iter().all(|other| (over - other).abs() <= SAME * size);
+            if is_one {
+                self.integrals.add(k, over);
+            } else {
+                self.undefined.get_or_insert((k, impulse.t));
+            }
+        }
+    }
+
+    fn integrate_smooth(&mut self, stepper: &mut impl Stepper, t: f64) {
+        if t <= self.reached {
             return;
         }
         let Self { place, integrals, integrands, reached, .. } = self;
@@ -274,6 +345,12 @@ impl<'a> Observed<'a> {
     pub fn uncertainty(&self) -> Option<(&str, f64)> {
         let (integral, uncertainty) = self.integrals.uncertainty()?;
         Some((self.of.names.get(self.of.definitions() + integral)?, uncertainty))
+    }
+
+    /// The integral that an impulse leaves undefined, and the time of that.
+    pub fn undefined(&self) -> Option<(&str, f64)> {
+        let (integral, t) = self.undefined?;
+        Some((self.of.names.get(self.of.definitions() + integral)?, t))
     }
 
     /// Number of steps in which a monitor may have changed sign twice without being noticed.

@@ -102,6 +102,12 @@ impl Integrals {
         Self { values: zeros(), uncertain: zeros(), sizes: zeros() }
     }
 
+    /// Adds the integral of a function over an impulse.
+    pub fn add(&mut self, function: usize, value: f64) {
+        self.values[function] += value;
+        self.sizes[function] += value.abs();
+    }
+
     /// The integrals of the absolute values.
     pub fn sizes(&self) -> &[f64] {
         &self.sizes

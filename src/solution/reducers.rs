@@ -309,6 +309,7 @@ fn told(event: &Event) -> String {
     let kind = match event.kind {
         EventKind::Activated => "activated",
         EventKind::Deactivated => "deactivated",
+        EventKind::Jumped => "jumped",
         EventKind::Impact => "impact",
         EventKind::LiftOff => "lift_off",
         EventKind::Stick => "stick",

@@ -1,7 +1,7 @@
 //! The main loop of a run: outputs, limits, events and evidence, common to all methods.
 
 use super::dense::{Dense, Sampling};
-use super::observables::{EndedBy, Observables, Observed};
+use super::observables::{EndedBy, Impulse, Observables, Observed};
 use super::quadrature::NEGLIGIBLE;
 use super::reducers::{Reducers, Reducing};
 use super::sensitivities::{Gradient, Resolution, Sensitivities};
@@ -89,6 +89,11 @@ pub trait Stepper {
     /// The gradient of the objective, if one is asked for, after the last step.
     fn gradient(&mut self) -> Option<Result<Gradient, Failure>> {
         None
+    }
+
+    /// The impulses at the end of the last step.
+    fn impulses(&mut self) -> Vec<Impulse> {
+        Vec::new()
     }
 
     /// The name of the current mode; `None` for methods that report events only.
@@ -236,6 +241,14 @@ impl<'a> Run<'a> {
                 format!(
                     "an integral over time (`{name}`) is uncertain by {uncertainty:.1e} of the integral of the absolute value: \
                      its integrand varies faster than the parts of a step that are examined; set `max_step`"
+                )
+            });
+        }
+        if let Some((name, t)) = observed.as_ref().and_then(|observed| observed.undefined()) {
+            self.diagnostics.checks.record(CheckCode::LocalError, f64::INFINITY, NEGLIGIBLE, || {
+                format!(
+                    "the integral `{name}` is undefined from t = {t:?} on: states jump there by an impulse, and the integrand is \
+                     not linear in it, or depends on a state that jumps beside it; leave it out, or end before"
                 )
             });
         }
@@ -420,6 +433,7 @@ impl<'a> Recorder<'a> {
         stepper.take_events(&mut events);
         let switched = !events.is_empty();
         if let Some(observed) = &mut self.observed {
+            observed.expect(stepper.impulses());
             let goes_on = |count| before + count <= self.plan.most_values && control.poll().is_none();
             self.ended_by = observed.follow(stepper, begin, &mut events, goes_on);
         }

@@ -520,10 +520,11 @@ fn compare(
                 (derivative - near).abs()
             } else {
                 // Where an output time is that of a switch, derivatives jump there: the one before the switch and the one
-                // behind it are both right.
-                let sides = [above - here, here - below, 0.5 * (far_above - here), 0.5 * (here - far_below)];
-                let least = sides.into_iter().fold(f64::INFINITY, f64::min);
-                let most = sides.into_iter().fold(f64::NEG_INFINITY, f64::max);
+                // behind it are both right. A difference to one side errs by the first power of its length.
+                let sides = [(above - here, 0.5 * (far_above - here)), (here - below, 0.5 * (here - far_below))];
+                let sides = sides.into_iter().flat_map(|(near, far)| [near, far, 2.0 * near - far]);
+                let (least, most) = sides
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), side| (least.min(side), most.max(side)));
                 if derivative.is_nan() { derivative } else { (least - derivative).max(derivative - most).max(0.0) }
             };
             shown = shown.max(derivative.abs().max(near.abs()) / uncertainty);

@@ -316,7 +316,7 @@ fn shoot_motion(
     while !located.is_done() {
         let mut phase = SmoothPhase::new(&mut located, &mut evaluators, control);
         if let Ok(tangents) = &mut tangents {
-            tangents.begin(&phase);
+            tangents.begin(&mut phase);
         }
         while !phase.is_over() {
             let state = |phase: &SmoothPhase<'_, '_>| {

@@ -134,6 +134,11 @@ pub fn find_steady_state(
         stable = None;
         diagnostics.checks.caveat("stability_undecided", why);
     }
+    let units = tolerances(settings, &rest);
+    let doubt = weakest(model, plan.start, &rest, &units).and_then(|weakest| weakest.doubt(&plan.names, &units));
+    if let Some(why) = doubt {
+        diagnostics.checks.caveat("steady_state_uncertain", why);
+    }
     let named = |names: &[String], values: Vec<f64>| names.iter().cloned().zip(values).collect();
     solution.steady_state = Some(SteadyState {
         states: named(&model.state_names, rest.x),
@@ -207,7 +212,7 @@ fn undecided(model: &DviModel, settings: &Settings, t: f64, rest: &Rest, eigenva
              side of it only and do not decide stability: run from either side of it"
         ));
     }
-    let (re, error) = (eigenvalues.first()?[0], uncertainty(model, t, rest, &units)?);
+    let (re, error) = (eigenvalues.first()?[0], weakest(model, t, rest, &units)?.uncertainty(&units)?);
     let n = rest.x.len();
     let is_open = [1.0, -1.0].into_iter().any(|sign| {
         let moved = |values: &[f64], errors: &[f64]| -> Vec<f64> {
@@ -267,9 +272,50 @@ fn on_border(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<usi
     })
 }
 
-/// By how much the states and variables may be off in the direction in which their equations tell least: what Newton's
-/// method would still correct in it, and the tolerance.
-fn uncertainty(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<Vec<f64>> {
+/// The direction in which the equations determine a steady state least.
+struct Weakest {
+    /// A vector of length 1, in units of the tolerances.
+    direction: Vec<f64>,
+    /// What Newton's method would still correct in it, in the same units; `None` if the equations are singular there.
+    corrected: Option<f64>,
+}
+
+impl Weakest {
+    /// By how much the states and variables may be off: what would be corrected, and the tolerance.
+    fn uncertainty(&self, units: &[f64]) -> Option<Vec<f64>> {
+        let largest = self.direction.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
+        let size = self.corrected.unwrap_or(0.0) + largest.recip();
+        let found: Vec<f64> = self.direction.iter().zip(units).map(|(value, unit)| value * unit * size).collect();
+        found.iter().all(|value| value.is_finite()).then_some(found)
+    }
+
+    /// Why the steady state is uncertain, if it is.
+    fn doubt(&self, names: &[String], units: &[f64]) -> Option<String> {
+        let parts = self.direction.iter().enumerate();
+        let (most, part) = parts.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+        let name = names.get(most)?;
+        match self.corrected {
+            None => Some(format!(
+                "the equations do not determine the steady state in one direction, mainly that of `{name}`: others lie \
+                 beside it, and initial values decide which is reached, or the rates vanish by rounding alone, and there \
+                 is none"
+            )),
+            Some(corrected) => {
+                let off = corrected * part.abs();
+                (off > 1.0).then(|| {
+                    format!(
+                        "the steady state is known to {:.1e} only in `{name}`, which is {off:.1e} times the tolerance: its \
+                         equations are nearly singular there, as where two steady states meet",
+                        off * units[most]
+                    )
+                })
+            }
+        }
+    }
+}
+
+/// The direction in which the equations determine a steady state least.
+fn weakest(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<Weakest> {
     let [_, mut matrix] = linearised(model, t, rest).ok()?;
     let (n, count) = (rest.x.len(), units.len());
     let mut problem = model.problem();
@@ -289,11 +335,10 @@ fn uncertainty(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<V
     let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
     let (left, transposed) = (svd.u.as_ref()?, svd.v_t.as_ref()?);
     let last = transposed.nrows().checked_sub(1)?;
-    let (weakest, direction) = (svd.singular_values[last], transposed.row(last));
-    let corrected = if weakest > 0.0 { (left.column(last).dot(&right) / weakest).abs() } else { 0.0 };
-    let size = corrected + direction.amax().recip();
-    let found: Vec<f64> = direction.iter().zip(units).map(|(value, unit)| value * unit * size).collect();
-    found.iter().all(|value| value.is_finite()).then_some(found)
+    let weakest = svd.singular_values[last];
+    let is_singular = weakest <= f64::EPSILON * count as f64 * svd.singular_values[0];
+    let corrected = (!is_singular).then(|| (left.column(last).dot(&right) / weakest).abs());
+    Some(Weakest { direction: transposed.row(last).iter().copied().collect(), corrected })
 }
 
 /// A search for a steady state.

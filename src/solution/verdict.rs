@@ -135,7 +135,9 @@ impl CheckCode {
             Self::UntrustedMembers => {
                 "Number of members of a sweep that reached their end and are not trusted; none is allowed."
             }
-            Self::NotAtEnd => "Time from the end of the run to the requested end; none is allowed.",
+            Self::NotAtEnd => {
+                "Time from the end of the run to the requested end, or 1 for a search without an answer; none is allowed."
+            }
         }
     }
 }
@@ -315,8 +317,9 @@ pub struct Verdict {
 }
 
 impl Verdict {
-    /// Compares the measurements with the permitted values. `end` is the requested end time.
-    pub fn of(status: Status, error: Option<&Failure>, end: f64, checks: &Checks) -> Self {
+    /// Compares the measurements with the permitted values. `end` is the requested end time, if a run was asked for and
+    /// not a search.
+    pub fn of(status: Status, error: Option<&Failure>, end: Option<f64>, checks: &Checks) -> Self {
         let mut because: Vec<Reason> = checks
             .worst
             .iter()
@@ -329,13 +332,12 @@ impl Verdict {
             })
             .collect();
         if status != Status::Completed {
-            let reached = error.map_or(end, |error| error.time);
-            because.push(Reason {
-                code: CheckCode::NotAtEnd,
-                value: finite((end - reached).abs()),
-                allowed: 0.0,
-                message: format!("the run ended at t = {reached:?}, before the requested end, {end:?}"),
+            let (missing, message) = end.map_or((1.0, "the search found no answer".to_owned()), |end| {
+                let reached = error.map_or(end, |error| error.time);
+                let message = format!("the run ended at t = {reached:?}, before the requested end, {end:?}");
+                ((end - reached).abs(), message)
             });
+            because.push(Reason { code: CheckCode::NotAtEnd, value: finite(missing), allowed: 0.0, message });
         }
         Self { trusted: because.is_empty(), because, caveats: checks.caveats.clone() }
     }
@@ -349,10 +351,10 @@ mod tests {
     fn the_worst_of_each_code_is_kept_and_decides() {
         let mut checks = Checks::default();
         checks.record(CheckCode::LawResidual, 1e-9, 1e-8, || "small".to_owned());
-        assert!(Verdict::of(Status::Completed, None, 1.0, &checks).trusted);
+        assert!(Verdict::of(Status::Completed, None, Some(1.0), &checks).trusted);
         checks.record(CheckCode::LawResidual, 3e-8, 1e-8, || "large".to_owned());
         checks.record(CheckCode::LawResidual, 2e-8, 1e-8, || "less large".to_owned());
-        let verdict = Verdict::of(Status::Completed, None, 1.0, &checks);
+        let verdict = Verdict::of(Status::Completed, None, Some(1.0), &checks);
         assert!(!verdict.trusted);
         assert_eq!(verdict.because.len(), 1);
         assert_eq!((verdict.because[0].value, verdict.because[0].message.as_str()), (3e-8, "large"));
@@ -362,9 +364,9 @@ mod tests {
     fn what_is_not_a_number_fails_even_where_nothing_is_allowed() {
         let mut checks = Checks::default();
         checks.record(CheckCode::EventsUnproven, 0.0, 0.0, String::new);
-        assert!(Verdict::of(Status::Completed, None, 1.0, &checks).trusted);
+        assert!(Verdict::of(Status::Completed, None, Some(1.0), &checks).trusted);
         checks.record(CheckCode::EnergyBalance, f64::NAN, 1e-3, String::new);
-        let verdict = Verdict::of(Status::Completed, None, 1.0, &checks);
+        let verdict = Verdict::of(Status::Completed, None, Some(1.0), &checks);
         assert_eq!((verdict.trusted, verdict.because[0].value), (false, f64::MAX));
     }
 
@@ -385,7 +387,7 @@ mod tests {
     #[test]
     fn an_answer_that_ends_early_is_not_trusted() {
         let error = Failure { code: "steps".into(), message: String::new(), time: 0.25, state: Vec::new() };
-        let verdict = Verdict::of(Status::Stopped, Some(&error), 1.0, &Checks::default());
+        let verdict = Verdict::of(Status::Stopped, Some(&error), Some(1.0), &Checks::default());
         assert_eq!((verdict.because[0].code, verdict.because[0].value), (CheckCode::NotAtEnd, 0.75));
     }
 }

@@ -24,7 +24,9 @@ const MOST: usize = 10_000;
 #[derive(Clone, Debug, Deserialize, Serialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
-    /// An expression in `t`, parameters, outputs and definitions that changes sign at the event.
+    /// An expression in `t`, parameters, outputs and definitions that changes sign at the event. One that reaches zero
+    /// and rests there has its event when it reaches it; leaving to the other side is no other event, returning is one,
+    /// and so is leaving a rest at zero that began with the run.
     pub when: Expression,
     /// The sign changes that count, by direction. Default `either`.
     #[serde(default)]

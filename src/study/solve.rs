@@ -38,7 +38,12 @@ pub(crate) fn solve_once(specification: &Specification, control: &Control) -> So
     let (model, plan) = (specification.model(), specification.plan());
     let mut solution = model.run(specification, &plan, control);
     solution.diagnostics.warnings.extend(specification.warnings().cloned());
-    let end = solution.orbit.as_ref().map_or(plan.end, |orbit| plan.start + orbit.period);
-    solution.judge(end);
+    solution.judge(requested_end(specification));
     solution
+}
+
+/// The end time that a specification asks for; `None` if it asks for a search.
+pub(crate) fn requested_end(specification: &Specification) -> Option<f64> {
+    let is_search = specification.search().is_some() || specification.problem() == "vi";
+    (!is_search).then_some(specification.time().end)
 }

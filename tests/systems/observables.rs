@@ -313,3 +313,60 @@ fn integrands_whose_terms_cancel_are_trusted() {
     assert_near(last(&solution, "quotient"), 5.0, 1e-8);
     assert_near(last(&solution, "zero"), 0.0, 1e-12);
 }
+
+#[test]
+fn monitors_that_rest_at_zero_have_one_event_for_reaching_it() {
+    let watched = json!([
+        {"when": "floor(t) - 2", "label": "floor"},
+        {"when": "floor(t) - 2", "direction": "falling", "label": "floor falls"},
+        {"when": "pulse(t, 2, 1)", "direction": "rising", "label": "pulse begins"},
+        {"when": "pulse(t, 2, 1)", "direction": "falling", "label": "pulse ends"},
+        {"when": "sin(t)^2 + cos(t)^2 - 1", "label": "rounding"},
+        {"when": "x^2 + v^2 - 1", "label": "kept up to errors"}]);
+    let watched = watched.as_array().expect("a list").iter().map(|watch| {
+        let mut watch = watch.clone();
+        watch["record"] = json!(true);
+        watch
+    });
+    let solution = solve(&json!({"problem": {"dvi": {"states": {
+            "x": {"initial": 1, "rate": "v"}, "v": {"initial": 0, "rate": "-x"}}}},
+        "time": {"end": 6}, "stop": watched.collect::<Vec<Value>>()}));
+    assert_trusted(&solution);
+    for (label, expected) in [("floor", 2.0), ("pulse begins", 2.0), ("pulse ends", 3.0)] {
+        let found = events(&solution, label);
+        assert!(found.len() == 1 && (found[0] - expected).abs() < 1e-14, "{label}: {found:?}");
+    }
+    for label in ["floor falls", "rounding"] {
+        assert_eq!(events(&solution, label), [0.0; 0], "{label}");
+    }
+    assert!(events(&solution, "kept up to errors").len() <= solution.diagnostics.steps.accepted as usize);
+}
+
+#[test]
+fn integrals_take_the_impulses_of_jumps() {
+    // The bound rises from 0 to 1 at t = 1 and lifts x by an impulse of 1; then z = x = 1 holds it.
+    let solved = |integrals: Value| {
+        solve(&json!({"problem": {"dvi": {"integrals": integrals,
+            "states": {"x": {"initial": 0, "rate": "-x + z/2"}},
+            "variables": {"z": {"inequality": "x - heaviside(t - 1)"}}, "set": [{"nonnegative": ["z"]}]}},
+            "time": {"end": 3}, "output": {"times": [0.5, 1.5, 3]}}))
+    };
+    let solution = solved(json!({"of_z": "z", "moment": "t*z + x", "x_only": "x^2"}));
+    assert_trusted(&solution);
+    for (name, expected) in [("of_z", [0.0, 3.0, 6.0]), ("moment", [0.0, 3.75, 12.0]), ("x_only", [0.0, 0.5, 2.0])] {
+        for (found, expected) in column(&solution, name).iter().zip(expected) {
+            assert_near(*found, expected, 1e-6);
+        }
+    }
+    let jumps = solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Jumped);
+    assert_eq!(jumps.map(|event| (event.t, event.of.as_str())).collect::<Vec<_>>(), [(1.0, "x")]);
+    // A square of an impulse, and a product with a state that jumps beside it, have no integral.
+    for integrand in ["z^2", "x*z"] {
+        let solution = solved(json!({"I": integrand}));
+        let because = &solution.verdict.because;
+        assert!(
+            because.iter().any(|reason| reason.message.contains("undefined from t = 1.0")),
+            "{integrand}: {because:?}"
+        );
+    }
+}

@@ -327,6 +327,26 @@ fn a_drift_below_the_tolerance_is_no_orbit() {
 }
 
 #[test]
+fn a_steady_state_that_its_equations_do_not_determine_is_told() {
+    let solved = |states: Value| solve(&json!({"problem": {"dvi": {"states": states}}, "steady_state": {}}));
+    let is_told =
+        |solution: &Solution| solution.verdict.caveats.iter().any(|caveat| caveat.code == "steady_state_uncertain");
+    // No rest at all; one of many; a triple root, which the tolerances leave at 1e-4.
+    for (from, rate) in [(800.0, "exp(-x)"), (25.0, "1 - tanh(x)"), (3.0, "0*x"), (1.0, "-x^3")] {
+        let solution = solved(json!({"x": {"initial": from, "rate": rate}}));
+        assert!(is_told(&solution), "{rate}: {:?}", solution.verdict);
+    }
+    let conserved = solved(json!({"a": {"initial": 1, "rate": "b - 2*a"}, "b": {"initial": 0, "rate": "2*a - b"}}));
+    assert!(is_told(&conserved));
+    let found = conserved.steady_state.expect("a steady state");
+    assert_near(found.states["a"], 1.0 / 3.0, 1e-6);
+    for rate in ["1e-9*(1 - x)", "exp(-x) - 1e-12", "1e6 - 1e12*x"] {
+        let solution = solved(json!({"x": {"initial": 5, "rate": rate}}));
+        assert!(solution.verdict.trusted && !is_told(&solution), "{rate}: {:?}", solution.verdict);
+    }
+}
+
+#[test]
 fn what_is_stable_on_one_side_only_is_not_said_to_be_stable() {
     let one = |x: f64, rate: &str| json!({"dvi": {"states": {"x": {"initial": x, "rate": rate}}}});
     let with_z = |rate: &str, inequality: &str, x: f64| {

@@ -51,7 +51,7 @@ impl Directions {
         let (states, count) = (self.initial.nrows(), self.count());
         let mut initial = DMatrix::zeros(states, states + count);
         initial.fill_with_identity();
-        let Self { mut terms, mu, restitution, shifted, .. } = self;
+        let Self { mut terms, mu, restitution, sizes, shifted, .. } = self;
         let mut own = DMatrix::zeros(0, 0);
         let terms: TermsBy = Box::new(move |t: f64, y: &[f64], out: &mut DMatrix<f64>| {
             if own.nrows() != out.nrows() {
@@ -63,7 +63,8 @@ impl Directions {
         });
         let behind = |own: DMatrix<f64>| own.insert_columns(0, states, 0.0);
         let shifted = (0..states).map(|_| None).chain(shifted).collect();
-        Self { initial, terms, mu: behind(mu), restitution: behind(restitution), shifted }
+        let sizes = std::iter::repeat_n(0.0, states).chain(sizes).collect();
+        Self { initial, terms, mu: behind(mu), restitution: behind(restitution), sizes, shifted }
     }
 }
 
@@ -98,7 +99,7 @@ impl Adjoint {
 
     /// Takes up the mode of a smooth phase that begins.
     pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
-        self.basis.begin(phase);
+        self.basis.adopt_mode(phase);
         self.mode = Rc::new(phase.watch.setting());
     }
 

@@ -24,7 +24,7 @@ pub(super) struct Arc {
     before: DMatrix<f64>,
     stages: Vec<DMatrix<f64>>,
     /// The slope that the polynomial lacks at the beginning, times the step size.
-    lacking: DMatrix<f64>,
+    pub lacking: DMatrix<f64>,
     /// The absolute values of the terms that add up to the derivatives in the step: a scale for their rounding.
     pub terms: DMatrix<f64>,
 }
@@ -38,6 +38,18 @@ fn rates(linearised: &Linearised, columns: Columns) -> (DMatrix<f64>, DMatrix<f6
     let mut by_directions = DMatrix::zeros(2 * n, p);
     by_directions.rows_mut(n, n).copy_from(&linearised.a.columns(2 * n, p));
     (by_x, by_directions)
+}
+
+/// The slopes of the derivatives `now` of a state; `None` where the equations are singular.
+pub(super) fn slopes_at(
+    equations: &mut ModeEquations,
+    (t, x): (f64, &[f64]),
+    directions: &mut Directions,
+    now: &DMatrix<f64>,
+) -> Option<DMatrix<f64>> {
+    let columns = Columns { coordinates: x.len() / 2, directions: directions.count() };
+    let (by_x, by_directions) = rates(&Linearised::at(equations, t, x, directions)?, columns);
+    Some(by_x * now + by_directions)
 }
 
 impl Arc {

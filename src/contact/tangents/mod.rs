@@ -35,6 +35,7 @@ use event::Flights;
 use hybrid::{OneStep, Shift, break_slopes};
 use nalgebra::DMatrix;
 use problem::{Mechanical, MechanicalStructure};
+use radau::DirectionSize;
 use transition::Instant;
 
 /// A jump of the accelerations below this fraction of their terms counts as zero.
@@ -54,6 +55,8 @@ pub struct Directions {
     pub mu: DMatrix<f64>,
     /// Those of the coefficients of restitution, one contact per row.
     pub restitution: DMatrix<f64>,
+    /// The size of what each direction moves: that of a parameter; zero for initial values, or if it is unknown.
+    pub sizes: Vec<f64>,
     /// The system shifted along each direction, for its event functions of time; `None` if they do not depend on it.
     pub shifted: Vec<Option<ShiftedMotion>>,
 }
@@ -69,6 +72,10 @@ pub struct ShiftedMotion {
 impl Directions {
     fn count(&self) -> usize {
         self.initial.ncols()
+    }
+
+    fn size_of(&self, direction: usize) -> DirectionSize<'_> {
+        DirectionSize::new(self.sizes[direction], &self.initial, direction)
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], out: &mut DMatrix<f64>) {
@@ -162,8 +169,18 @@ impl Tangents {
         Ok(tangents)
     }
 
-    /// Takes up the mode of a smooth phase that begins.
-    pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
+    /// Takes up the mode of a smooth phase that begins, and bounds its first step by the slopes of the derivatives.
+    pub fn begin(&mut self, phase: &mut SmoothPhase<'_, '_>) {
+        self.adopt_mode(phase);
+        let State { t, q, v } = &phase.located.state;
+        let x = [q.as_slice(), v].concat();
+        let slopes = arc::slopes_at(&mut self.equations, (*t, &x), &mut self.directions, &self.now);
+        if let (Some(slopes), Some(radau)) = (slopes, &mut phase.method) {
+            radau.limit_first_step(&slopes, &self.largest, |direction| self.directions.size_of(direction));
+        }
+    }
+
+    fn adopt_mode(&mut self, phase: &SmoothPhase<'_, '_>) {
         self.equations.adopt(phase.watch.setting());
         self.arc = None;
     }
@@ -173,7 +190,7 @@ impl Tangents {
     /// # Errors
     /// Why there is no derivative from the end of this step on.
     pub fn follow(&mut self, phase: &mut SmoothPhase<'_, '_>) -> Result<Option<Jumped>, NoDerivative> {
-        let Some(radau) = &phase.method else { return Err(NoDerivative::SteppedOver) };
+        let Some(radau) = &mut phase.method else { return Err(NoDerivative::SteppedOver) };
         let located = &*phase.located;
         let (begin, end) = located.last_arc();
         if end > begin {
@@ -182,8 +199,9 @@ impl Tangents {
             let arc = Arc::new(step, &self.now, &mut self.equations, &mut self.directions)?;
             self.now = arc.at(end);
             self.terms.copy_from(&arc.terms);
-            self.arc = Some(arc);
             self.keep_largest();
+            radau.limit_next_step(&arc.lacking, &self.largest, |direction| self.directions.size_of(direction));
+            self.arc = Some(arc);
         }
         self.pass_end(phase)
     }

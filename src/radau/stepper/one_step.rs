@@ -33,6 +33,8 @@ pub struct Saved {
     history: History,
     /// The number of switches that nobody has taken yet.
     switches: usize,
+    /// The number of jumps that nobody has taken yet.
+    jumps: usize,
     chattering: Chattering,
     progress: Progress,
     counts: Counts,
@@ -143,8 +145,9 @@ impl OneStep for Radau<'_> {
         (self.clock, self.y, self.h, self.last) = (clock, y, h, last);
         (self.system.face, self.control.rounding, self.orders) = (face, rounding, orders);
         (self.controller, self.extent) = (controller, extent);
-        let Saved { continues, jumped, breaks, history, switches, chattering, progress, counts, .. } = saved.clone();
-        self.switching.switches.truncate(switches);
+        let Saved { continues, jumped, breaks, history, chattering, progress, counts, .. } = saved.clone();
+        self.switching.switches.truncate(saved.switches);
+        self.jumps.truncate(saved.jumps);
         (self.continues, self.jumped, self.breaks) = (continues, jumped, breaks);
         (self.switching.history, self.chattering, self.progress) = (history, chattering, progress);
         self.counts = counts;
@@ -170,6 +173,7 @@ impl Radau<'_> {
             breaks: self.breaks.clone(),
             history: self.switching.history.clone(),
             switches: self.switching.switches.len(),
+            jumps: self.jumps.len(),
             chattering: self.chattering.clone(),
             progress: self.progress.clone(),
             counts: self.counts,

@@ -5,6 +5,7 @@ use super::{Extent, Radau};
 use crate::consistent_variables::inequality;
 use crate::dense_output::GivenStep;
 use crate::face::{ActiveFace, Activity};
+use crate::start::Jump;
 use crate::tableau::Tableau;
 use crate::work::Work;
 use problem::{ConvexSet, Dvi, FaceEquations};
@@ -66,6 +67,16 @@ impl Radau<'_> {
     /// Time of the first jump of the states, forced by constraints at the start or at a breakpoint of the rows.
     pub fn jumped(&self) -> Option<f64> {
         self.jumped
+    }
+
+    /// Whether a change of an unknown is larger than its tolerance.
+    pub fn is_beyond_tolerance(&self, unknown: usize, change: f64) -> bool {
+        (change * self.control.weight[unknown]).abs() > 1.0
+    }
+
+    /// The jumps since the last call.
+    pub fn take_jumps(&mut self) -> Vec<Jump> {
+        std::mem::take(&mut self.jumps)
     }
 
     /// The largest size of each unknown so far.

@@ -31,27 +31,15 @@ impl Tangents {
 
     /// Estimates the error of the derivatives in the last step, and bounds the next one by it.
     pub(super) fn limit_step(&mut self, radau: &mut Radau<'_>) {
-        let method = radau.orders.last();
-        let (Some(gamma), Some(jump)) = (method.tableau.gamma, &self.slopes[0]) else { return };
-        let rtol = radau.settings.rtol;
-        let least =
-            |per_size: f64, atol: f64, size: f64| (per_size.min(1.0) * atol + ROUNDING * per_size * size) / rtol;
-        let error = self.norm(jump, radau, least) / (gamma * method.tolerance.rtol);
-        self.error = Some(error);
-        radau.h = radau.h.min(radau.last.h * Self::change(error, method.tableau));
+        let Some(lacking) = &self.slopes[0] else { return };
+        self.error = radau.limit_next_step(lacking, &self.largest, |direction| self.size_of(direction));
     }
 
     /// The size of a step in place of the last one, in which the derivatives are not accurate enough; `None` if they are, or
     /// no other size may be taken.
     pub(super) fn shorter(&self, radau: &Radau<'_>) -> Option<f64> {
         let error = self.error.filter(|error| *error > 1.0 && radau.settings.step.is_none())?;
-        Some(radau.last.h * Self::change(error, radau.orders.last().tableau).min(LARGEST_RETRIED))
-    }
-
-    /// The change of the step size that brings an error to the tolerance.
-    fn change(error: f64, tableau: &Tableau) -> f64 {
-        let change = SAFETY * error.powf(-1.0 / (tableau.stages() as f64 + 1.0));
-        change.clamp(LEAST_CHANGE, LARGEST_CHANGE)
+        Some(radau.last.h * change_of_step(error, radau.orders.last().tableau).min(LARGEST_RETRIED))
     }
 
     /// Bounds the first step behind a switch: derivatives may have jumped into a direction in which the states do not move.
@@ -61,27 +49,88 @@ impl Tangents {
             true => self.slopes_at(radau.t(), &y, &now),
             false => self.slopes_on_face(radau),
         };
-        let Some(slopes) = slopes else { return };
-        let method = radau.orders.current();
+        if let Some(slopes) = slopes {
+            radau.limit_first_step(&slopes, &self.largest, |direction| self.size_of(direction));
+        }
+    }
+
+    /// The size of what a direction moves, and its effect on the states at the start.
+    fn size_of(&self, direction: usize) -> DirectionSize<'_> {
+        let shifted = self.directions.shifted.get(direction).and_then(Option::as_ref);
+        // The shift of a parameter is a part of its size.
+        let of_parameter = shifted.map_or(0.0, |shifted| shifted.by / CENTRAL_DIFFERENCE);
+        DirectionSize::new(of_parameter, &self.directions.initial, direction)
+    }
+}
+
+/// The size of what a direction of differentiation moves.
+#[derive(Clone, Copy, Debug)]
+pub struct DirectionSize<'a> {
+    /// The size of the parameter; zero if there is none, or it is unknown.
+    pub of_parameter: f64,
+    /// The derivatives of the states at the start.
+    pub initial: &'a [f64],
+}
+
+impl<'a> DirectionSize<'a> {
+    /// The size of a direction, a column of `initial`.
+    pub fn new(of_parameter: f64, initial: &'a DMatrix<f64>, direction: usize) -> Self {
+        let states = initial.nrows();
+        Self { of_parameter, initial: &initial.as_slice()[direction * states..][..states] }
+    }
+}
+
+impl Radau<'_> {
+    /// Bounds the next step by the error of derivatives in the last one, which is returned in units of the tolerances:
+    /// `lacking` are the slopes that their polynomial lacks at the beginning, times the step size, with one direction per
+    /// column, and `largest` the largest values so far.
+    pub fn limit_next_step<'a>(
+        &mut self,
+        lacking: &DMatrix<f64>,
+        largest: &DMatrix<f64>,
+        size_of: impl Fn(usize) -> DirectionSize<'a>,
+    ) -> Option<f64> {
+        let method = self.orders.last();
+        let gamma = method.tableau.gamma?;
+        let rtol = self.settings.rtol;
+        let least =
+            |per_size: f64, atol: f64, size: f64| (per_size.min(1.0) * atol + ROUNDING * per_size * size) / rtol;
+        let error = self.norm_of_derivatives((lacking, largest), size_of, least) / (gamma * method.tolerance.rtol);
+        self.h = self.h.min(self.last.h * change_of_step(error, method.tableau));
+        Some(error)
+    }
+
+    /// Bounds the first step behind an event, where derivatives have these slopes.
+    pub fn limit_first_step<'a>(
+        &mut self,
+        slopes: &DMatrix<f64>,
+        largest: &DMatrix<f64>,
+        size_of: impl Fn(usize) -> DirectionSize<'a>,
+    ) {
+        let method = self.orders.current();
         let reach = method.tolerance.rtol.powf(1.0 / (method.tableau.stages() as f64 + 1.0));
-        let rtol = radau.settings.rtol;
-        let speed = self.norm(&slopes, radau, |per_size, atol, size| per_size * (size + atol / rtol));
+        let rtol = self.settings.rtol;
+        let least = |per_size, atol, size| per_size * (size + atol / rtol);
+        let speed = self.norm_of_derivatives((slopes, largest), size_of, least);
         if speed > 0.0 {
-            radau.h = radau.h.min(reach / speed);
+            self.h = self.h.min(reach / speed);
         }
     }
 
     /// The largest root mean square of the changes in a direction, relative to the sizes of the derivatives, which are at least
     /// `least` of one over the size of the direction, and of the absolute tolerance and the size of a state.
-    fn norm(&self, changes: &DMatrix<f64>, radau: &Radau<'_>, least: impl Fn(f64, f64, f64) -> f64) -> f64 {
-        let (settings, reached) = (&radau.settings, &radau.largest()[..changes.nrows()]);
+    fn norm_of_derivatives<'a>(
+        &self,
+        (changes, largest): (&DMatrix<f64>, &DMatrix<f64>),
+        size_of: impl Fn(usize) -> DirectionSize<'a>,
+        least: impl Fn(f64, f64, f64) -> f64,
+    ) -> f64 {
+        let (settings, reached) = (&self.settings, &self.largest()[..changes.nrows()]);
         let of_direction = |(direction, (changes, largest)): (usize, (&[f64], &[f64]))| {
-            let shifted = self.directions.shifted.get(direction).and_then(Option::as_ref);
-            let initial = self.directions.initial.column(direction);
+            let DirectionSize { of_parameter, initial } = size_of(direction);
             let moved = initial.iter().zip(reached).filter(|(_, size)| **size > 0.0);
             let moved = moved.map(|(initial, size)| initial.abs() / size);
-            // The size of a parameter, of which its shift is a part, or of an initial value.
-            let per_size = moved.fold(shifted.map_or(0.0, |shifted| CENTRAL_DIFFERENCE / shifted.by), f64::max);
+            let per_size = moved.fold(if of_parameter > 0.0 { of_parameter.recip() } else { 0.0 }, f64::max);
             let sizes = settings.atol.iter().zip(reached).map(|(atol, size)| least(per_size, *atol, *size));
             let terms = changes.iter().zip(largest).zip(sizes).map(|((change, largest), least)| {
                 let size = largest + least;
@@ -90,7 +139,13 @@ impl Tangents {
             (terms.sum::<f64>() / reached.len().max(1) as f64).sqrt()
         };
         let n = changes.nrows().max(1);
-        let directions = changes.as_slice().chunks(n).zip(self.largest.as_slice().chunks(n));
+        let directions = changes.as_slice().chunks(n).zip(largest.as_slice().chunks(n));
         directions.enumerate().map(of_direction).fold(0.0, f64::max)
     }
+}
+
+/// The change of the step size that brings an error to the tolerance.
+fn change_of_step(error: f64, tableau: &Tableau) -> f64 {
+    let change = SAFETY * error.powf(-1.0 / (tableau.stages() as f64 + 1.0));
+    change.clamp(LEAST_CHANGE, LARGEST_CHANGE)
 }

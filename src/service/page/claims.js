@@ -28,7 +28,7 @@ const CHECKS = {
   accumulation_passed: ["Accumulations are accurate", "distance of an accumulation of events from its limit"],
   fit_distance: ["The minimum was reached", "distance of the estimates from the minimum that the derivatives predict, in standard errors"],
   untrusted_members: ["Members are trusted", "number of members of the table that are not trusted"],
-  not_at_end: ["The end was reached", "time from the end of the run to the requested end"],
+  not_at_end: ["The end was reached", "time from the end of the run to the requested end; 1 for a search without an answer"],
 };
 
 const capital = (words) => `${words[0].toUpperCase()}${words.slice(1)}`;

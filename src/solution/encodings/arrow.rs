@@ -44,6 +44,14 @@ impl Arrow {
         &self.metadata
     }
 
+    /// The schema of a trajectory.
+    pub(super) fn schema(&self, trajectory: &Trajectory) -> Arc<Schema> {
+        let names = std::iter::once("t").chain(trajectory.fields.iter().map(|field| field.name.as_str()));
+        let columns: Vec<arrow_schema::Field> =
+            names.map(|name| arrow_schema::Field::new(name, DataType::Float64, false)).collect();
+        Arc::new(Schema::new_with_metadata(columns, self.metadata.clone()))
+    }
+
     /// Flushes the bytes written so far to `out`.
     fn pass_on(&mut self, out: &mut dyn Write) -> io::Result<()> {
         let Some((_, writer)) = &mut self.begun else { return Ok(()) };
@@ -56,10 +64,7 @@ impl Arrow {
 
 impl Table for Arrow {
     fn begin(&mut self, trajectory: &Trajectory, out: &mut dyn Write) -> io::Result<()> {
-        let names = std::iter::once("t").chain(trajectory.fields.iter().map(|field| field.name.as_str()));
-        let columns: Vec<arrow_schema::Field> =
-            names.map(|name| arrow_schema::Field::new(name, DataType::Float64, false)).collect();
-        let schema = Arc::new(Schema::new_with_metadata(columns, self.metadata.clone()));
+        let schema = self.schema(trajectory);
         let writer = StreamWriter::try_new(Vec::new(), &schema).map_err(broken)?;
         self.begun = Some((schema, writer));
         self.pass_on(out)
@@ -67,13 +72,7 @@ impl Table for Arrow {
 
     fn rows(&mut self, trajectory: &Trajectory, times: Range<usize>, out: &mut dyn Write) -> io::Result<()> {
         let Some((schema, writer)) = &mut self.begun else { return Ok(()) };
-        let columns = std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values));
-        let columns = columns.map(|column| {
-            let part = column.get(times.clone()).unwrap_or_default();
-            Arc::new(Float64Array::from(part.to_vec())) as ArrayRef
-        });
-        let batch = RecordBatch::try_new(Arc::clone(schema), columns.collect()).map_err(broken)?;
-        writer.write(&batch).map_err(broken)?;
+        writer.write(&batch_of(schema, trajectory, times)?).map_err(broken)?;
         self.pass_on(out)
     }
 
@@ -83,6 +82,16 @@ impl Table for Arrow {
         }
         self.pass_on(out)
     }
+}
+
+/// The rows of a trajectory with the indices `times`.
+pub(super) fn batch_of(schema: &Arc<Schema>, trajectory: &Trajectory, times: Range<usize>) -> io::Result<RecordBatch> {
+    let columns = std::iter::once(&trajectory.t).chain(trajectory.fields.iter().map(|field| &field.values));
+    let columns = columns.map(|column| {
+        let part = column.get(times.clone()).unwrap_or_default();
+        Arc::new(Float64Array::from(part.to_vec())) as ArrayRef
+    });
+    RecordBatch::try_new(Arc::clone(schema), columns.collect()).map_err(broken)
 }
 
 fn broken(error: ArrowError) -> io::Error {

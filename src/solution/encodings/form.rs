@@ -16,6 +16,9 @@ pub enum Form {
     Lines,
     /// An Arrow stream.
     Arrow,
+    /// A file of Parquet.
+    #[cfg(feature = "parquet")]
+    Parquet,
     /// A picture.
     Svg,
 }
@@ -28,6 +31,8 @@ impl Form {
             "csv" => Self::Csv,
             "ndjson" | "jsonl" => Self::Lines,
             "arrow" | "arrows" => Self::Arrow,
+            #[cfg(feature = "parquet")]
+            "parquet" => Self::Parquet,
             "svg" => Self::Svg,
             _ => return None,
         })
@@ -46,6 +51,10 @@ impl Form {
             (Self::Arrow, true) => write_members(solution, MembersForm::Arrow, out),
             (Self::Csv, false) => write_table(&mut Csv, &solution.trajectory, out),
             (Self::Lines, false) => write_table(&mut Lines, &solution.trajectory, out),
+            #[cfg(feature = "parquet")]
+            (Self::Parquet, true) => write_members(solution, MembersForm::Parquet, out),
+            #[cfg(feature = "parquet")]
+            (Self::Parquet, false) => super::parquet::write_trajectory(solution, out),
             (Self::Arrow, false) => {
                 let mut table = Arrow::with(&solution.verdict).of(solution.provenance.as_ref());
                 write_table(&mut table, &solution.trajectory, out)

@@ -2,6 +2,8 @@
 //! the others.
 
 use super::csv::write_text;
+#[cfg(feature = "parquet")]
+use super::parquet::ParquetFile;
 use crate::columnar::Members;
 use crate::{Column, Solution, Table, Values, Verdict};
 use arrow_array::types::Float64Type;
@@ -22,6 +24,9 @@ pub enum MembersForm {
     Lines,
     /// Arrow: a stream of record batches.
     Arrow,
+    /// Parquet: groups of rows, and their places at the end.
+    #[cfg(feature = "parquet")]
+    Parquet,
 }
 
 /// Writes the table of a sweep.
@@ -42,12 +47,21 @@ pub struct MembersPieces {
     /// The part that comes next.
     part: usize,
     arrow: Option<(Arc<Schema>, StreamWriter<Vec<u8>>)>,
+    #[cfg(feature = "parquet")]
+    parquet: Option<(Arc<Schema>, ParquetFile)>,
 }
 
 impl MembersPieces {
     /// The table of an answer on which this is the verdict.
     pub fn new(form: MembersForm, verdict: &Verdict) -> Self {
-        Self { form, verdict: verdict.clone(), part: 0, arrow: None }
+        Self {
+            form,
+            verdict: verdict.clone(),
+            part: 0,
+            arrow: None,
+            #[cfg(feature = "parquet")]
+            parquet: None,
+        }
     }
 
     /// Writes the next piece; says whether there is more.
@@ -73,9 +87,7 @@ impl MembersPieces {
                 }
                 if let Some((schema, writer)) = &mut self.arrow {
                     if rows.rows() > 0 {
-                        let columns = rows.columns.iter().map(|column| array(&column.values)).collect();
-                        let batch = RecordBatch::try_new(Arc::clone(schema), columns).map_err(broken)?;
-                        writer.write(&batch).map_err(broken)?;
+                        writer.write(&batch_of(schema, &rows)?).map_err(broken)?;
                     }
                     if is_last {
                         writer.finish().map_err(broken)?;
@@ -83,6 +95,21 @@ impl MembersPieces {
                     let written = writer.get_mut();
                     out.write_all(written)?;
                     written.clear();
+                }
+            }
+            #[cfg(feature = "parquet")]
+            MembersForm::Parquet => {
+                let (schema, file) = match &mut self.parquet {
+                    Some(begun) => begun,
+                    begun @ None => {
+                        let schema = Arc::new(schema_of_members(&rows, &self.verdict));
+                        let file = ParquetFile::new(&schema)?;
+                        begun.insert((schema, file))
+                    }
+                };
+                file.write(&batch_of(schema, &rows)?, out)?;
+                if is_last {
+                    file.finish(out)?;
                 }
             }
         }
@@ -95,6 +122,11 @@ impl MembersPieces {
         self.arrow = Some((schema, writer));
         Ok(())
     }
+}
+
+fn batch_of(schema: &Arc<Schema>, rows: &Table) -> io::Result<RecordBatch> {
+    let columns = rows.columns.iter().map(|column| array(&column.values)).collect();
+    RecordBatch::try_new(Arc::clone(schema), columns).map_err(broken)
 }
 
 /// The schema of the table of a sweep in Arrow, with the verdict and the provenance as its metadata.

@@ -4,6 +4,8 @@
 //! - JSON: one object, with columns as arrays. Only this format contains events and diagnostics.
 //! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow].
 //!
+//! - With the feature `parquet`, files of Parquet.
+//!
 //! The answer of a sweep is a separate table, which may have texts and missing values ([`write_members`]).
 //!
 //! JSON has the verdict right after `status`, and Arrow in the metadata of its schema. CSV (RFC 4180) has no comments,
@@ -15,6 +17,8 @@ mod csv;
 mod form;
 mod lines;
 mod members;
+#[cfg(feature = "parquet")]
+mod parquet;
 
 pub use arrow::Arrow;
 pub use csv::Csv;

@@ -28,6 +28,9 @@ const MANY: usize = 20_000;
 /// The 0.999 quantile of the standard normal distribution.
 const RARE: f64 = 3.090;
 
+/// The number of signs from which on the normal approximation of the number of stretches is a good one.
+const NORMAL_FROM: usize = 20;
+
 /// The uncertainty of all parameters, in order.
 #[derive(Clone, Debug)]
 pub struct Intervals {
@@ -161,9 +164,45 @@ pub fn is_too_large(squares: f64, freedoms: usize) -> bool {
     freedoms > 0 && (cube_root(squares / freedoms as f64) - (1.0 - part)) / part.sqrt() > RARE
 }
 
+/// Stretches of residuals of one sign.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretches {
+    /// Their number.
+    pub count: usize,
+    /// The number that independent residuals have on average.
+    pub expected: f64,
+}
+
+/// The stretches of one sign of residuals in the order of time, if they are fewer than those of independent residuals
+/// are in all but one of a thousand cases, by the normal approximation (Wald and Wolfowitz 1940).
+pub fn long_stretches(residuals: impl Iterator<Item = f64>) -> Option<Stretches> {
+    let signs: Vec<bool> = residuals.filter(|residual| *residual != 0.0).map(|residual| residual > 0.0).collect();
+    let count = 1 + signs.windows(2).filter(|pair| pair[0] != pair[1]).count();
+    let positive = signs.iter().filter(|is_positive| **is_positive).count() as f64;
+    let all = signs.len() as f64;
+    let expected = 1.0 + 2.0 * positive * (all - positive) / all;
+    let variance = (expected - 1.0) * (expected - 2.0) / (all - 1.0);
+    let is_rare = signs.len() >= NORMAL_FROM && expected - count as f64 >= RARE * variance.max(0.0).sqrt();
+    is_rare.then_some(Stretches { count, expected })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn residuals_of_one_sign_for_long_are_told_from_independent_ones() {
+        // 20 and 20 signs have 21 stretches on average, with a deviation of sqrt(20 * 19 / 39) = 3.12, so that 11 are rare.
+        let with_runs = |runs: usize| {
+            let lengths = move |k: usize| 20 / (runs / 2) + usize::from(k / 2 < 20 % (runs / 2));
+            (0..runs).flat_map(move |k| vec![if k % 2 == 0 { 1.0 } else { -1.0 }; lengths(k)])
+        };
+        assert_eq!(long_stretches(with_runs(12)), None);
+        assert_eq!(long_stretches(with_runs(10)), Some(Stretches { count: 10, expected: 21.0 }));
+        assert_eq!(long_stretches([-1.0; 20].into_iter()), Some(Stretches { count: 1, expected: 1.0 }));
+        assert_eq!(long_stretches([-1.0; 10].into_iter()), None);
+        assert_eq!(long_stretches(std::iter::empty()), None);
+    }
 
     #[test]
     fn student_has_the_values_of_tables() {

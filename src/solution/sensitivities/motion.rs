@@ -111,7 +111,7 @@ impl<'p> FollowedMotion<'p> {
     }
 
     /// Takes up a smooth phase that begins.
-    pub fn begin(&mut self, phase: &SmoothPhase<'_, '_>) {
+    pub fn begin(&mut self, phase: &mut SmoothPhase<'_, '_>) {
         self.tangents.begin(phase);
         if let Some(Swept { adjoint, .. }) = &mut self.swept {
             adjoint.begin(phase);
@@ -207,7 +207,6 @@ fn together(model: &MechanicalModel, by: &[By], speeds: &[f64], start: f64) -> R
     };
     let is_parametric = by.iter().any(|by| matches!(by, By::Parameter(_)));
     let is_shifted = is_parametric && model.structure().depends_on_time && model.parameters.is_some();
-    // By how much each parameter moves is a part of its size already.
     let shifted = is_shifted.then(|| shifted_by(model, CENTRAL_DIFFERENCE, moves, start)).transpose()?;
     let (of_initial, of_mu, of_restitution) = (&initial * &speeds, &mu * &speeds, &restitution * &speeds);
     let mut own = DMatrix::zeros(0, 0);
@@ -223,6 +222,8 @@ fn together(model: &MechanicalModel, by: &[By], speeds: &[f64], start: f64) -> R
         terms: Box::new(along),
         mu: of_mu,
         restitution: of_restitution,
+        // By how much each parameter moves is a part of its size already.
+        sizes: vec![1.0],
         shifted: vec![shifted],
     })
 }
@@ -246,17 +247,23 @@ fn shifted_by(
 /// The directions of parameters and initial values, of a motion in the time since its start.
 pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
     let mut directions = unshifted(model, by, start)?;
-    let Some((parameters, _)) = model.parameters.as_ref().filter(|_| model.structure().depends_on_time) else {
+    if model.parameters.is_none() || !model.structure().depends_on_time {
         return Ok(directions);
-    };
+    }
     for (direction, by) in by.iter().enumerate() {
         let By::Parameter(parameter) = *by else { continue };
-        let value = parameters.values()[parameter];
-        let size = if value == 0.0 { MOVED_ALONE } else { value.abs() };
+        let size = directions.sizes[direction];
         let moves = |k: usize| if k == parameter { 1.0 } else { 0.0 };
         directions.shifted[direction] = Some(shifted_by(model, CENTRAL_DIFFERENCE * size, moves, start)?);
     }
     Ok(directions)
+}
+
+/// The size of a parameter; zero for an initial value.
+fn size_of(model: &MechanicalModel, by: By) -> f64 {
+    let (By::Parameter(parameter), Some((parameters, _))) = (by, &model.parameters) else { return 0.0 };
+    let value = parameters.values()[parameter];
+    if value == 0.0 { MOVED_ALONE } else { value.abs() }
 }
 
 /// The directions of parameters and initial values without the systems that are shifted along them.
@@ -269,6 +276,7 @@ fn unshifted(model: &MechanicalModel, by: &[By], start: f64) -> Result<Direction
         terms: Box::new(|_: f64, _: &[f64], out: &mut DMatrix<f64>| out.fill(0.0)),
         mu: DMatrix::zeros(contacts, count),
         restitution: DMatrix::zeros(contacts, count),
+        sizes: by.iter().map(|by| size_of(model, *by)).collect(),
         shifted: (0..count).map(|_| None).collect(),
     };
     for (direction, by) in by.iter().enumerate() {

@@ -62,7 +62,7 @@ pub fn answer(members: &dyn Members, asked: usize, incomplete: Incomplete<'_>) -
     judge(members, rows, &mut solution)?;
     solution.summary = Some(summary(members)?);
     solution.table = Some(members.head().head());
-    solution.judge(0.0);
+    solution.judge(Some(0.0));
     for reason in solution.verdict.because.iter_mut().filter(|reason| reason.code == CheckCode::NotAtEnd) {
         reason.value = asked.saturating_sub(rows) as f64;
         reason.message = format!("{rows} of {asked} members were done");

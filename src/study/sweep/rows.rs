@@ -1,6 +1,7 @@
 //! The rows of members, one after the other on one thread.
 
 use super::features;
+use crate::solve::requested_end;
 use problem::Control;
 use solution::{
     CheckCode, Collected, Column, Counts, Lists, Plan, Reducers, Reduction, Solution, Status, Table, TableProvenance,
@@ -131,8 +132,7 @@ impl<'s> Template<'s> {
                 let plan = self.plan_of(&member);
                 let mut solution = member.model().run(&member, &plan, control);
                 solution.diagnostics.warnings.extend(member.warnings().cloned());
-                let end = solution.orbit.as_ref().map_or(plan.end, |orbit| plan.start + orbit.period);
-                solution.judge(end);
+                solution.judge(requested_end(&member));
                 solution
             });
             if control.poll().is_some() {
