@@ -1,6 +1,8 @@
 // Trajectories: a panel for each quantity, all over the same times, with one cursor and one zoom, and a line for each field of
 // each run.
 //
+// While a slider is dragged, panels in view alone are drawn; the others are drawn when they come into view, or when the hand rests.
+//
 // Dragging zooms, a double click shows all; so do the arrows, `+`, `-` and `0` once the panels have the focus. Events are
 // ticks at the foot of a panel, one a pixel at most; a run of before is a ghost behind the lines.
 
@@ -31,6 +33,7 @@ export class Plots {
   #syncing = false;
   #time = null;
   #pointed = null; // {time, near} whose values are told
+  #sight = new IntersectionObserver((changes) => this.#sighted(changes)); // of the panels that are in view
 
   // Called with a time when the reader clicks on it.
   picked = () => {};
@@ -52,15 +55,16 @@ export class Plots {
     }).observe(root);
   }
 
-  // Shows these fields of these runs, `{t, fields, events}` each, of a problem; `ghost` is the run that the reader saw before.
-  show(runs, fields, { specification = {}, logTime = false, ghost = null } = {}) {
+  // Shows these fields of these runs, `{t, fields, events}` each, of a problem; `ghost` is the run that the reader saw before. Where it is `hurried`,
+  // panels out of view wait.
+  show(runs, fields, { specification = {}, logTime = false, ghost = null, hurried = false } = {}) {
     const sameFields = fields.length === this.#fields.length && fields.every((field, i) => field === this.#fields[i]);
     const [type, before] = [typeOf(specification), typeOf(this.#specification)];
     const steady = sameFields && type === before && logTime === this.#logTime && runs.length === 1 && this.#runs.length === 1;
     const sameTimes = steady && runs[0].t[0] === this.#runs[0].t[0] && runs[0].t.at(-1) === this.#runs[0].t.at(-1);
     [this.#runs, this.#fields, this.#specification, this.#logTime, this.#ghost] = [runs, fields, specification, logTime, ghost];
     if (!sameTimes) this.#span = null;
-    if (steady && this.#panels.length > 0 && this.#renew()) return;
+    if (steady && this.#panels.length > 0 && this.#renew(hurried)) return;
     this.#build();
   }
 
@@ -85,7 +89,7 @@ export class Plots {
   }
 
   // New values in the same panels: what a slider does many times a second. False if the panels have to be built anew.
-  #renew() {
+  #renew(hurried) {
     const groups = this.#groups();
     if (groups.length !== this.#panels.length || groups.some(({ fields }, i) => fields.join() !== this.#panels[i].group.fields.join())) return false;
     for (const panel of this.#panels) {
@@ -95,19 +99,36 @@ export class Plots {
     }
     for (const panel of this.#panels) {
       panel.series = this.#series(panel.group);
-      this.#tellConstants(panel);
-      panel.plot.setData(this.#data(panel.series), false);
-      panel.plot.batch(() => {
-        const [min, max] = this.#span ?? this.#whole();
-        panel.plot.setScale("x", { min, max });
-      });
+      if (hurried && !panel.seen) panel.waits = true;
+      else this.#redraw(panel);
     }
     if (this.#pointed !== null) this.#tell({ time: this.#pointed.time, near: null });
     this.#placeHeads();
     return true;
   }
 
+  #redraw(panel) {
+    panel.waits = false;
+    this.#tellConstants(panel);
+    panel.plot.setData(this.#data(panel.series), false);
+    panel.plot.batch(() => {
+      const [min, max] = this.#span ?? this.#whole();
+      panel.plot.setScale("x", { min, max });
+    });
+  }
+
+  // Panels came into view, or left it.
+  #sighted(changes) {
+    for (const { target, isIntersecting } of changes) {
+      const panel = this.#panels.find(({ canvas }) => canvas === target);
+      if (!panel) continue;
+      panel.seen = isIntersecting;
+      if (panel.seen && panel.waits) this.#redraw(panel);
+    }
+  }
+
   #build() {
+    this.#sight.disconnect();
     for (const { plot } of this.#panels) plot.destroy();
     this.#root.replaceChildren();
     this.#panels = [];
@@ -208,7 +229,8 @@ export class Plots {
     const plot = new uPlot(options, this.#data(series), canvas);
     const head = element("div", { class: "head", hidden: true });
     plot.over.append(head);
-    const panel = { group, series, values, height: total, log, plot, head, title, note: element("span", { class: "note" }) };
+    const panel = { group, series, values, height: total, log, plot, head, title, canvas, note: element("span", { class: "note" }), seen: true, waits: false };
+    this.#sight.observe(canvas);
     title.after(panel.note);
     this.#tellConstants(panel);
     return panel;
