@@ -90,13 +90,7 @@ export class Plots {
 
   // New values in the same panels: what a slider does many times a second. False if the panels have to be built anew.
   #renew(hurried) {
-    const groups = this.#groups();
-    if (groups.length !== this.#panels.length || groups.some(({ fields }, i) => fields.join() !== this.#panels[i].group.fields.join())) return false;
-    for (const panel of this.#panels) {
-      if (panel.group.fields.some((field) => !this.#runs[0].fields[field])) return false;
-      const ranges = panel.group.fields.map((field) => range(this.#runs[0].fields[field]));
-      if (this.#isLog(panel.group, ranges) !== panel.log) return false;
-    }
+    if (!(hurried ? this.#canShow() : this.#suits())) return false;
     for (const panel of this.#panels) {
       panel.series = this.#series(panel.group);
       if (hurried && !panel.seen) panel.waits = true;
@@ -105,6 +99,21 @@ export class Plots {
     if (this.#pointed !== null) this.#tell({ time: this.#pointed.time, near: null });
     this.#placeHeads();
     return true;
+  }
+
+  // Whether the panels can show the fields of the run, though others might suit them better.
+  #canShow() {
+    const { fields } = this.#runs[0];
+    return this.#panels.every(({ group, log }) => group.fields.every((field) => fields[field] && !(log && range(fields[field])[0] <= 0)));
+  }
+
+  // Whether the panels are those that would be built.
+  #suits() {
+    const { fields } = this.#runs[0];
+    const groups = this.#groups();
+    if (groups.length !== this.#panels.length || groups.some((group, i) => group.fields.join() !== this.#panels[i].group.fields.join())) return false;
+    return this.#panels.every(({ group, log }) =>
+      group.fields.every((field) => fields[field]) && this.#isLog(group, group.fields.map((field) => range(fields[field]))) === log);
   }
 
   #redraw(panel) {
