@@ -1,7 +1,8 @@
 // Trajectories: a panel for each quantity, all over the same times, with one cursor and one zoom, and a line for each field of
 // each run.
 //
-// While a slider is dragged, panels in view alone are drawn; the others are drawn when they come into view, or when the hand rests.
+// While a slider is dragged, panels in view alone are drawn, and their lines as hairlines; the others are drawn when they come into view, or when
+// the hand rests.
 //
 // Dragging zooms, a double click shows all; so do the arrows, `+`, `-` and `0` once the panels have the focus. Events are
 // ticks at the foot of a panel, one a pixel at most; a run of before is a ghost behind the lines.
@@ -9,6 +10,7 @@
 import { largestDifference } from "./comparison.js";
 import { colourOf } from "./colours.js";
 import { element } from "./element.js";
+import { hairlines } from "./hairlines.js";
 import { hasDecades, hasSeconds, isConstant, isRounding, panels, range, typeOf, wantsDecades } from "./fields.js";
 import { number, ticks } from "./numbers.js";
 
@@ -18,6 +20,8 @@ const NEAR = 6; // pixels within which an event is pointed at
 const FINE_DECADES = 4; // up to which a grid has lines within a decade
 const OFFERED = 30; // largest over least value from which a logarithmic axis is offered
 const TICK = 7; // pixels of an event's tick
+const WIDTH = 1.6; // pixels of a line
+const EDGE = 4; // pixels of a panel that may be in view although it waits
 
 export class Plots {
   #root;
@@ -33,7 +37,8 @@ export class Plots {
   #syncing = false;
   #time = null;
   #pointed = null; // {time, near} whose values are told
-  #sight = new IntersectionObserver((changes) => this.#sighted(changes)); // of the panels that are in view
+  #sight = new IntersectionObserver((changes) => this.#sighted(changes), { rootMargin: `-${EDGE}px` }); // of the panels that are in view
+  #hurried = false; // whether a slider is dragged
 
   // Called with a time when the reader clicks on it.
   picked = () => {};
@@ -62,9 +67,10 @@ export class Plots {
     const [type, before] = [typeOf(specification), typeOf(this.#specification)];
     const steady = sameFields && type === before && logTime === this.#logTime && runs.length === 1 && this.#runs.length === 1;
     const sameTimes = steady && runs[0].t[0] === this.#runs[0].t[0] && runs[0].t.at(-1) === this.#runs[0].t.at(-1);
-    [this.#runs, this.#fields, this.#specification, this.#logTime, this.#ghost] = [runs, fields, specification, logTime, ghost];
+    [this.#runs, this.#fields, this.#specification, this.#logTime, this.#ghost, this.#hurried] = [runs, fields, specification, logTime, ghost, hurried];
     if (!sameTimes) this.#span = null;
-    if (steady && this.#panels.length > 0 && this.#renew(hurried)) return;
+    if (steady && this.#panels.length > 0 && this.#renew()) return;
+    this.#hurried = false;
     this.#build();
   }
 
@@ -89,11 +95,11 @@ export class Plots {
   }
 
   // New values in the same panels: what a slider does many times a second. False if the panels have to be built anew.
-  #renew(hurried) {
-    if (!(hurried ? this.#canShow() : this.#suits())) return false;
+  #renew() {
+    if (!(this.#hurried ? this.#canShow() : this.#suits())) return false;
     for (const panel of this.#panels) {
       panel.series = this.#series(panel.group);
-      if (hurried && !panel.seen) panel.waits = true;
+      if (this.#hurried && !panel.seen) panel.waits = true;
       else this.#redraw(panel);
     }
     if (this.#pointed !== null) this.#tell({ time: this.#pointed.time, near: null });
@@ -119,6 +125,7 @@ export class Plots {
   #redraw(panel) {
     panel.waits = false;
     this.#tellConstants(panel);
+    for (const line of panel.plot.series) line.width = this.#hurried ? 1 / devicePixelRatio : WIDTH;
     panel.plot.setData(this.#data(panel.series), false);
     panel.plot.batch(() => {
       const [min, max] = this.#span ?? this.#whole();
@@ -205,8 +212,13 @@ export class Plots {
 
     const font = `11px ${getComputedStyle(this.#root).fontFamily}`;
     const axis = { stroke: colourOf("--quiet"), font, labelFont: font, grid: { stroke: colourOf("--grid"), width: 1 }, ticks: { show: false } };
-    const line = ({ colour, dash, run, field }) => ({ label: field, stroke: colour, width: 1.6, dash, points: { show: run.t.length < 3 } });
-    const ghosts = series.map(({ colour }) => ({ stroke: `${colour}55`, width: 1.6, points: { show: false } }));
+    const line = ({ colour, dash, run, field }) => ({ label: field, stroke: colour, width: WIDTH, dash, paths, points: { show: run.t.length < 3 } });
+    const ghosts = series.map(({ colour }) => ({ stroke: `${colour}55`, width: WIDTH, points: { show: false } }));
+    const straight = uPlot.paths.linear();
+    const paths = (...of) => {
+      const made = straight(...of);
+      return this.#hurried ? { ...made, stroke: hairlines(made.stroke, WIDTH * devicePixelRatio) } : made;
+    };
     const total = height + (last ? FOOT : 0);
     const options = {
       width: this.#root.clientWidth || 600,
