@@ -128,6 +128,7 @@ async function openMap() {
 
 function tellRefusal(refusal, text) {
   if (!(refusal instanceof service.Refused)) throw refusal;
+  rest();
   const errors = refusal.problem.errors ?? [];
   if (errors.length === 0) return tellCheck([], [element("p", { class: "bad" }, refusal.message)]);
   const lines = places(errors, text);
@@ -232,7 +233,12 @@ function presentLive(run) {
 function tellBusy(is) {
   byId("result").setAttribute("aria-busy", is);
   clearTimeout(resting);
-  if (!is) resting = setTimeout(() => behind !== null && behind === shown && presentLive(behind), RESTS);
+  if (!is) resting = setTimeout(rest, RESTS);
+}
+
+// Words and tables follow the curves in view.
+function rest() {
+  if (behind !== null && behind === shown && followed === null) presentLive(behind);
 }
 
 const isTrusted = ({ status, verdict }) => status === "completed" && verdict?.trusted === true;
@@ -250,6 +256,7 @@ function tellLive(run, text) {
 }
 
 function tellSlow(text) {
+  rest();
   quick = false;
   if (editor.text === text) markStale("This takes longer than a moment: press Solve. What stands below is of an earlier text.", "This takes longer than a moment: press Solve.");
 }
@@ -392,6 +399,7 @@ function presentNothing(status) {
   byId("empty").hidden = true;
   byId("chosen").hidden = false;
   byId("label").textContent = status.label ?? "Without a label";
+  byId("chosen").classList.remove("behind");
   for (const id of ["verdict", "study", "unknown", "folded", "downloads", "evidence", "claims", "phase"]) byId(id).replaceChildren();
   if (status.verdict) byId("verdict").replaceChildren(...verdicts([{ verdict: status.verdict, diagnostics: {} }]).filter(Boolean));
   byId("fields").replaceChildren(element("legend", {}, "Fields"));

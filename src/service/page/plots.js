@@ -70,7 +70,6 @@ export class Plots {
     [this.#runs, this.#fields, this.#specification, this.#logTime, this.#ghost, this.#hurried] = [runs, fields, specification, logTime, ghost, hurried];
     if (!sameTimes) this.#span = null;
     if (steady && this.#panels.length > 0 && this.#renew()) return;
-    this.#hurried = false;
     this.#build();
   }
 
@@ -144,6 +143,7 @@ export class Plots {
   }
 
   #build() {
+    this.#hurried = false;
     this.#sight.disconnect();
     for (const { plot } of this.#panels) plot.destroy();
     this.#root.replaceChildren();

@@ -79,6 +79,7 @@ export class Stage {
 
   // Follows a slider that is dragged: some of its answers are drawn, where an answer is its own film. That of the last one is shown where it rests.
   follow(run) {
+    clearTimeout(this.#later);
     const now = performance.now();
     if (now - this.#followed < FOLLOWS) return;
     const film = this.#kinds.get(this.#name)?.needs(run.specification);
