@@ -42,7 +42,7 @@ const COLOURS = HighlightStyle.define([
   { tag: [tags.bool, tags.null], color: "var(--warn)" },
 ]);
 
-const PAUSE = 200; // milliseconds after which the view follows what a slider writes
+const PAUSE = 200; // milliseconds without another number after which the view follows what a slider writes
 
 const setMarks = StateEffect.define();
 const marker = new (class extends GutterMarker {
@@ -126,14 +126,17 @@ export class Editor {
   }
 
   // Writes another value in the place of that at `pointer`; nothing if it is not there. A slider does it many times a second, and the view
-  // lays out the page with every change: it follows a moment later, or at once where the slider is let go; `changed` is not called.
+  // lays out the page with every change: it follows where the slider rests, or at once where it is let go; `changed` is not called.
   write(pointer, value, done) {
     const { text } = this;
     const [range] = rangesOf(text, [pointer]);
     if (!range) return;
     this.#written = text.slice(0, range[0]) + JSON.stringify(value) + text.slice(range[1]);
     if (done) this.#follow();
-    else this.#later ??= setTimeout(() => this.#follow(), PAUSE);
+    else {
+      clearTimeout(this.#later);
+      this.#later = setTimeout(() => this.#follow(), PAUSE);
+    }
   }
 
   // Brings the view to the text that was written, by one change of what differs.

@@ -42,6 +42,8 @@ export class Live {
     try {
       const answer = await solveNow(text, LONGEST, controller.signal);
       if (controller.signal.aborted) return;
+      // The service solves the next text while the page draws this answer.
+      this.#ended(going);
       if (answer === null) this.#slow(text);
       else this.#answer(answer, text);
     } catch (error) {
@@ -49,10 +51,16 @@ export class Live {
       if (!(error instanceof Refused)) throw error;
       if (this.#waiting === null) this.#refused(error, text);
     } finally {
-      clearTimeout(going.giveUp);
-      this.#going = null;
-      if (this.#waiting !== null) this.#next();
-      else this.#busy(false);
+      this.#ended(going);
+      if (this.#going === null) this.#busy(false);
     }
+  }
+
+  // Nothing more comes of a request: the newest text is next. Told again of the same request, it does nothing.
+  #ended(going) {
+    clearTimeout(going.giveUp);
+    if (this.#going !== going) return;
+    this.#going = null;
+    if (this.#waiting !== null) this.#next();
   }
 }

@@ -56,6 +56,7 @@ static FILES: LazyLock<Vec<File>> = files! {
     "figure.js": "text/javascript; charset=utf-8";
     "fixes.js": "text/javascript; charset=utf-8";
     "gallery.js": "text/javascript; charset=utf-8";
+    "hairlines.js": "text/javascript; charset=utf-8";
     "heatmap.js": "text/javascript; charset=utf-8";
     "jobs.js": "text/javascript; charset=utf-8";
     "knobs.js": "text/javascript; charset=utf-8";

@@ -30,7 +30,7 @@ import { verdicts } from "./verdict.js";
 const PAUSE = 250; // milliseconds without a keystroke before a check
 const PANELS = 6; // fields shown at first
 const REMEMBERED = 50; // jobs
-const RESTS = 120; // milliseconds without another answer after which words and tables follow a slider
+const RESTS = 120; // milliseconds after which a slider's last answer has its words and tables
 const SEEN = 150; // milliseconds that a slider's answer may take before what is in view is marked as old
 
 const FORMATS = [
@@ -47,7 +47,7 @@ const plots = new Plots(byId("plots"), byId("hover"));
 const stage = new Stage(byId("picture"), byId("stage"), byId("stagehint"), clock);
 const editor = new Editor(byId("text"), { changed: textChanged, submit: solve, schema: service.schema });
 const knobs = new Knobs(byId("knobs"), turn);
-const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal, busy: (is) => byId("result").setAttribute("aria-busy", is) });
+const live = new Live({ answer: showLive, slow: tellSlow, refused: tellRefusal, busy: tellBusy });
 const jobs = new Jobs(byId("jobtable"), { open: () => toggleJobs(false), fail: tellMessage });
 
 let map = null; // fetched when it is first opened
@@ -59,7 +59,8 @@ let leave = null; // leaves it
 let quick = true; // whether the last live answer came in time
 let dragging = false; // whether a slider is held
 let filling = false; // whether the page itself changes the text
-let resting = null; // when words and tables follow the plots
+let behind = null; // the run in view whose words and tables are still those of an earlier one
+let resting = null; // when they follow
 let marking = null; // when what is in view is marked as old
 let awaited = null; // the text of the example whose answer is to be brought into view
 
@@ -127,6 +128,7 @@ async function openMap() {
 
 function tellRefusal(refusal, text) {
   if (!(refusal instanceof service.Refused)) throw refusal;
+  rest();
   const errors = refusal.problem.errors ?? [];
   if (errors.length === 0) return tellCheck([], [element("p", { class: "bad" }, refusal.message)]);
   const lines = places(errors, text);
@@ -205,27 +207,38 @@ function openCell(pairs) {
   });
 }
 
-// While a slider is dragged, plots and picture follow every answer; words and tables follow as soon as it rests, or the verdict is another.
+// While a slider is dragged, the curves in view follow every answer, and the picture some of them; all else follows as soon as it rests, or the
+// verdict is another.
 function showLive(answer, text) {
   quick = true;
   const specification = lenient(text);
   const run = runOf(answer, { text, specification, label: specification?.label, id: null });
-  clearTimeout(resting);
-  const tell = () => {
-    byId("chosen").classList.remove("behind");
-    present(run, { keep: ghost !== null });
-    tellLive(run, text);
-  };
   const follows = dragging && other === null && run.t.length > 1 && hasFieldsOf(run) && isTrusted(run) === isTrusted(shown);
-  if (!follows) return tell();
+  if (!follows) return presentLive(run);
   byId("chosen").classList.add("behind");
-  shown = run;
+  [shown, behind] = [run, run];
   unmark();
   if (text !== editor.text) marking = setTimeout(markStale, SEEN);
   clock.set(run);
-  drawCurves();
-  stage.show(run);
-  resting = setTimeout(() => shown === run && tell(), RESTS);
+  drawCurves({ hurried: true });
+  stage.follow(run);
+}
+
+function presentLive(run) {
+  present(run, { keep: ghost !== null });
+  tellLive(run, run.text);
+}
+
+// The slider rests where a moment passes and nothing is asked for.
+function tellBusy(is) {
+  byId("result").setAttribute("aria-busy", is);
+  clearTimeout(resting);
+  if (!is) resting = setTimeout(rest, RESTS);
+}
+
+// Words and tables follow the curves in view.
+function rest() {
+  if (behind !== null && behind === shown && followed === null) presentLive(behind);
 }
 
 const isTrusted = ({ status, verdict }) => status === "completed" && verdict?.trusted === true;
@@ -243,6 +256,7 @@ function tellLive(run, text) {
 }
 
 function tellSlow(text) {
+  rest();
   quick = false;
   if (editor.text === text) markStale("This takes longer than a moment: press Solve. What stands below is of an earlier text.", "This takes longer than a moment: press Solve.");
 }
@@ -385,6 +399,7 @@ function presentNothing(status) {
   byId("empty").hidden = true;
   byId("chosen").hidden = false;
   byId("label").textContent = status.label ?? "Without a label";
+  byId("chosen").classList.remove("behind");
   for (const id of ["verdict", "study", "unknown", "folded", "downloads", "evidence", "claims", "phase"]) byId(id).replaceChildren();
   if (status.verdict) byId("verdict").replaceChildren(...verdicts([{ verdict: status.verdict, diagnostics: {} }]).filter(Boolean));
   byId("fields").replaceChildren(element("legend", {}, "Fields"));
@@ -400,7 +415,8 @@ const hasFieldsOf = (run) => shown !== null && shown.t.length > 0 && Object.keys
 function present(run, { keep: keeps = false } = {}) {
   const sameFields = hasFieldsOf(run);
   shown = run;
-  other = null;
+  [other, behind] = [null, null];
+  byId("chosen").classList.remove("behind");
   byId("empty").hidden = true;
   byId("chosen").hidden = false;
   byId("browse").hidden = false;
@@ -431,11 +447,11 @@ function tellMessage(message) {
   byId("message").hidden = !message;
 }
 
-function drawCurves() {
+function drawCurves({ hurried = false } = {}) {
   const runs = [shown, other].filter((run) => run !== null);
   const chosen = [...byId("fields").querySelectorAll("input:checked")].map((input) => input.value);
   const ghosts = ghost !== null && ghost !== shown && other === null ? ghost : null;
-  plots.show(runs, chosen, { specification: shown?.specification, logTime: byId("logtime").checked, ghost: ghosts });
+  plots.show(runs, chosen, { specification: shown?.specification, logTime: byId("logtime").checked, ghost: ghosts, hurried });
   drawPhase();
 }
 

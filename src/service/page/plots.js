@@ -1,12 +1,16 @@
 // Trajectories: a panel for each quantity, all over the same times, with one cursor and one zoom, and a line for each field of
 // each run.
 //
+// While a slider is dragged, panels in view alone are drawn, and their lines as hairlines; the others are drawn when they come into view, or when
+// the hand rests.
+//
 // Dragging zooms, a double click shows all; so do the arrows, `+`, `-` and `0` once the panels have the focus. Events are
 // ticks at the foot of a panel, one a pixel at most; a run of before is a ghost behind the lines.
 
 import { largestDifference } from "./comparison.js";
 import { colourOf } from "./colours.js";
 import { element } from "./element.js";
+import { hairlines } from "./hairlines.js";
 import { hasDecades, hasSeconds, isConstant, isRounding, panels, range, typeOf, wantsDecades } from "./fields.js";
 import { number, ticks } from "./numbers.js";
 
@@ -16,6 +20,8 @@ const NEAR = 6; // pixels within which an event is pointed at
 const FINE_DECADES = 4; // up to which a grid has lines within a decade
 const OFFERED = 30; // largest over least value from which a logarithmic axis is offered
 const TICK = 7; // pixels of an event's tick
+const WIDTH = 1.6; // pixels of a line
+const EDGE = 4; // pixels of a panel that may be in view although it waits
 
 export class Plots {
   #root;
@@ -31,6 +37,8 @@ export class Plots {
   #syncing = false;
   #time = null;
   #pointed = null; // {time, near} whose values are told
+  #sight = new IntersectionObserver((changes) => this.#sighted(changes), { rootMargin: `-${EDGE}px` }); // of the panels that are in view
+  #hurried = false; // whether a slider is dragged
 
   // Called with a time when the reader clicks on it.
   picked = () => {};
@@ -52,13 +60,14 @@ export class Plots {
     }).observe(root);
   }
 
-  // Shows these fields of these runs, `{t, fields, events}` each, of a problem; `ghost` is the run that the reader saw before.
-  show(runs, fields, { specification = {}, logTime = false, ghost = null } = {}) {
+  // Shows these fields of these runs, `{t, fields, events}` each, of a problem; `ghost` is the run that the reader saw before. Where it is `hurried`,
+  // panels out of view wait.
+  show(runs, fields, { specification = {}, logTime = false, ghost = null, hurried = false } = {}) {
     const sameFields = fields.length === this.#fields.length && fields.every((field, i) => field === this.#fields[i]);
     const [type, before] = [typeOf(specification), typeOf(this.#specification)];
     const steady = sameFields && type === before && logTime === this.#logTime && runs.length === 1 && this.#runs.length === 1;
     const sameTimes = steady && runs[0].t[0] === this.#runs[0].t[0] && runs[0].t.at(-1) === this.#runs[0].t.at(-1);
-    [this.#runs, this.#fields, this.#specification, this.#logTime, this.#ghost] = [runs, fields, specification, logTime, ghost];
+    [this.#runs, this.#fields, this.#specification, this.#logTime, this.#ghost, this.#hurried] = [runs, fields, specification, logTime, ghost, hurried];
     if (!sameTimes) this.#span = null;
     if (steady && this.#panels.length > 0 && this.#renew()) return;
     this.#build();
@@ -86,28 +95,56 @@ export class Plots {
 
   // New values in the same panels: what a slider does many times a second. False if the panels have to be built anew.
   #renew() {
-    const groups = this.#groups();
-    if (groups.length !== this.#panels.length || groups.some(({ fields }, i) => fields.join() !== this.#panels[i].group.fields.join())) return false;
-    for (const panel of this.#panels) {
-      if (panel.group.fields.some((field) => !this.#runs[0].fields[field])) return false;
-      const ranges = panel.group.fields.map((field) => range(this.#runs[0].fields[field]));
-      if (this.#isLog(panel.group, ranges) !== panel.log) return false;
-    }
+    if (!(this.#hurried ? this.#canShow() : this.#suits())) return false;
     for (const panel of this.#panels) {
       panel.series = this.#series(panel.group);
-      this.#tellConstants(panel);
-      panel.plot.setData(this.#data(panel.series), false);
-      panel.plot.batch(() => {
-        const [min, max] = this.#span ?? this.#whole();
-        panel.plot.setScale("x", { min, max });
-      });
+      if (this.#hurried && !panel.seen) panel.waits = true;
+      else this.#redraw(panel);
     }
     if (this.#pointed !== null) this.#tell({ time: this.#pointed.time, near: null });
     this.#placeHeads();
     return true;
   }
 
+  // Whether the panels can show the fields of the run, though others might suit them better.
+  #canShow() {
+    const { fields } = this.#runs[0];
+    return this.#panels.every(({ group, log }) => group.fields.every((field) => fields[field] && !(log && range(fields[field])[0] <= 0)));
+  }
+
+  // Whether the panels are those that would be built.
+  #suits() {
+    const { fields } = this.#runs[0];
+    const groups = this.#groups();
+    if (groups.length !== this.#panels.length || groups.some((group, i) => group.fields.join() !== this.#panels[i].group.fields.join())) return false;
+    return this.#panels.every(({ group, log }) =>
+      group.fields.every((field) => fields[field]) && this.#isLog(group, group.fields.map((field) => range(fields[field]))) === log);
+  }
+
+  #redraw(panel) {
+    panel.waits = false;
+    this.#tellConstants(panel);
+    for (const line of panel.plot.series) line.width = this.#hurried ? 1 / devicePixelRatio : WIDTH;
+    panel.plot.setData(this.#data(panel.series), false);
+    panel.plot.batch(() => {
+      const [min, max] = this.#span ?? this.#whole();
+      panel.plot.setScale("x", { min, max });
+    });
+  }
+
+  // Panels came into view, or left it.
+  #sighted(changes) {
+    for (const { target, isIntersecting } of changes) {
+      const panel = this.#panels.find(({ canvas }) => canvas === target);
+      if (!panel) continue;
+      panel.seen = isIntersecting;
+      if (panel.seen && panel.waits) this.#redraw(panel);
+    }
+  }
+
   #build() {
+    this.#hurried = false;
+    this.#sight.disconnect();
     for (const { plot } of this.#panels) plot.destroy();
     this.#root.replaceChildren();
     this.#panels = [];
@@ -175,8 +212,13 @@ export class Plots {
 
     const font = `11px ${getComputedStyle(this.#root).fontFamily}`;
     const axis = { stroke: colourOf("--quiet"), font, labelFont: font, grid: { stroke: colourOf("--grid"), width: 1 }, ticks: { show: false } };
-    const line = ({ colour, dash, run, field }) => ({ label: field, stroke: colour, width: 1.6, dash, points: { show: run.t.length < 3 } });
-    const ghosts = series.map(({ colour }) => ({ stroke: `${colour}55`, width: 1.6, points: { show: false } }));
+    const line = ({ colour, dash, run, field }) => ({ label: field, stroke: colour, width: WIDTH, dash, paths, points: { show: run.t.length < 3 } });
+    const ghosts = series.map(({ colour }) => ({ stroke: `${colour}55`, width: WIDTH, points: { show: false } }));
+    const straight = uPlot.paths.linear();
+    const paths = (...of) => {
+      const made = straight(...of);
+      return this.#hurried ? { ...made, stroke: hairlines(made.stroke, WIDTH * devicePixelRatio) } : made;
+    };
     const total = height + (last ? FOOT : 0);
     const options = {
       width: this.#root.clientWidth || 600,
@@ -208,7 +250,8 @@ export class Plots {
     const plot = new uPlot(options, this.#data(series), canvas);
     const head = element("div", { class: "head", hidden: true });
     plot.over.append(head);
-    const panel = { group, series, values, height: total, log, plot, head, title, note: element("span", { class: "note" }) };
+    const panel = { group, series, values, height: total, log, plot, head, title, canvas, note: element("span", { class: "note" }), seen: true, waits: false };
+    this.#sight.observe(canvas);
     title.after(panel.note);
     this.#tellConstants(panel);
     return panel;

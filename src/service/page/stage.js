@@ -11,6 +11,7 @@ const AT_ONCE = 1.5; // seconds that an answer may have taken whose film is made
 const PAUSE = 150; // milliseconds without a newer answer before a film is made
 const FRAMES = 100; // times from which an answer serves as its own film
 const LONGEST = 60; // seconds that a film may take
+const FOLLOWS = 50; // milliseconds between two pictures of a slider that is dragged
 
 export class Stage {
   #root;
@@ -24,6 +25,7 @@ export class Stage {
   #wanted = null; // the run whose picture is wanted
   #later = null;
   #of = ""; // the specification of the film that is shown
+  #followed = -Infinity; // when the picture last followed a slider
 
   constructor(root, place, hint, clock) {
     [this.#root, this.#place, this.#hint, this.#clock] = [root, place, hint, clock];
@@ -66,13 +68,24 @@ export class Stage {
     const cost = run.diagnostics.wall_seconds ?? 0;
     const make = () => this.#make(kind, specification, text);
     if (cost <= AT_ONCE) {
-      // While a slider is dragged, the answers come first.
+      // Where a slider is about to move again, its answers come first.
       this.#later = setTimeout(make, this.#picture === null ? 0 : PAUSE);
       return;
     }
     this.clear();
     this.#root.hidden = false;
     this.#place.replaceChildren(element("button", { type: "button", click: make }, `Draw the picture (solves again, about ${seconds(cost)})`));
+  }
+
+  // Follows a slider that is dragged: some of its answers are drawn, where an answer is its own film. That of the last one is shown where it rests.
+  follow(run) {
+    clearTimeout(this.#later);
+    const now = performance.now();
+    if (now - this.#followed < FOLLOWS) return;
+    const film = this.#kinds.get(this.#name)?.needs(run.specification);
+    if (!film || !serves(run, film)) return;
+    this.#followed = now;
+    this.show(run);
   }
 
   async #make(kind, specification, text) {

@@ -157,7 +157,7 @@ function charge(t, current) {
 
 // A large value that is not a single spike.
 function percentile(column) {
-  const sizes = column.map(Math.abs).sort((a, b) => a - b);
+  const sizes = Float64Array.from(column, Math.abs).sort();
   return sizes[Math.floor(0.98 * (sizes.length - 1))] ?? 0;
 }
 

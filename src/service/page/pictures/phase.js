@@ -44,6 +44,29 @@ export function make(specification, run, { canvas: standing } = {}) {
   const slides = (k) => specification.problem.filippov !== undefined && shares.some((share) => share[k] > INSIDE && share[k] < 1 - INSIDE);
   let time = run.t[0];
 
+  // The parts of all surfaces: sought at each time anew where the time moves them, else once.
+  let sought = null;
+  const zeros = () => {
+    if (sought !== null) return sought;
+    let moves = false;
+    const valueOf = (name) => {
+      moves ||= name === "t";
+      return name === "t" ? time : parameters[name];
+    };
+    const found = surfaces.flatMap((surface) => {
+      const at = (u, v) => {
+        try {
+          return surface((name) => (name === first ? u : name === second ? v : valueOf(name)));
+        } catch {
+          return NaN;
+        }
+      };
+      return zeroLines(at, xs, ys);
+    });
+    if (!moves) sought = found;
+    return found;
+  };
+
   const paint = (context, { width, height, colour }) => {
     const [x, y] = [axis(xs, [56, width - 14]), axis(ys, [height - 40, 12])];
     context.fillStyle = colour("--quiet");
@@ -64,16 +87,7 @@ export function make(specification, run, { canvas: standing } = {}) {
     context.textAlign = "center";
     context.fillText(second, 0, 0);
     context.restore();
-    for (const surface of surfaces) {
-      const at = (u, v) => {
-        try {
-          return surface((name) => (name === "t" ? time : name === first ? u : name === second ? v : parameters[name]));
-        } catch {
-          return NaN;
-        }
-      };
-      for (const [a, b] of zeroLines(at, xs, ys)) line(context, [[x.at(a[0]), y.at(a[1])], [x.at(b[0]), y.at(b[1])]], colour("--quiet"), 1.6);
-    }
+    for (const [a, b] of zeros()) line(context, [[x.at(a[0]), y.at(a[1])], [x.at(b[0]), y.at(b[1])]], colour("--quiet"), 1.6);
     const points = us.map((u, k) => [x.at(u), y.at(vs[k])]);
     line(context, points, colour("--accent"), 1.6);
     for (let k = 0; k + 1 < points.length; k += 1) if (slides(k) && slides(k + 1)) line(context, [points[k], points[k + 1]], colour("--hot"), 3.2);
