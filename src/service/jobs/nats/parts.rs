@@ -105,6 +105,12 @@ impl PartId {
         Some(Self { sweep, attempt: attempt.parse().ok()?, number: number.parse().ok()? })
     }
 
+    /// The chunk whose entry has this key.
+    pub fn of(key: &str) -> Option<Self> {
+        let (sweep, _) = key.strip_prefix("part.")?.split_once('.')?;
+        Self::of_key(sweep.parse().ok()?, key)
+    }
+
     /// The key of its entry.
     pub fn key(self) -> String {
         let Self { sweep, attempt, number } = self;
