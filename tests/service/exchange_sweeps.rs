@@ -1,6 +1,6 @@
 //! Sweeps that several workers share over NATS: the same bytes as on one machine, whatever is killed on the way.
 
-use crate::harness::{Call, DECAY, Site, one_worker};
+use crate::harness::{Call, DECAY, Site, halving, one_worker};
 use crate::nats::{NatsServer, anew, is_installed, worker, worker_on};
 use crate::nats_server::Worker;
 use crate::process::{DVI, Folder, Server};
@@ -8,6 +8,7 @@ use crate::sweep_kills::{oscillators, undisturbed};
 use axum::http::StatusCode;
 use dvi::service::Options;
 use dvi::service::jobs::{Nats, Solver};
+use dvi::solution::Status;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
@@ -297,6 +298,10 @@ async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
     let (first_chunk, other_job) = (wait_for(0), wait_for(1));
     // The worker that divides the sweep: the job of another client keeps its place.
     let divider: Solver = Arc::new(move |specification, control| {
+        // An inline solve, recognised by its short deadline, does not wait.
+        if control.deadline().is_some_and(|deadline| deadline < Instant::now() + Duration::from_millis(10)) {
+            return halving(Status::Stopped);
+        }
         begun.send_modify(|count| *count += 1);
         if specification.sweep().is_some() {
             first_chunk()

@@ -269,11 +269,6 @@ impl Job {
         Self { document: Some(document), ..job }
     }
 
-    /// The job with its compiled specification, to be solved inline if it is small, even if its solution is known.
-    pub(super) fn with_known(self, known: Option<Arc<Known>>) -> Self {
-        Self { solve_inline: Mutex::new(known.map(|known| (known, true))), ..self }
-    }
-
     /// The job of a chunk of a sweep: a job of the same name and client, which no client sees.
     pub(super) fn of_chunk(&self, document: &Arc<[u8]>) -> Self {
         let lifecycle = Lifecycle {

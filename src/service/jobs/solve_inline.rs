@@ -5,7 +5,7 @@
 //! it delays other connections no longer than the parsing of a specification does. No solve is tried while jobs of
 //! other clients wait, which came first, nor one whose single steps may take long. A job that must be on the disk, or
 //! that must be found under a key, before it is solved, is tried when its turn comes, on the thread that supervises the
-//! worker which would solve it.
+//! worker which would solve it. A worker of several machines tries a job before it claims it: see `jobs::nats`.
 //!
 //! If the identical specification was solved inline before, the known solution is returned.
 
@@ -56,6 +56,14 @@ impl Jobs {
             Halt::Park => Some(Outcome::Stopped),
             Halt::Yield => None,
         })
+    }
+
+    /// Solves a small job inline that another process has admitted, even if its solution is known, and returns its end; `None`
+    /// if it takes longer.
+    pub(super) fn solve_small(&self, job: &Job, known: &Known) -> Option<Ended> {
+        let ended = if known.is_small() { self.solve_inline(job, known, true)? } else { return None };
+        job.log_end(&ended);
+        Some(ended)
     }
 
     /// Starts a job, and solves it inline or finds its known solution; returns its end.

@@ -137,7 +137,7 @@ impl Worker {
         is_new: bool,
         place: &mut Option<Place>,
     ) -> Reply {
-        let Claimed { id, entry, revision, document, .. } = claimed;
+        let Claimed { id, entry, revision, document } = claimed;
         let is_new = is_new && entry.record.crashes == 0;
         let job = self.jobs.take_charge(id, &entry.record, facts, &document);
         let Some(chunks) = job.chunks.clone() else { return self.release(id, entry, revision).await };

@@ -11,7 +11,7 @@ use super::mirror::Told;
 use super::parts::Work;
 use super::servers::{Exchange, Trouble, job_key};
 use super::work_options::WorkOptions;
-use crate::compiled::{Compiled, Known, SMALL};
+use crate::compiled::{Compiled, SMALL};
 use crate::jobs::{Bounds, Ended, Halt, Held, Job, JobId, Jobs, Pool, Record, Solver};
 use crate::metrics::Metrics;
 use crate::options::Options;
@@ -76,8 +76,6 @@ pub struct Claimed {
     pub entry: Entry,
     pub revision: u64,
     pub document: Arc<[u8]>,
-    /// The compiled specification, if it is small.
-    known: Option<Arc<Known>>,
 }
 
 /// A place of a worker, which takes the next message when this is dropped.
@@ -260,7 +258,7 @@ impl Worker {
         self.mine().insert(work, None);
         let reply = match work {
             Work::Part(id) => self.see_to_part(id, lost_after).await,
-            Work::Job(id) => match self.claim(id, message, lost_after).await {
+            Work::Job(id) => match self.solve_or_claim(id, message, lost_after).await {
                 Ok(claimed) => match claimed.entry.record.sweep() {
                     Some(facts) => {
                         let is_new = message.info().is_ok_and(|info| info.delivered == 1);
@@ -275,9 +273,44 @@ impl Worker {
         reply
     }
 
+    /// Solves a job, if it is small, and claims it otherwise, if it is to be solved.
+    async fn solve_or_claim(&self, id: JobId, message: &Message, lost_after: Duration) -> Result<Claimed, Reply> {
+        let errand = Errand::read(&message.payload);
+        // One that comes again may have been the end of a worker, which is told by a claim.
+        if message.info().is_ok_and(|info| info.delivered == 1)
+            && let Some(errand) = &errand
+            && self.solve_small(id, errand).await
+        {
+            return Err(Reply::Acknowledge);
+        }
+        self.claim(id, errand, lost_after).await
+    }
+
+    /// Solves a small job at once, which takes less time than to claim it, and writes its end; returns whether it has done so.
+    /// An end is refused if the entry has changed since the message was written: another has ended the job, or claimed it.
+    async fn solve_small(&self, id: JobId, errand: &Errand) -> bool {
+        let Errand { entry, revision, document } = errand;
+        let Some(estimate) = &entry.record.estimate else { return false };
+        if estimate.sweep.is_some() || estimate.memory > SMALL || self.cancelled().contains(&id) {
+            return false;
+        }
+        let Ok(Some(known)) = self.compiled.read(document, &self.jobs.limits()) else { return false };
+        let job = Job::taken_on(id, entry.record.clone(), None, document.as_slice().into());
+        let Some(ended) = self.jobs.solve_small(&job, &known) else { return false };
+        let Some((ended, results)) = with_short(&ended) else { return false };
+        let record = Record { ended: Some(ended), ..entry.record.clone() };
+        let entry = Entry { record, results: Some(results), ..entry.clone() };
+        match self.exchange.state.update(job_key(id), entry.text().into(), *revision).await {
+            Ok(revision) => self.tell_end(id, &entry, revision).await,
+            // If the answer was lost, it is found ended.
+            Err(_) => return false,
+        }
+        true
+    }
+
     /// Claims a job, if it is to be solved.
-    async fn claim(&self, id: JobId, message: &Message, lost_after: Duration) -> Result<Claimed, Reply> {
-        let (document, mut found) = match Errand::read(&message.payload) {
+    async fn claim(&self, id: JobId, errand: Option<Errand>, lost_after: Duration) -> Result<Claimed, Reply> {
+        let (document, mut found) = match errand {
             Some(Errand { entry, revision, document }) => (Ok(document), Ok(Some((entry, revision)))),
             None => tokio::join!(self.exchange.document(id), self.exchange.entry(id)),
         };
@@ -299,15 +332,11 @@ impl Worker {
                 Decision::End(next) => (*next, true),
                 Decision::Take(next) => (*next, false),
             };
-            let claiming = self.exchange.state.update(job_key(id), next.text().into(), revision);
-            // While the servers answer.
-            let reading = async { self.read_small(&next, document.as_deref().ok()?) };
-            let (claimed, known) = tokio::join!(claiming, reading);
-            match claimed {
+            match self.exchange.state.update(job_key(id), next.text().into(), revision).await {
                 Ok(_) if is_over => return Err(Reply::Acknowledge),
                 Ok(revision) => {
                     return match document {
-                        Ok(document) => Ok(Claimed { id, entry: next, revision, document: document.into(), known }),
+                        Ok(document) => Ok(Claimed { id, entry: next, revision, document: document.into() }),
                         Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                             Err(self.end_unread(id, next, revision).await)
                         }
@@ -317,15 +346,6 @@ impl Worker {
                 Err(_) => found = self.exchange.entry(id).await,
             }
         }
-    }
-
-    /// Compiles a specification here that is solved sooner than a process is told of it.
-    fn read_small(&self, entry: &Entry, document: &[u8]) -> Option<Arc<Known>> {
-        let estimate = entry.record.estimate.as_ref()?;
-        if estimate.sweep.is_some() || estimate.memory > SMALL {
-            return None;
-        }
-        self.compiled.read(document, &self.jobs.limits()).ok().flatten()
     }
 
     /// Ends a job whose specification is not there.
@@ -354,8 +374,8 @@ impl Worker {
     }
 
     async fn solve(&self, claimed: Claimed) -> Reply {
-        let Claimed { id, entry, revision, document, known } = claimed;
-        let job = self.jobs.take_on(id, &entry.record, document, known);
+        let Claimed { id, entry, revision, document } = claimed;
+        let job = self.jobs.take_on(id, &entry.record, document);
         self.begin(&job, entry.record.dismissed).await;
         let (ended, is_kept) = self.follow_job(&job).await;
         let reply = match ended {
@@ -426,13 +446,8 @@ impl Worker {
     /// Writes results and end of a job, however long it takes.
     pub async fn finish(&self, job: &Arc<Job>, claimed: (Entry, u64), ended: &Ended) -> Reply {
         let (id, attempt) = (job.id, job.attempt());
-        let (mut ended, mut results) = (ended.clone(), None);
-        if let Some(Held::Memory(made)) = &ended.held {
-            results = short(made);
-            if results.is_some() {
-                ended.held = Some(Held::Table(made.fingerprint()));
-            }
-        }
+        let (mut ended, results) =
+            with_short(ended).map_or_else(|| (ended.clone(), None), |(ended, json)| (ended, Some(json)));
         if let Some(Held::Memory(results)) = &ended.held {
             let results = Arc::clone(results);
             let mut pauses = interval(PAUSE);
@@ -517,12 +532,19 @@ impl Worker {
     }
 }
 
+/// An end with short results, which then stand in the entry; `None` if they are longer, or there are none.
+fn with_short(ended: &Ended) -> Option<(Ended, Box<RawValue>)> {
+    let Some(Held::Memory(results)) = &ended.held else { return None };
+    let json = short(results)?;
+    Some((Ended { held: Some(Held::Table(results.fingerprint())), ..ended.clone() }, json))
+}
+
 impl Jobs {
     /// Takes a job on that another process has admitted.
-    fn take_on(&self, id: JobId, record: &Record, document: Arc<[u8]>, known: Option<Arc<Known>>) -> Arc<Job> {
+    fn take_on(&self, id: JobId, record: &Record, document: Arc<[u8]>) -> Arc<Job> {
         // Keys are the business of who admits jobs.
         let record = Record { key: None, ..record.clone() };
-        let job = Arc::new(Job::taken_on(id, record, None, document).with_known(known));
+        let job = Arc::new(Job::taken_on(id, record, None, document));
         // Without a key, nothing is in its way.
         let _ = self.store.index().insert(&job);
         self.lock().queue.push(job.client, Arc::clone(&job));
