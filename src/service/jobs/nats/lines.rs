@@ -23,7 +23,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::sync::{Notify, oneshot};
 use tokio::task::JoinHandle;
-use tokio::time::{Instant, sleep, timeout};
+use tokio::time::{Instant, sleep_until, timeout};
 
 /// The time after which all clients are asked again.
 const LOOK: Duration = Duration::from_secs(2);
@@ -61,6 +61,8 @@ struct Asking {
     pulls: Pulls,
     /// The pulls, while all places have jobs.
     aside: Option<Aside>,
+    /// When all clients are asked again, however many jobs some of them have: a job that comes again may be of another.
+    look: Option<Instant>,
 }
 
 /// Pulls that wait for a message, and their clients.
@@ -149,6 +151,12 @@ impl Lines {
             if is_over() {
                 return None;
             }
+            let look = *asking.look.get_or_insert_with(|| Instant::now() + LOOK);
+            if look <= Instant::now() {
+                asking.look = None;
+                let mut turns = self.lock();
+                turns.may = turns.order.iter().cloned().collect();
+            }
             let next = self.lock().next();
             let (client, message) = if let Some(client) = next {
                 // Taken before the consumer is asked: an announcement meanwhile puts it back.
@@ -165,11 +173,7 @@ impl Lines {
                         }
                         continue;
                     }
-                    () = sleep(LOOK) => {
-                        let mut turns = self.lock();
-                        turns.may = turns.order.iter().cloned().collect();
-                        continue;
-                    }
+                    () = sleep_until(look) => continue,
                 }
             };
             if let Some(message) = message {
