@@ -11,7 +11,7 @@ use std::net::IpAddr;
 /// The version of entries and of what they refer to. Who does not know it leaves the job to others.
 pub const FORMAT: u32 = 3;
 
-/// The largest size of results that stand in the entry of their job, in bytes of JSON.
+/// The largest size of a specification and of results that stand in the entry of their job, in bytes of JSON.
 pub const SHORT: usize = 16 << 10;
 
 /// The entry of a job.
@@ -27,6 +27,9 @@ pub struct Entry {
     /// The job is a sweep of which there are chunks.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub divided: bool,
+    /// The specification, if it is short.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub document: Option<String>,
     /// The results of a job that has ended, if they are short.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub results: Option<Box<RawValue>>,
@@ -78,7 +81,13 @@ impl Versioned for Entry {}
 impl Entry {
     /// The entry of a waiting job.
     pub fn waiting(record: Record) -> Self {
-        Self { format: FORMAT, record, claim: None, divided: false, results: None }
+        Self { format: FORMAT, record, claim: None, divided: false, document: None, results: None }
+    }
+
+    /// The entry with the specification, if that is short.
+    pub fn with_document(self, document: &[u8]) -> Self {
+        let short = str::from_utf8(document).ok().filter(|document| document.len() <= SHORT);
+        Self { document: short.map(str::to_owned), ..self }
     }
 }
 

@@ -492,16 +492,15 @@ impl Far {
     async fn post(&self, job: &Arc<Job>, document: &Arc<[u8]>) -> Result<(), Away> {
         let exchange = &self.exchange;
         job.digest.get_or_init(|| Digest::of(document));
-        let entry = Entry::waiting(Record::of(job, &job.lock()));
+        let entry = Entry::waiting(Record::of(job, &job.lock())).with_document(document);
         let (name, key) = (document_name(job.id), job_key(job.id));
-        let (opened, written, created) = join!(
-            exchange.open_line(job.client),
-            exchange.put(&name, document.to_vec()),
-            exchange.create(&key, entry.text())
-        );
+        let written =
+            async { if entry.document.is_some() { Ok(()) } else { exchange.put(&name, document.to_vec()).await } };
+        let (opened, written, created) =
+            join!(exchange.open_line(job.client), written, exchange.create(&key, entry.text()));
         opened.and(written)?;
         // Without a revision, an earlier attempt whose answer was lost has written it.
-        let text = created?.map_or_else(bare, |revision| Errand::text(&entry, revision, document));
+        let text = created?.map_or_else(bare, |revision| Errand::text(&entry, revision));
         exchange.enqueue(job.id, job.client, text).await
     }
 }

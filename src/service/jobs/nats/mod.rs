@@ -2,17 +2,17 @@
 //! a queue in memory and a folder.
 //!
 //! ```text
-//! stream  NAME_jobs     NAME.jobs.CLIENT.JOB   a message per job that no worker has ended, with its entry and its
-//!                                              specification if these are short (`errand`); work-queue retention
+//! stream  NAME_jobs     NAME.jobs.CLIENT.JOB   a message per job that no worker has ended, with its entry (`errand`);
+//!                                              work-queue retention
 //!                       NAME.jobs.CLIENT.PART  a message per chunk of a sweep that workers share
 //! bucket  NAME_state    job.JOB                its entry: the row of the job, the claim of the worker that has it, and
-//!                                              its results if they are short
+//!                                              its specification and its results if they are short
 //!                       part.JOB.NUMBER        the entry of a chunk: its members, its claim, and what became of it
 //!                       key.CLIENT.DIGEST      the job of an idempotency key
 //!                       client.CLIENT          a client whose subject has a consumer
 //!                       cancel.JOB             a running job that is to stop
 //!                       progress.JOB           the progress and the latest switches of a long solve
-//! bucket  NAME_data     document.JOB           the specification
+//! bucket  NAME_data     document.JOB           the specification, if it is longer
 //!                       results.JOB.ATTEMPT    the results, if they are longer
 //!                       rows.JOB.NUMBER.ATTEMPT  the rows of a chunk
 //! objects NAME_objects                         those that are longer than a message may be

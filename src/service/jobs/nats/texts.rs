@@ -1,6 +1,6 @@
 //! Specifications and results: values of a bucket, or objects if they are longer than a message may be.
 
-use super::entry::SHORT;
+use super::entry::{Entry, SHORT};
 use super::servers::{Away, Exchange, ONE_MESSAGE, Trouble, away};
 use crate::digest::Digest;
 use crate::jobs::results::{Long, Results};
@@ -62,6 +62,21 @@ impl Exchange {
     /// # Errors
     /// The servers do not answer; [`io::ErrorKind::InvalidData`] if it is not there.
     pub async fn document(&self, id: JobId) -> io::Result<Vec<u8>> {
+        match self.entry(id).await {
+            Ok(Some((entry, _))) => self.document_of(id, &entry).await,
+            Ok(None) | Err(Trouble::OtherVersion) => Err(gone()),
+            Err(Trouble::Away) => Err(Away.into()),
+        }
+    }
+
+    /// The specification of a job with this entry.
+    ///
+    /// # Errors
+    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if it is not there.
+    pub async fn document_of(&self, id: JobId, entry: &Entry) -> io::Result<Vec<u8>> {
+        if let Some(document) = &entry.document {
+            return Ok(document.clone().into_bytes());
+        }
         let mut text = Vec::new();
         if self.copy(&document_name(id), &mut text).await? { Ok(text) } else { Err(gone()) }
     }

@@ -289,13 +289,13 @@ impl Worker {
     /// Solves a small job at once, which takes less time than to claim it, and writes its end; returns whether it has done so.
     /// An end is refused if the entry has changed since the message was written: another has ended the job, or claimed it.
     async fn solve_small(&self, id: JobId, errand: &Errand) -> bool {
-        let Errand { entry, revision, document } = errand;
-        let Some(estimate) = &entry.record.estimate else { return false };
+        let Errand { entry, revision } = errand;
+        let (Some(estimate), Some(document)) = (&entry.record.estimate, &entry.document) else { return false };
         if estimate.sweep.is_some() || estimate.memory > SMALL || self.cancelled().contains(&id) {
             return false;
         }
-        let Ok(Some(known)) = self.compiled.read(document, &self.jobs.limits()) else { return false };
-        let job = Job::taken_on(id, entry.record.clone(), None, document.as_slice().into());
+        let Ok(Some(known)) = self.compiled.read(document.as_bytes(), &self.jobs.limits()) else { return false };
+        let job = Job::taken_on(id, entry.record.clone(), None, document.as_bytes().into());
         let Some(ended) = self.jobs.solve_small(&job, &known) else { return false };
         let Some((ended, results)) = with_short(&ended) else { return false };
         let record = Record { ended: Some(ended), ..entry.record.clone() };
@@ -310,9 +310,9 @@ impl Worker {
 
     /// Claims a job, if it is to be solved.
     async fn claim(&self, id: JobId, errand: Option<Errand>, lost_after: Duration) -> Result<Claimed, Reply> {
-        let (document, mut found) = match errand {
-            Some(Errand { entry, revision, document }) => (Ok(document), Ok(Some((entry, revision)))),
-            None => tokio::join!(self.exchange.document(id), self.exchange.entry(id)),
+        let mut found = match errand {
+            Some(Errand { entry, revision }) => Ok(Some((entry, revision))),
+            None => self.exchange.entry(id).await,
         };
         loop {
             let (entry, revision) = match found {
@@ -335,7 +335,7 @@ impl Worker {
             match self.exchange.state.update(job_key(id), next.text().into(), revision).await {
                 Ok(_) if is_over => return Err(Reply::Acknowledge),
                 Ok(revision) => {
-                    return match document {
+                    return match self.exchange.document_of(id, &next).await {
                         Ok(document) => Ok(Claimed { id, entry: next, revision, document: document.into() }),
                         Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                             Err(self.end_unread(id, next, revision).await)
@@ -512,7 +512,7 @@ impl Worker {
 
     /// Tells gateways the end of a job, which they hear of later otherwise.
     async fn tell_end(&self, id: JobId, entry: &Entry, revision: u64) {
-        let text = Errand::text(entry, revision, b"");
+        let text = Errand::text(entry, revision);
         let _ = self.exchange.client.publish(self.exchange.subject("ended", id), text.into()).await;
     }
 
