@@ -83,10 +83,18 @@ struct Aside {
 impl Turns {
     /// A client that may have a job, which then goes to the end.
     fn next(&mut self) -> Option<String> {
-        let place = self.order.iter().position(|client| self.may.contains(client))?;
-        let client = self.order.remove(place)?;
-        self.order.push_back(client.clone());
+        let client = self.order.iter().find(|client| self.may.contains(*client))?.clone();
+        self.goes_last(&client);
         Some(client)
+    }
+
+    /// A client has had its turn.
+    fn goes_last(&mut self, client: &str) {
+        if let Some(place) = self.order.iter().position(|known| known == client)
+            && let Some(client) = self.order.remove(place)
+        {
+            self.order.push_back(client);
+        }
     }
 
     /// The clients that had a job announced a moment ago; pulls are to wait for them.
@@ -165,7 +173,12 @@ impl Lines {
                 (client, message)
             } else {
                 tokio::select! {
-                    Some((client, message)) = asking.pulls.next() => (client, message),
+                    Some((client, message)) = asking.pulls.next() => {
+                        if message.is_some() {
+                            self.lock().goes_last(&client);
+                        }
+                        (client, message)
+                    }
                     () = self.arrival.notified() => {
                         let announced = self.lock().announced();
                         for client in announced {
@@ -301,6 +314,10 @@ mod tests {
         assert_eq!((next().as_deref(), next().as_deref()), (Some("a"), Some("b")));
         lines.announce("c");
         assert_eq!(next().as_deref(), Some("c"));
+        // A client whose job came by a pull has had its turn.
+        ["a", "b"].iter().for_each(|client| lines.announce(client));
+        lines.lock().goes_last("a");
+        assert_eq!(next().as_deref(), Some("b"));
         lines.lock().may.clear();
         assert_eq!(next(), None);
     }
