@@ -53,9 +53,11 @@ fn main() {
     let nats = NatsServer::start(folder.path());
     let url = nats.url();
     let server = Server::start(&near, &[&["--ask-tokens", "--nats", &url][..], &MANY].concat());
-    let _workers: Vec<Worker> = (0..workers).map(|_| Worker::start(&url, &[])).collect();
+    let start = || (0..workers).map(|_| Worker::start(&url, &[])).collect::<Vec<Worker>>();
+    let running = start();
     measure("over NATS", &server, &tokens, jobs);
-    shares(&server, &tokens, jobs / CLIENTS);
+    drop(running);
+    shares(&server, &tokens, jobs / CLIENTS, start);
     drop((server, nats));
     sleepers(&near, folder.path(), &tokens, number("SLEEPERS", 200));
 }
@@ -114,14 +116,16 @@ fn waiting(server: &Server, token: &str) -> u64 {
     figure("dvi_jobs_waiting ") + figure("dvi_jobs_running ")
 }
 
-/// The first client has ten times as many jobs as the others, and has posted them before.
-fn shares(server: &Server, tokens: &[String], jobs: usize) {
+/// The first client has ten times as many jobs as the others, and has posted them before. Workers, which are faster than one
+/// client posts, start then.
+fn shares(server: &Server, tokens: &[String], jobs: usize, start: impl Fn() -> Vec<Worker>) {
     (0..10 * jobs).for_each(|_| post(server, &tokens[0]));
     thread::scope(|scope| {
         for token in &tokens[1..] {
             scope.spawn(|| (0..jobs).for_each(|_| post(server, token)));
         }
     });
+    let _workers = start();
     let done = |token: &str| {
         let mut cursor = String::new();
         let mut ended = Vec::new();
