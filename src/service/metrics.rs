@@ -132,7 +132,11 @@ impl Default for Metrics {
             metrics.request_seconds.clone(),
         );
         registry.register("refusals", "Refused requests, by problem", metrics.refusals.clone());
-        registry.register("jobs_waiting", "Jobs in the queue", metrics.waiting.clone());
+        registry.register(
+            "jobs_waiting",
+            "Jobs in the queue, and chunks of sweeps that machines share",
+            metrics.waiting.clone(),
+        );
         registry.register_with_unit(
             "waiting",
             "Size of the specifications of the jobs in the queue",

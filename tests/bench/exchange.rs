@@ -1,6 +1,7 @@
 //! Jobs over NATS beside jobs on one machine: `cargo bench --bench exchange`. The output has, for both, the latency of a small
 //! job that is waited for, one at a time, and the jobs a second of several clients; and, over NATS, the share of each client
-//! while all have jobs that wait. `JOBS=N` sets the number of jobs, `WORKERS=N` that of worker processes.
+//! while all have jobs that wait; and what many workers do whose solves only sleep, so that one machine has room for them.
+//! `JOBS=N` sets the number of jobs, `WORKERS=N` that of worker processes, `SLEEPERS=N` that of workers which sleep.
 
 #[expect(dead_code, reason = "tests use the rest")]
 #[path = "../service/nats_server.rs"]
@@ -8,14 +9,24 @@ mod nats_server;
 #[expect(dead_code, reason = "tests use the rest")]
 #[path = "../service/process.rs"]
 mod process;
+#[path = "../service/threads.rs"]
+mod threads;
 
+use dvi::problem::Control;
+use dvi::service::jobs::{Nats, Solver, WorkOptions, work};
 use nats_server::{NatsServer, Worker, is_installed};
 use process::{DVI, Folder, Server};
 use serde_json::Value;
 use std::env;
+use std::num::NonZeroUsize;
+use std::path::Path;
 use std::process::Command;
+use std::sync::Arc;
 use std::thread;
 use std::time::{Duration, Instant};
+use threads::threads;
+use tokio::runtime::Builder;
+use tokio::sync::mpsc::channel;
 
 const CLIENTS: usize = 4;
 
@@ -42,9 +53,13 @@ fn main() {
     let nats = NatsServer::start(folder.path());
     let url = nats.url();
     let server = Server::start(&near, &[&["--ask-tokens", "--nats", &url][..], &MANY].concat());
-    let _workers: Vec<Worker> = (0..workers).map(|_| Worker::start(&url, &[])).collect();
+    let start = || (0..workers).map(|_| Worker::start(&url, &[])).collect::<Vec<Worker>>();
+    let running = start();
     measure("over NATS", &server, &tokens, jobs);
-    shares(&server, &tokens, jobs / CLIENTS);
+    drop(running);
+    shares(&server, &tokens, jobs / CLIENTS, start);
+    drop((server, nats));
+    sleepers(&near, folder.path(), &tokens, number("SLEEPERS", 200));
 }
 
 fn token(folder: &Folder, k: usize) -> String {
@@ -101,14 +116,16 @@ fn waiting(server: &Server, token: &str) -> u64 {
     figure("dvi_jobs_waiting ") + figure("dvi_jobs_running ")
 }
 
-/// The first client has ten times as many jobs as the others, and has posted them before.
-fn shares(server: &Server, tokens: &[String], jobs: usize) {
+/// The first client has ten times as many jobs as the others, and has posted them before. Workers, which are faster than one
+/// client posts, start then.
+fn shares(server: &Server, tokens: &[String], jobs: usize, start: impl Fn() -> Vec<Worker>) {
     (0..10 * jobs).for_each(|_| post(server, &tokens[0]));
     thread::scope(|scope| {
         for token in &tokens[1..] {
             scope.spawn(|| (0..jobs).for_each(|_| post(server, token)));
         }
     });
+    let _workers = start();
     let done = |token: &str| {
         let mut cursor = String::new();
         let mut ended = Vec::new();
@@ -141,4 +158,53 @@ fn shares(server: &Server, tokens: &[String], jobs: usize) {
     let within = |times: &Vec<String>| times.iter().filter(|time| **time > from && **time <= to).count();
     let counts: Vec<usize> = times.iter().map(within).collect();
     println!("over NATS: jobs of each client that ended while all had some: {counts:?}");
+}
+
+/// Workers that each sleep for a second in a solve, ten jobs for each.
+fn sleepers(near: &Folder, folder: &Path, tokens: &[String], workers: usize) {
+    const SLEEP: Duration = Duration::from_secs(1);
+    let nats = NatsServer::start(folder);
+    let url = nats.url();
+    let server = Server::start(near, &[&["--ask-tokens", "--nats", &url][..], &MANY].concat());
+    let solver: Solver = Arc::new(|specification, control| {
+        // Small jobs are tried inline first, with a short deadline: these are to be as long ones.
+        if control.deadline().is_some_and(|deadline| deadline < Instant::now() + SLEEP / 2) {
+            return dvi::solve(specification, &Control::with_deadline(Instant::now()));
+        }
+        thread::sleep(SLEEP);
+        dvi::solve(specification, control)
+    });
+    let runtime = Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();
+    let mut stops = Vec::new();
+    for _ in 0..workers {
+        let (stop, stopped) = channel(1);
+        let options = WorkOptions {
+            nats: Nats { servers: vec![url.clone()], ..Nats::default() },
+            workers: NonZeroUsize::MIN,
+            ..WorkOptions::default()
+        };
+        let solver = Arc::clone(&solver);
+        let launcher = threads(Arc::clone(&solver));
+        let memory = NonZeroUsize::new(1024).unwrap();
+        runtime.spawn(async move { work(options, memory, solver, &launcher, stopped).await.unwrap() });
+        stops.push(stop);
+    }
+    let jobs = 10 * workers;
+    let begun = Instant::now();
+    thread::scope(|scope| {
+        for token in tokens {
+            scope.spawn(|| (0..jobs / CLIENTS).for_each(|_| post(&server, token)));
+        }
+    });
+    let posted = begun.elapsed();
+    while waiting(&server, &tokens[0]) > 0 {
+        thread::sleep(Duration::from_millis(20));
+    }
+    let time = begun.elapsed();
+    let most = (workers as f64) / SLEEP.as_secs_f64();
+    let rate = jobs as f64 / time.as_secs_f64();
+    println!(
+        "{workers} workers that sleep: {jobs} jobs posted in {posted:?}, done in {time:?}: {rate:.0} a second of {most:.0}"
+    );
+    runtime.shutdown_background();
 }

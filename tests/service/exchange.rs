@@ -8,6 +8,7 @@ use dvi::service::Options;
 use dvi::service::jobs::{Nats, Solver};
 use dvi::solution::{Field, Solution, Status};
 use dvi::specification::Specification;
+use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::time::sleep;
@@ -136,6 +137,32 @@ async fn a_worker_that_stops_gives_its_job_back_as_if_it_had_not_begun() {
     gate.let_through(1);
     comes_to(&site, &path, "successful").await;
     assert_eq!(get(&site, &path).await.json()["attempt"], 1);
+}
+
+#[tokio::test]
+async fn a_worker_gives_back_at_once_what_comes_beside_its_job() {
+    if !is_installed() {
+        return;
+    }
+    let (options, gate) = (shared(), Gate::new());
+    // Longer than the test waits.
+    let nats = Nats { lost_seconds: NonZeroU64::new(300).unwrap(), ..options.nats.clone() };
+    let options = Options { nats, ..options };
+    let site = Site::gateway(options.clone(), gate.solver());
+    let _workers = [0; 2].map(|_| worker(&options, gate.solver()));
+    for round in 1..=20 {
+        // Both workers wait for both.
+        let (one, two) = tokio::join!(site.accept(1), site.accept(2));
+        gate.entered(2 * round).await;
+        gate.let_through(2);
+        for (client, path) in [(1, one), (2, two)] {
+            let start = Instant::now();
+            while Call::new("GET", &path).client(client).send(&site).await.json()["status"] != "successful" {
+                assert!(start.elapsed() < LONGEST, "{path}");
+                sleep(Duration::from_millis(1)).await;
+            }
+        }
+    }
 }
 
 /// A solver of solutions of about 3 MiB.

@@ -1,21 +1,26 @@
 //! Sweeps that several workers share over NATS: the same bytes as on one machine, whatever is killed on the way.
 
-use crate::harness::{Call, DECAY, Site, one_worker};
-use crate::nats::{NatsServer, anew, is_installed, worker};
+use crate::harness::{Call, DECAY, Site, halving, one_worker};
+use crate::nats::{NatsServer, anew, is_installed, worker, worker_on};
 use crate::nats_server::Worker;
 use crate::process::{DVI, Folder, Server};
 use crate::sweep_kills::{oscillators, undisturbed};
 use axum::http::StatusCode;
 use dvi::service::Options;
-use dvi::service::jobs::Solver;
+use dvi::service::jobs::{Nats, Solver};
+use dvi::solution::Status;
 use serde_json::Value;
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
+use std::num::NonZeroU64;
 use std::process::Command;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::thread;
 use std::time::{Duration, Instant};
+use tokio::runtime::Builder;
+use tokio::sync::mpsc::unbounded_channel;
+use tokio::sync::watch;
 
 fn gateway(url: &str) -> Server {
     let mut command = Command::new(DVI);
@@ -23,27 +28,30 @@ fn gateway(url: &str) -> Server {
     Server::of(command.args(["--nats-lost-seconds", "2"])).unwrap()
 }
 
-/// What the server keeps of chunks.
+/// What the server keeps of chunks under the usual name.
 fn left_behind(url: &str) -> Vec<String> {
+    let kept = |stream: &str, subjects: &str| subjects_of(url, stream, subjects);
+    [kept("KV_dvi_state", "$KV.dvi_state.part.>"), kept("KV_dvi_data", "$KV.dvi_data.rows.>")].concat()
+}
+
+/// The subjects of a stream that fit a filter.
+fn subjects_of(url: &str, stream: &str, filter: &str) -> Vec<String> {
     let address = url.strip_prefix("nats://").unwrap();
-    let subjects = |bucket: &str, kind: &str| -> Vec<String> {
-        let mut stream = TcpStream::connect(address).unwrap();
-        let question = format!(r#"{{"subjects_filter":"$KV.{bucket}.{kind}.>"}}"#);
-        let length = question.len();
-        write!(
-            stream,
-            "CONNECT {{\"verbose\":false}}\r\nSUB told 1\r\nPUB $JS.API.STREAM.INFO.KV_{bucket} told {length}\r\n{question}\r\n"
-        )
-        .unwrap();
-        // After the greeting and the head of the message.
-        let mut lines = BufReader::new(stream).lines().map(Result::unwrap);
-        let told = lines.find(|line| line.starts_with('{')).unwrap();
-        let told: Value = serde_json::from_str(&told).unwrap();
-        assert!(told["config"].is_object(), "{told}");
-        let subjects = told["state"]["subjects"].as_object();
-        subjects.map(|subjects| subjects.keys().cloned().collect()).unwrap_or_default()
-    };
-    [subjects("dvi_state", "part"), subjects("dvi_data", "rows")].concat()
+    let mut connection = TcpStream::connect(address).unwrap();
+    let question = format!(r#"{{"subjects_filter":"{filter}"}}"#);
+    let length = question.len();
+    write!(
+        connection,
+        "CONNECT {{\"verbose\":false}}\r\nSUB told 1\r\nPUB $JS.API.STREAM.INFO.{stream} told {length}\r\n{question}\r\n"
+    )
+    .unwrap();
+    // After the greeting and the head of the message.
+    let mut lines = BufReader::new(connection).lines().map(Result::unwrap);
+    let told = lines.find(|line| line.starts_with('{')).unwrap();
+    let told: Value = serde_json::from_str(&told).unwrap();
+    assert!(told["config"].is_object(), "{told}");
+    let subjects = told["state"]["subjects"].as_object();
+    subjects.map(|subjects| subjects.keys().cloned().collect()).unwrap_or_default()
 }
 
 #[test]
@@ -75,6 +83,31 @@ fn kills_of_workers_that_share_a_sweep_change_no_byte_and_leave_nothing_behind()
         String::from_utf8_lossy(text.get(from..).unwrap_or_default()).chars().take(300).collect::<String>()
     };
     assert!(results == expected, "{}\n{}", told(&results), told(&expected));
+    assert_eq!(left_behind(&url), Vec::<String>::new());
+}
+
+#[test]
+fn a_server_that_is_killed_while_workers_share_a_sweep_changes_no_byte() {
+    if !is_installed() {
+        return;
+    }
+    let document = oscillators(3000, 150);
+    let folder = Folder::new();
+    let mut nats = NatsServer::start(folder.path());
+    let url = nats.url();
+    let server = gateway(&url);
+    let _workers = [0; 2].map(|_| Worker::start(&url, &[]));
+    let path = server.accept(&document);
+    let mut known = 0;
+    for _ in 0..2 {
+        known = server.rows(&path, known + 500);
+        nats.kill();
+        thread::sleep(Duration::from_millis(300));
+        nats.restart();
+    }
+    assert!(known < 3000, "the sweep was over before the server was killed");
+    server.succeeds(&path);
+    assert!(server.get(&format!("{path}/results")).body.into_bytes() == undisturbed(&document));
     assert_eq!(left_behind(&url), Vec::<String>::new());
 }
 
@@ -171,4 +204,171 @@ async fn a_worker_that_stops_gives_a_sweep_back_with_its_rows() {
     assert_eq!((&ended["status"], &ended["attempt"]), (&"successful".into(), &1.into()), "{ended}");
     assert!(site.get(&format!("{path}/results")).await.body == undisturbed(&document));
     assert!(calls.load(Relaxed) < 60, "{calls:?} chunks");
+}
+
+/// Two figures of the metrics: the work that waits, and the work that runs.
+async fn load(site: &Site) -> [u64; 2] {
+    let metrics = site.get("/metrics").await;
+    ["dvi_jobs_waiting ", "dvi_jobs_running "].map(|name| {
+        let value = metrics.text().lines().find_map(|line| line.strip_prefix(name));
+        value.unwrap().parse().unwrap()
+    })
+}
+
+async fn comes_to(site: &Site, expected: impl Fn([u64; 2]) -> bool) {
+    let start = Instant::now();
+    loop {
+        let load = load(site).await;
+        if expected(load) {
+            return;
+        }
+        assert!(start.elapsed() < Duration::from_secs(30), "{load:?}");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
+
+#[tokio::test]
+async fn chunks_count_as_jobs_that_wait_and_run() {
+    if !is_installed() {
+        return;
+    }
+    let options = Options { nats: anew(), ..one_worker() };
+    let (solver, _) = slow(Duration::from_millis(60));
+    let sites = [0; 2].map(|_| Site::gateway(options.clone(), Arc::clone(&solver)));
+    let _worker = worker(&options, Arc::clone(&solver));
+    let path = post(&sites[0], 1, &oscillators(100_000, 5)).await;
+    // One sweep, of which more workers could take chunks: beside it, its only worker has a chunk.
+    for site in &sites {
+        comes_to(site, |[waiting, running]| waiting >= 2 && running == 2).await;
+    }
+    let cancelled = Call::post(&format!("{path}/cancel"), "").send(&sites[0]).await;
+    assert_eq!(cancelled.status, StatusCode::OK, "{cancelled:?}");
+    for site in &sites {
+        comes_to(site, |load| load == [0, 0]).await;
+    }
+}
+
+#[tokio::test]
+async fn rows_that_are_longer_than_a_message_go_the_same_way() {
+    if !is_installed() {
+        return;
+    }
+    let nats = anew();
+    let (url, name) = (nats.servers[0].clone(), nats.name.clone());
+    let options = Options { nats, ..one_worker() };
+    let (solver, calls) = slow(Duration::from_millis(60));
+    let site = Site::gateway(options.clone(), Arc::clone(&solver));
+    let _workers = [0; 2].map(|_| worker(&options, Arc::clone(&solver)));
+    // A row has 1.6 MB.
+    let document = r#"{"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 1, "rate": "-k*x"}}}}, "time": {"end": 1},
+        "output": {"times": {"count": 200000}, "fields": ["x"]},
+        "sweep": {"over": {"k": {"linspace": [0.5, 2, 8]}}, "keep": "trajectories"}}"#;
+    let path = post(&site, 1, document).await;
+    let ended = site.ended(&path).await;
+    assert_eq!(ended["status"], "successful", "{ended}");
+    assert!(site.get(&format!("{path}/results")).await.body == undisturbed(document));
+    assert!(calls.load(Relaxed) > 2, "{calls:?} chunks");
+    // The results are longer, too; of the rows, nothing is left.
+    let start = Instant::now();
+    let objects = || subjects_of(&url, &format!("OBJ_{name}_objects"), &format!("$O.{name}_objects.C.>"));
+    while objects().len() > 1 {
+        assert!(start.elapsed() < Duration::from_secs(30), "{:?}", objects());
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
+
+#[tokio::test]
+async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
+    // The first chunk has two of so many members, and so has the second.
+    const MEMBERS: usize = 16;
+    const BAD: usize = 2;
+    if !is_installed() {
+        return;
+    }
+    let nats = Nats { lost_seconds: NonZeroU64::MIN, ..anew() };
+    let options = Options { nats, ..one_worker() };
+    let (begun, mut has_begun) = watch::channel(0);
+    let may_end = Arc::new([0; 2].map(|_| AtomicBool::new(false)));
+    let wait_for = |k: usize| {
+        let may_end = Arc::clone(&may_end);
+        move || {
+            while !may_end[k].load(Relaxed) {
+                thread::sleep(Duration::from_millis(1));
+            }
+        }
+    };
+    let (first_chunk, other_job) = (wait_for(0), wait_for(1));
+    // The worker that divides the sweep: the job of another client keeps its place.
+    let divider: Solver = Arc::new(move |specification, control| {
+        // An inline solve, recognised by its short deadline, does not wait.
+        if control.deadline().is_some_and(|deadline| deadline < Instant::now() + Duration::from_millis(10)) {
+            return halving(Status::Stopped);
+        }
+        if specification.sweep().is_none() && specification.label().is_none() {
+            return dvi::solve(specification, control);
+        }
+        begun.send_modify(|count| *count += 1);
+        if specification.sweep().is_some() {
+            first_chunk()
+        } else {
+            other_job()
+        }
+        dvi::solve(specification, control)
+    });
+    let (hit, mut is_hit) = unbounded_channel();
+    let over = Arc::clone(&may_end);
+    let doomed: Solver = Arc::new(move |specification, control| {
+        let chunk = specification.sweep().unwrap().chunk();
+        if chunk.lost.is_none() && chunk.members.contains(&BAD) {
+            let _ = hit.send(chunk.members.clone());
+            while !over[1].load(Relaxed) {
+                thread::sleep(Duration::from_millis(1));
+            }
+        }
+        dvi::solve(specification, control)
+    });
+    let site = Site::gateway(options.clone(), crate::harness::instant());
+    let _divider = worker(&options, divider);
+    // So that the client of the job that follows is before that of the sweep, when both have had a turn.
+    let first = post(&site, 2, DECAY).await;
+    site.ended(&first).await;
+    let document = oscillators(MEMBERS, 5);
+    let path = post(&site, 1, &document).await;
+    has_begun.wait_for(|count| *count == 1).await.unwrap();
+    let other = post(&site, 2, &DECAY.replacen('{', "{\"label\":\"keeps the place\",", 1)).await;
+    // Until the sweep is shared.
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    may_end[0].store(true, Relaxed);
+    has_begun.wait_for(|count| *count == 2).await.unwrap();
+    let mut lost = Vec::new();
+    let ended = loop {
+        let runtime = Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
+        let worker = worker_on(&runtime, &options, Arc::clone(&doomed));
+        let ended = tokio::select! {
+            members = is_hit.recv() => {
+                lost.push(members.unwrap());
+                None
+            }
+            ended = site.ended(&path) => Some(ended),
+        };
+        runtime.shutdown_background();
+        drop(worker);
+        if let Some(ended) = ended {
+            break ended;
+        }
+        assert!(lost.len() < 20, "{lost:?}");
+    };
+    may_end[1].store(true, Relaxed);
+    assert_eq!(ended["status"], "successful", "{ended}");
+    // Three workers for each chunk, the first of which may have been lost by chance.
+    let (first, last) = (lost.first().unwrap(), lost.last().unwrap());
+    assert!(first.len() == 2 && *last == (BAD..BAD + 1), "{lost:?}");
+    let json = site.get(&format!("{path}/results")).await.json();
+    let whole: Value = serde_json::from_slice(&undisturbed(&document)).unwrap();
+    let (columns, expected) = (&json["table"]["columns"], &whole["table"]["columns"]);
+    for k in (0..MEMBERS).filter(|k| *k != BAD) {
+        assert_eq!(columns["x"][k], expected["x"][k], "member {k}");
+    }
+    assert_eq!(columns["error"][BAD], "poisoned: workers were lost while they solved the member");
+    site.ended(&other).await;
 }

@@ -1,12 +1,12 @@
 //! Requests without a socket, and solvers controlled by a test.
 
 use crate::nats::{self, Worker};
+pub use crate::threads::threads;
 use axum::Router;
 use axum::body::{Body, Bytes, HttpBody};
 use axum::http::{HeaderMap, Request, StatusCode};
 use dvi::problem::Stop;
 use dvi::service::jobs::{Client, Solver};
-use dvi::service::worker::{Confinement, Launcher, Start, serve};
 use dvi::service::{Options, Service};
 use dvi::solution::{Field, Solution, Status, Trajectory, Verdict};
 use http_body_util::BodyExt;
@@ -34,17 +34,6 @@ pub fn halving(status: Status) -> Solution {
     let trajectory = Trajectory { t: vec![0.0, 1.0], fields, events: vec![] };
     let verdict = Verdict { trusted: status == Status::Completed, ..Verdict::default() };
     Solution { status, verdict, trajectory, ..Solution::default() }
-}
-
-/// A launcher of workers on threads of this process, with a solver controlled by a test. They talk to the front through
-/// pipes, as processes do.
-pub fn threads(solver: Solver) -> Launcher {
-    Arc::new(move || {
-        let ((input, orders), (reports, output)) = (io::pipe()?, io::pipe()?);
-        let solver = Arc::clone(&solver);
-        thread::spawn(move || serve(input, output, solver, Confinement::default()));
-        Ok(Start { orders: orders.into(), reports: reports.into(), process: None })
-    })
 }
 
 /// A solver that returns at once.

@@ -46,6 +46,7 @@ mod store;
 mod supervision;
 mod sweep_kills;
 mod sweeps;
+mod threads;
 mod tokens;
 mod verdict;
 mod workers;

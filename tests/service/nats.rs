@@ -92,11 +92,16 @@ pub struct Worker {
 
 /// A worker on the servers of `options`, with as many places.
 pub fn worker(options: &Options, solver: Solver) -> Worker {
+    worker_on(runtime(), options, solver)
+}
+
+/// A worker on a runtime of its own, with which it is lost at once.
+pub fn worker_on(runtime: &Runtime, options: &Options, solver: Solver) -> Worker {
     let Options { nats, workers, wall_seconds, steps, result_mib, memory_mib, .. } = options.clone();
     let options =
         WorkOptions { nats, workers, wall_seconds, steps, result_mib, grace_seconds: 0, ..WorkOptions::default() };
     let (stop, stopped) = channel(2);
-    runtime().spawn(async move {
+    runtime.spawn(async move {
         let launcher = threads(Arc::clone(&solver));
         work(options, memory_mib, solver, &launcher, stopped).await.unwrap();
     });

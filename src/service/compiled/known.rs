@@ -14,7 +14,7 @@ const SHORT: usize = 16 << 10;
 
 /// The largest estimated memory of a problem whose single steps take less time than an inline solve may, in bytes: some
 /// ten unknowns.
-const SMALL: usize = 32 << 10;
+pub const SMALL: usize = 32 << 10;
 
 /// A compiled specification, and what is needed each time that it is posted.
 #[derive(Debug)]

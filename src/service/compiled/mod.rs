@@ -7,17 +7,25 @@ mod known;
 mod seen;
 mod structure;
 
-pub use known::{Known, Repeated};
+pub use generations::Generations;
+pub use known::{Known, Repeated, SMALL};
 
-use generations::Generations;
+use crate::worker::Limits;
+use problem::Control;
 use seen::Seen;
-use specification::Specification;
+use specification::{Draft, Specification, SpecificationError};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 use structure::Structure;
 
 /// The number of specifications kept, by text and by structure each: enough for a page of examples, or for some
 /// concurrent sweeps.
 const KEPT: usize = 256;
+
+/// A text up to this size in bytes is parsed on the thread that serves its connection, or that has taken its job, which takes
+/// less time than to send it to a worker. It is also checked there if the estimated time of the check is at most `SOON`.
+const SHORT: usize = 4 << 10;
+const SOON: Duration = Duration::from_millis(2);
 
 /// The largest estimated memory of a problem that is kept, in bytes. A larger problem takes longer to solve than to
 /// compile.
@@ -43,8 +51,29 @@ impl Default for Compiled {
 }
 
 impl Compiled {
+    /// The compiled specification of a short text that takes little time to compile, to be solved within `limits`; `None` if it
+    /// is longer, or may take longer.
+    ///
+    /// # Errors
+    /// All errors of the text.
+    pub fn read(&self, text: &[u8], limits: &Limits) -> Result<Option<Arc<Known>>, Vec<SpecificationError>> {
+        if text.len() > SHORT {
+            return Ok(None);
+        }
+        if let Some(known) = self.find(text) {
+            return Ok(Some(known));
+        }
+        let draft = Draft::read(text)?;
+        if draft.check_time() > SOON {
+            return Ok(None);
+        }
+        let known = Arc::new(Known::of(limits.check(draft, &Control::new())?));
+        self.keep(text, &known);
+        Ok(Some(known))
+    }
+
     /// The compiled specification of `text`, if a text with the same structure was compiled before.
-    pub fn find(&self, text: &[u8]) -> Option<Arc<Known>> {
+    fn find(&self, text: &[u8]) -> Option<Arc<Known>> {
         if let Some(known) = lock(&self.texts).find(text) {
             return Some(known);
         }
@@ -60,7 +89,7 @@ impl Compiled {
     }
 
     /// Keeps the compiled specification of `text`.
-    pub fn keep(&self, text: &[u8], known: &Arc<Known>) {
+    fn keep(&self, text: &[u8], known: &Arc<Known>) {
         if known.facts.memory > LARGEST {
             return;
         }

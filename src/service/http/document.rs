@@ -11,18 +11,13 @@ use crate::worker::{Checked, Facts};
 use axum::body::{Body, HttpBody};
 use axum::extract::{FromRequest, Request};
 use axum::http::{HeaderMap, header};
-use problem::Control;
-use specification::Draft;
 use std::future::poll_fn;
 use std::pin::Pin;
 use std::sync::Arc;
-use std::time::Duration;
 use tokio::time::timeout;
 
-/// A document up to this size in bytes is parsed on the thread that serves its connection, which takes less time than
-/// to send it to a worker. It is also checked there if the estimated time of the check is at most `SOON`.
-const SMALL: usize = 4 << 10;
-const SOON: Duration = Duration::from_millis(2);
+/// The size in bytes up to which memory for a document is allocated before it has arrived.
+const SHORT: usize = 4 << 10;
 
 /// The document as bytes.
 pub struct Document(Arc<[u8]>);
@@ -41,16 +36,8 @@ impl Document {
     /// All errors of the document, or the bound that is reached.
     pub async fn checked(&self, shared: &Shared, client: Client) -> HandlerResult<Correct> {
         let bytes = self.bytes();
-        if bytes.len() <= SMALL {
-            if let Some(known) = shared.compiled.find(&bytes) {
-                return Ok(Correct::Here(known));
-            }
-            let draft = Draft::read(&bytes)?;
-            if draft.check_time() <= SOON {
-                let known = Arc::new(Known::of(shared.jobs.check(draft, &Control::new())?));
-                shared.compiled.keep(&bytes, &known);
-                return Ok(Correct::Here(known));
-            }
+        if let Some(known) = shared.compiled.read(&bytes, &shared.jobs.limits())? {
+            return Ok(Correct::Here(known));
         }
         let turn = shared.checks.turn(client, bytes.len()).await.map_err(AdmissionError::from)?;
         match shared.checkers.check(bytes, shared.jobs.limits(), turn).await {
@@ -131,7 +118,7 @@ async fn collect(mut body: Body, limit: usize) -> HandlerResult<Vec<u8>> {
         return Err(too_large());
     }
     // The announced length is not trusted: memory is allocated as data arrive.
-    let mut bytes = Vec::with_capacity(announced.min(SMALL));
+    let mut bytes = Vec::with_capacity(announced.min(SHORT));
     while let Some(frame) = poll_fn(|context| Pin::new(&mut body).poll_frame(context)).await {
         let frame = frame.map_err(|error| Problem::new(Kind::BadRequest, error.to_string()))?;
         if let Some(data) = frame.data_ref() {

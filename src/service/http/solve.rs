@@ -132,7 +132,7 @@ pub async fn job_under(
 ) -> HandlerResult<Arc<Job>> {
     let document_bytes = document.bytes();
     if let Some(key) = &key
-        && let Some(job) = shared.jobs.recall(client, key).await?
+        && let Some(job) = shared.jobs.recall(client, key, document_bytes.len()).await?
     {
         return Ok(job);
     }

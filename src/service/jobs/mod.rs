@@ -82,11 +82,9 @@ use intake::Intake;
 use jiff::Timestamp;
 use job::Persistence;
 use nats::Far;
-use problem::Control;
 use queue::FairQueue;
 use record::Record;
 use shortage::Shortage;
-use specification::{Draft, Specification, SpecificationError};
 use std::ffi::OsStr;
 use std::io;
 use std::path::Path;
@@ -198,10 +196,18 @@ impl Jobs {
     ///
     /// # Errors
     /// The key belongs to a different document, or its job is not yet on the disk.
-    pub async fn recall(&self, client: Client, key: &Key) -> Result<Option<Arc<Job>>, AdmissionError> {
+    pub async fn recall(
+        &self,
+        client: Client,
+        key: &Key,
+        document_bytes: usize,
+    ) -> Result<Option<Arc<Job>>, AdmissionError> {
         let here = self.store.index().recall(client, key)?;
         match (here, &self.far) {
-            (None, Some(far)) => self.recall_far(far, client, key).await,
+            // A job that is admitted reserves its key, and finds there what another gateway has admitted a moment ago.
+            (None, Some(far)) if self.admits(client, document_bytes).is_err() => {
+                self.recall_far(far, client, key).await
+            }
             (here, _) => here.map(known).transpose(),
         }
     }
@@ -210,14 +216,6 @@ impl Jobs {
     pub fn limits(&self) -> Limits {
         let Bounds { steps, memory, wall, result_bytes, .. } = self.bounds;
         Limits { steps, memory, wall_seconds: Some(wall.as_secs_f64()), result_bytes }
-    }
-
-    /// Checks a document against the limits of this service.
-    ///
-    /// # Errors
-    /// All errors of the document.
-    pub fn check(&self, draft: Draft, control: &Control) -> Result<Specification, Vec<SpecificationError>> {
-        self.limits().check(draft, control)
     }
 
     /// Admits a job, or returns the earlier job with the same idempotency key. A durable job is on the disk, if the
@@ -410,11 +408,11 @@ impl Jobs {
         }
     }
 
-    /// The numbers of waiting and of running jobs.
+    /// The numbers of waiting and of running jobs; those of the chunks of sweeps that machines share included.
     pub fn load(&self) -> (usize, usize) {
-        let elsewhere = self.far.as_ref().map_or(0, |far| far.mirror().running);
+        let (waiting, taken) = self.far.as_ref().map_or((0, 0), |far| far.mirror().load());
         let intake = self.lock();
-        (intake.queue.len(), intake.running + elsewhere)
+        (intake.queue.len() + waiting, intake.running + taken)
     }
 
     /// The number of running jobs that may run to their end without making room for others.

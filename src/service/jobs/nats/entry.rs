@@ -1,14 +1,18 @@
 //! The entry of a job in the bucket of states: a JSON object, changed by compare-and-set alone.
 
-use crate::jobs::{Client, Record};
+use crate::jobs::{Client, Record, Results};
 use jiff::Timestamp;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 use std::fmt::Write as _;
 use std::net::IpAddr;
 
 /// The version of entries and of what they refer to. Who does not know it leaves the job to others.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
+
+/// The largest size of a specification and of results that stand in the entry of their job, in bytes of JSON.
+pub const SHORT: usize = 16 << 10;
 
 /// The entry of a job.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -23,6 +27,12 @@ pub struct Entry {
     /// The job is a sweep of which there are chunks.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub divided: bool,
+    /// The specification, if it is short.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub document: Option<String>,
+    /// The results of a job that has ended, if they are short.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub results: Option<Box<RawValue>>,
 }
 
 /// The claim of a worker to a job.
@@ -35,6 +45,14 @@ pub struct Claim {
     /// Whether the job runs alone on it, as one does that has lost a worker before: the loss of this one is then evidence
     /// against the job.
     pub alone: bool,
+}
+
+/// Results as they stand in an entry, with every byte as it is; `None` if they are longer than that.
+pub fn short(results: &Results) -> Option<Box<RawValue>> {
+    let json = results.text().filter(|json| json.len() <= SHORT)?;
+    let short = RawValue::from_string(String::from_utf8(json.to_vec()).ok()?).ok()?;
+    // White space around it would not be read again.
+    (short.get().trim().len() == json.len()).then_some(short)
 }
 
 /// Only the version.
@@ -63,7 +81,13 @@ impl Versioned for Entry {}
 impl Entry {
     /// The entry of a waiting job.
     pub fn waiting(record: Record) -> Self {
-        Self { format: FORMAT, record, claim: None, divided: false }
+        Self { format: FORMAT, record, claim: None, divided: false, document: None, results: None }
+    }
+
+    /// The entry with the specification, if that is short.
+    pub fn with_document(self, document: &[u8]) -> Self {
+        let short = str::from_utf8(document).ok().filter(|document| document.len() <= SHORT);
+        Self { document: short.map(str::to_owned), ..self }
     }
 }
 

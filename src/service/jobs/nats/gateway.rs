@@ -5,8 +5,10 @@
 //! client that comes again under its key takes over, or an entry without a message, which every gateway looks for.
 
 use super::entry::{Entry, FORMAT, Versioned as _};
+use super::errand::{Errand, bare};
 use super::mirror::{Mirror, Told};
 use super::options::Nats;
+use super::parts::{Part, PartId};
 use super::servers::{Away, Exchange, Trouble, away, job_key, job_of};
 use super::texts::document_name;
 use crate::digest::Digest;
@@ -15,6 +17,7 @@ use crate::jobs::{
     Unwritable,
 };
 use crate::metrics::Metrics;
+use async_nats::Subscriber;
 use async_nats::jetstream::consumer::{DeliverPolicy, push};
 use async_nats::jetstream::message::Message;
 use futures_util::StreamExt;
@@ -119,8 +122,10 @@ impl Gateway {
         tasks.spawn(async move { mirroring.follow_entries(read).await });
         // The task that reads outlives this function.
         let _ = is_read.await;
-        let (hearing, forgetting, sweeping) = (Arc::clone(&jobs), Arc::clone(&jobs), Arc::clone(&jobs));
+        let [hearing, ending, counting, forgetting, sweeping] = [0; 5].map(|_| Arc::clone(&jobs));
         tasks.spawn(async move { hearing.follow_progress().await });
+        tasks.spawn(async move { ending.hear_ends().await });
+        tasks.spawn(async move { counting.follow_parts().await });
         tasks.spawn(async move { forgetting.forget_expired(to_forget).await });
         tasks.spawn(async move { sweeping.sweep().await });
         Ok((jobs, Self { _tasks: tasks }))
@@ -133,6 +138,9 @@ impl Jobs {
         far.exchange.near()?;
         self.admits(order.client, order.document.len())?;
         let (client, document) = (order.client, Arc::clone(&order.document));
+        if far.exchange.has_line(client) {
+            far.exchange.announce(client).await;
+        }
         let id = match &order.key {
             None => JobId::new(),
             Some(key) => match self.reserve(far, client, key).await? {
@@ -206,7 +214,7 @@ impl Jobs {
         let id: JobId = reserved.id.parse().map_err(|_| AdmissionError::KeyInUse)?;
         if let Some(job) = self.look_up_far(far, id).await? {
             if matches!(job.state(), State::Accepted(_)) && !far.exchange.is_queued(id, job.client).await? {
-                far.exchange.enqueue(id, job.client).await?;
+                far.exchange.enqueue(id, job.client, bare()).await?;
             }
             return Ok(Reservation::Taken(job));
         }
@@ -303,7 +311,11 @@ impl Jobs {
 
     /// The results of a job.
     pub(in crate::jobs) async fn results_far(&self, far: &Far, job: &Job, held: &Held) -> io::Result<Arc<Results>> {
-        far.exchange.results(job.id, job.attempt(), held).await
+        let short = far.mirror().short_results(job.id);
+        match short {
+            Some(json) => Results::vouched(json.get().as_bytes().to_vec(), held.digest()).map(Arc::new),
+            None => far.exchange.results(job.id, job.attempt(), held).await,
+        }
     }
 
     /// Deletes what the bucket says of jobs that were deleted long ago.
@@ -384,19 +396,33 @@ impl Jobs {
         }
     }
 
+    /// Hears of ends from the workers that have written them, before the servers tell of the entries.
+    async fn hear_ends(&self) {
+        let Some(far) = &self.far else { return };
+        let mut ends = far.exchange.hear("ended").await;
+        while let Some(message) = ends.next().await {
+            if let (Some(id), Some(end)) = (job_of(&message.subject), Errand::read(&message.payload)) {
+                self.take_over(far, id, end.entry, end.revision).await;
+            }
+        }
+    }
+
+    /// Counts the chunks of shared sweeps.
+    async fn follow_parts(&self) {
+        let Some(far) = &self.far else { return };
+        let came = |key: &str, text: Option<&[u8]>| {
+            if let Some(id) = PartId::of(key) {
+                far.mirror().part_came(id, text.and_then(Part::read).as_ref());
+            }
+        };
+        far.exchange.follow("part.*.*", came).await;
+    }
+
     /// Hears the progress of jobs, that of those which ran before this gateway included.
     async fn follow_progress(&self) {
         let Some(far) = &self.far else { return };
         let exchange = &far.exchange;
-        let mut progress = loop {
-            match exchange.client.subscribe(exchange.subject("progress", "*")).await {
-                Ok(progress) => break progress,
-                Err(error) => {
-                    tracing::warn!(%error, "progress cannot be heard yet");
-                    sleep(PAUSE).await;
-                }
-            }
-        };
+        let mut progress = exchange.hear("progress").await;
         let running = far.mirror().running_jobs();
         for id in running {
             if let Ok(Some(told)) = exchange.last(&exchange.state, &format!("progress.{id}")).await
@@ -448,7 +474,7 @@ impl Jobs {
                             && entry.record.ended.is_none()
                         {
                             tracing::warn!(job.id = %job.id, "job {} is put into the queue again", job.id);
-                            if far.exchange.enqueue(job.id, job.client).await.is_err() {
+                            if far.exchange.enqueue(job.id, job.client, bare()).await.is_err() {
                                 break;
                             }
                         }
@@ -466,20 +492,33 @@ impl Far {
     async fn post(&self, job: &Arc<Job>, document: &Arc<[u8]>) -> Result<(), Away> {
         let exchange = &self.exchange;
         job.digest.get_or_init(|| Digest::of(document));
-        let entry = Entry::waiting(Record::of(job, &job.lock()));
+        let entry = Entry::waiting(Record::of(job, &job.lock())).with_document(document);
         let (name, key) = (document_name(job.id), job_key(job.id));
-        let (opened, written, created) = join!(
-            exchange.open_line(job.client),
-            exchange.put(&name, document.to_vec()),
-            exchange.create(&key, entry.text())
-        );
+        let written =
+            async { if entry.document.is_some() { Ok(()) } else { exchange.put(&name, document.to_vec()).await } };
+        let (opened, written, created) =
+            join!(exchange.open_line(job.client), written, exchange.create(&key, entry.text()));
         opened.and(written)?;
-        created?;
-        exchange.enqueue(job.id, job.client).await
+        // Without a revision, an earlier attempt whose answer was lost has written it.
+        let text = created?.map_or_else(bare, |revision| Errand::text(&entry, revision));
+        exchange.enqueue(job.id, job.client, text).await
     }
 }
 
 impl Exchange {
+    /// What is told of jobs on core subjects of this kind.
+    async fn hear(&self, kind: &str) -> Subscriber {
+        loop {
+            match self.client.subscribe(self.subject(kind, "*")).await {
+                Ok(told) => return told,
+                Err(error) => {
+                    tracing::warn!(%error, kind, "what is told of jobs cannot be heard yet");
+                    sleep(PAUSE).await;
+                }
+            }
+        }
+    }
+
     /// Removes a key of the bucket of states, and all trace of it.
     ///
     /// # Errors

@@ -5,6 +5,9 @@
 
 use super::entry::Entry;
 use super::gateway::Far;
+use super::open_parts::OpenParts;
+use super::parts::{Part, PartId};
+use crate::compiled::Generations;
 use crate::jobs::ended::Timing;
 use crate::jobs::job::{Lifecycle, Moment, Persistence};
 use crate::jobs::{Ended, Ending, Job, JobId, Jobs, State};
@@ -12,6 +15,7 @@ use crate::worker::Progress;
 use jiff::Timestamp;
 use problem::Control;
 use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
@@ -21,10 +25,27 @@ use std::time::{Duration, Instant};
 #[derive(Debug, Default)]
 pub struct Mirror {
     jobs: HashMap<JobId, Seen>,
-    pub running: usize,
+    running: usize,
     /// The jobs that were deleted, and when: what is left of them in the bucket is removed after a while.
     gone: VecDeque<(Timestamp, JobId)>,
+    /// The short results that came lately, for those who wait for them.
+    short: Short,
+    /// The chunks of shared sweeps.
+    parts: OpenParts,
 }
+
+/// Short results by the ids of their jobs.
+#[derive(Debug)]
+struct Short(Generations<Arc<RawValue>>);
+
+impl Default for Short {
+    fn default() -> Self {
+        Self(Generations::new(KEPT_RESULTS))
+    }
+}
+
+/// The number of short results that are kept: sixteen megabytes at most.
+const KEPT_RESULTS: usize = 1024;
 
 /// The time for which the bucket says that a job was deleted, for gateways that are cut off meanwhile.
 const GONE: Duration = Duration::from_secs(24 * 3600);
@@ -57,6 +78,26 @@ impl Mirror {
     /// A job that this gateway has put into the queue.
     pub fn admitted(&mut self, id: JobId) {
         self.jobs.insert(id, Seen { revision: 0, phase: Phase::Waiting });
+    }
+
+    /// The numbers of chunks that wait for a worker, and of jobs and chunks that workers have.
+    pub fn load(&self) -> (usize, usize) {
+        let (waiting, claimed) = self.parts.count();
+        (waiting, self.running + claimed)
+    }
+
+    /// The entry of a chunk is now this.
+    pub fn part_came(&mut self, id: PartId, part: Option<&Part>) {
+        let sweep = self.jobs.get(&id.sweep);
+        // What is told of it late does not count.
+        if !sweep.is_some_and(|sweep| matches!(sweep.phase, Phase::Ended | Phase::Gone)) {
+            self.parts.came(id, part);
+        }
+    }
+
+    /// The short results of a job, if they came lately.
+    pub fn short_results(&mut self, id: JobId) -> Option<Arc<RawValue>> {
+        self.short.0.find(&id.number().to_le_bytes())
     }
 
     /// The deleted jobs of which nothing needs to be known any more.
@@ -93,7 +134,7 @@ impl Jobs {
         if before.is_some_and(|(known, phase)| known >= revision || phase == Phase::Gone) {
             return (self.find(id), Vec::new());
         }
-        let Entry { record, claim, .. } = entry;
+        let Entry { record, claim, results, .. } = entry;
         let (crashes, ended) = (record.crashes, record.ended.clone());
         let job = self.find(id).unwrap_or_else(|| {
             let job = Arc::new(Job::recovered(id, crate::jobs::Record { ended: None, ..record.clone() }, None));
@@ -122,6 +163,10 @@ impl Jobs {
                 intake.drain_rate.departed(Instant::now());
             }
             drop(intake);
+            // Those of jobs that had ended before are read when they are asked for.
+            if let (Some(results), true) = (results, before.is_some()) {
+                mirror.short.0.insert(id.number().to_le_bytes().into(), results.into());
+            }
             match (ended, claim) {
                 (Some(ended), _) => {
                     let ended = Ended { timing: timing(&ended, record.created), ..ended };
@@ -137,6 +182,9 @@ impl Jobs {
                 (None, None) => job.lock().wait_elsewhere(),
             }
         }
+        if phase == Phase::Ended {
+            mirror.parts.end(id);
+        }
         mirror.jobs.insert(id, Seen { revision, phase });
         (Some(job), forgotten)
     }
@@ -149,6 +197,7 @@ impl Jobs {
             return;
         }
         mirror.running -= usize::from(matches!(before, Some((_, Phase::Running(_)))));
+        mirror.parts.end(id);
         mirror.jobs.insert(id, Seen { revision, phase: Phase::Gone });
         mirror.gone.push_back((when, id));
         if let Some(job) = self.find(id) {

@@ -2,20 +2,23 @@
 //! a queue in memory and a folder.
 //!
 //! ```text
-//! stream  NAME_jobs     NAME.jobs.CLIENT.JOB   a message per job that no worker has ended; work-queue retention
+//! stream  NAME_jobs     NAME.jobs.CLIENT.JOB   a message per job that no worker has ended, with its entry (`errand`);
+//!                                              work-queue retention
 //!                       NAME.jobs.CLIENT.PART  a message per chunk of a sweep that workers share
-//! bucket  NAME_state    job.JOB                its entry: the row of the job, and the claim of the worker that has it
+//! bucket  NAME_state    job.JOB                its entry: the row of the job, the claim of the worker that has it, and
+//!                                              its specification and its results if they are short
 //!                       part.JOB.NUMBER        the entry of a chunk: its members, its claim, and what became of it
 //!                       key.CLIENT.DIGEST      the job of an idempotency key
 //!                       client.CLIENT          a client whose subject has a consumer
 //!                       cancel.JOB             a running job that is to stop
 //!                       progress.JOB           the progress and the latest switches of a long solve
-//! bucket  NAME_data     document.JOB           the specification
-//!                       results.JOB.ATTEMPT    the results
+//! bucket  NAME_data     document.JOB           the specification, if it is longer
+//!                       results.JOB.ATTEMPT    the results, if they are longer
 //!                       rows.JOB.NUMBER.ATTEMPT  the rows of a chunk
 //! objects NAME_objects                         those that are longer than a message may be
 //! core    NAME.progress.JOB                    progress and switches, as they come
-//!         NAME.arrival.CLIENT                  wakes workers that have nothing to do
+//!         NAME.arrival.CLIENT                  announces a job, so that workers that have nothing to do wait for it
+//!         NAME.ended.JOB                       the entry of a job that has just ended, for who waits for it
 //!         NAME.worker.WORKER                   asks a worker whether it still has a job
 //! ```
 //!
@@ -23,26 +26,33 @@
 //!    202. It holds all entries in memory, as a mirror of the bucket, so that what reads a job does not know of NATS
 //!    (see `mirror`); nothing in it is not in NATS.
 //! 2. A worker takes a message of the next client in turn (`lines`), and claims the job by a compare-and-set of the entry.
-//!    As long as it has the job it tells JetStream, which gives the message to another otherwise (`worker`).
-//! 3. The results are complete before the entry says that the job has ended, by a compare-and-set that fails if another
-//!    worker has claimed the job since; the message is acknowledged last. So a message that comes twice, at whatever
+//!    As long as it has the job it tells JetStream, which gives the message to another otherwise (`worker`). A small job is
+//!    solved before it would be claimed, and its end is then the only change of its entry.
+//! 3. The results are complete before the entry says that the job has ended, or stand in it; by a compare-and-set that fails
+//!    if another worker has claimed the job since. The message is acknowledged last. So a message that comes twice, at whatever
 //!    moment its worker died, does no harm: its job has ended, or begins again.
 //! 4. The worker that has claimed a sweep divides it, and makes its table in the end; the chunks are solved by whoever takes
 //!    their messages (`sweeps`, `parts`).
 
 mod claims;
 mod entry;
+mod errand;
+mod following;
 mod gateway;
+mod hearing;
 mod lines;
 mod mirror;
+mod open_parts;
 mod options;
 mod parts;
 mod servers;
 mod sweeps;
 mod texts;
+mod work_options;
 mod worker;
 
 pub use gateway::{Far, Gateway};
 pub use options::Nats;
 pub use servers::Away;
-pub use worker::{WorkOptions, work};
+pub use work_options::WorkOptions;
+pub use worker::work;

@@ -4,7 +4,7 @@
 //! acknowledges last. So a chunk counts once, however often its message comes.
 
 use super::claims::{Decision, Holder, decide_part};
-use super::entry::{Claim, FORMAT, Versioned};
+use super::entry::{Claim, Entry, FORMAT, Versioned};
 use super::servers::{Away, Exchange, ONE_MESSAGE, Trouble, away};
 use super::worker::{PAUSE, Reply, Worker};
 use crate::digest::Digest;
@@ -103,6 +103,12 @@ impl PartId {
     pub fn of_key(sweep: JobId, key: &str) -> Option<Self> {
         let (attempt, number) = key.rsplit('.').next()?.split_once('_')?;
         Some(Self { sweep, attempt: attempt.parse().ok()?, number: number.parse().ok()? })
+    }
+
+    /// The chunk whose entry has this key.
+    pub fn of(key: &str) -> Option<Self> {
+        let (sweep, _) = key.strip_prefix("part.")?.split_once('.')?;
+        Self::of_key(sweep.parse().ok()?, key)
     }
 
     /// The key of its entry.
@@ -233,16 +239,16 @@ impl Worker {
     pub async fn see_to_part(&self, id: PartId, lost_after: Duration) -> Reply {
         let key = id.key();
         let (found, sweep) = tokio::join!(self.exchange.read::<Part>(&key), self.exchange.entry(id.sweep));
-        let record = match sweep {
-            Ok(Some((entry, _))) if entry.record.ended.is_none() => entry.record,
+        let entry = match sweep {
+            Ok(Some((entry, _))) if entry.record.ended.is_none() => entry,
             Ok(_) => {
                 let _ = self.exchange.clear(&id.key()).await;
                 return Reply::Acknowledge;
             }
             Err(trouble) => return Reply::after(trouble),
         };
-        let Some(facts) = record.sweep() else { return Reply::Acknowledge };
-        let document = match self.document(id.sweep).await {
+        let Some(facts) = entry.record.sweep() else { return Reply::Acknowledge };
+        let document = match self.document(id.sweep, &entry).await {
             Ok(document) => document,
             Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                 let broken = self.alter_part(id, |part| part.done = Some(Done::Broken(Fault::Damaged)));
@@ -256,7 +262,7 @@ impl Worker {
         };
         let begun = Instant::now();
         let (crashes, crashes_alone) = (part.crashes, part.crashes_alone);
-        let record = Record { crashes, crashes_alone, ..record };
+        let record = Record { crashes, crashes_alone, ..entry.record };
         let job = self.jobs.take_part(record, part.until, facts, &part.chunk(), document);
         self.begin_part(id, &job).await;
         let ended = job.settled().await;
@@ -282,12 +288,12 @@ impl Worker {
     }
 
     /// The specification of a sweep, which is kept for its next chunk.
-    async fn document(&self, sweep: JobId) -> io::Result<Arc<[u8]>> {
+    async fn document(&self, sweep: JobId, entry: &Entry) -> io::Result<Arc<[u8]>> {
         let known = self.latest().clone();
         if let Some((_, document)) = known.filter(|(id, _)| *id == sweep) {
             return Ok(document);
         }
-        let document: Arc<[u8]> = self.exchange.document(sweep).await?.into();
+        let document: Arc<[u8]> = self.exchange.document_of(sweep, entry).await?.into();
         *self.latest() = Some((sweep, Arc::clone(&document)));
         Ok(document)
     }

@@ -1,6 +1,6 @@
 //! The connection to the NATS servers, and the stream and the buckets there.
 
-use super::entry::{Entry, FORMAT, Versioned};
+use super::entry::{Entry, Versioned};
 use super::options::Nats;
 use crate::jobs::{Client, JobId};
 use async_nats::connection::State;
@@ -287,18 +287,27 @@ impl Exchange {
         }
     }
 
-    /// Puts the message of a job, or of a chunk, in the stream, once, and wakes workers.
+    /// Whether the jobs of a client are known to have a consumer.
+    pub fn has_line(&self, client: Client) -> bool {
+        self.lines().contains(&client.token())
+    }
+
+    /// Has workers that have nothing to do wait for a message of a client. Those that do not hear of it look by themselves
+    /// after a while.
+    pub async fn announce(&self, client: Client) {
+        let _ = self.client.publish(self.subject("arrival", client.token()), "".into()).await;
+    }
+
+    /// Puts the message of a job, or of a chunk, in the stream, once, and has workers wait for it.
     ///
     /// # Errors
     /// The servers do not answer, so that it may be there or not.
-    pub async fn enqueue(&self, id: impl fmt::Display, client: Client) -> Result<(), Away> {
+    pub async fn enqueue(&self, id: impl fmt::Display, client: Client, text: Vec<u8>) -> Result<(), Away> {
         self.near()?;
-        let message = message::PublishMessage::build().message_id(id.to_string()).payload(FORMAT.to_string().into());
+        self.announce(client).await;
+        let message = message::PublishMessage::build().message_id(id.to_string()).payload(text.into());
         let sent = self.jetstream.send_publish(self.job_subject(&id, client), message).await;
-        sent.map_err(|error| away(&error))?.await.map_err(|error| away(&error))?;
-        // Workers that do not hear of it look by themselves after a while.
-        let _ = self.client.publish(self.subject("arrival", client.token()), "".into()).await;
-        Ok(())
+        sent.map_err(|error| away(&error))?.await.map(|_| ()).map_err(|error| away(&error))
     }
 
     /// Removes the message of a job, or of a chunk, that waits.

@@ -9,8 +9,12 @@
 //!    finds, and lets who solves a chunk go on.
 //! 4. Chunks and rows are removed when the entry of the job says that it has ended, before its message is acknowledged.
 
+mod here;
+
+use self::here::Here;
 use super::entry::{Entry, Versioned as _};
-use super::parts::{Done, Part, PartId, Work, outcome};
+use super::errand::bare;
+use super::parts::{Done, Part, PartId};
 use super::servers::Trouble;
 use super::worker::{Claimed, LAST_CALL, OTHERS, PAUSE, Place, Reply, Worker};
 use crate::jobs::chunk_work::are_rows;
@@ -111,14 +115,6 @@ impl Drop for Counted<'_> {
     fn drop(&mut self) {
         self.0.fetch_sub(1, Relaxed);
     }
-}
-
-/// The chunk that is solved by the worker that divides the sweep.
-struct Here {
-    id: PartId,
-    chunk: Chunk,
-    job: Arc<Job>,
-    begun: Instant,
 }
 
 /// The file of the rows, which is removed with it.
@@ -324,7 +320,7 @@ impl Sweep<'_> {
             // Who made it may have died before it was in the queue.
             let client = self.job.client;
             while let Ok(false) | Err(_) = self.worker.exchange.is_queued(part_id, client).await {
-                match self.worker.exchange.enqueue(part_id, client).await {
+                match self.worker.exchange.enqueue(part_id, client, bare()).await {
                     Ok(()) => break,
                     Err(_) => sleep(PAUSE).await,
                 }
@@ -345,7 +341,7 @@ impl Sweep<'_> {
                     let _ = tell.send((part_id, part));
                 }
             };
-            worker.follow(&filter, came).await;
+            worker.exchange.follow(&filter, came).await;
         });
         told
     }
@@ -368,7 +364,7 @@ impl Sweep<'_> {
         let Some(chunk) = self.chunks.take(workers.max(EXPECTED)) else { return false };
         let id = self.next_id();
         self.enter(id, &Part::waiting(&chunk, self.until)).await;
-        while self.worker.exchange.enqueue(id, self.job.client).await.is_err() {
+        while self.worker.exchange.enqueue(id, self.job.client, bare()).await.is_err() {
             sleep(PAUSE).await;
         }
         self.out.insert(id, (chunk, false));
@@ -470,62 +466,6 @@ impl Sweep<'_> {
             && entry.claim.as_ref().is_some_and(|claim| claim.worker == self.worker.name)
         {
             self.entry = (entry, revision);
-        }
-    }
-
-    /// Has a chunk solved here.
-    async fn begin_here(&mut self, chunk: Chunk) {
-        let id = self.next_id();
-        let (record, document) = (self.record.clone(), Arc::clone(&self.document));
-        let begun = Instant::now();
-        let job = self.worker.jobs.take_part(record, self.until, self.facts, &chunk, document);
-        self.worker.begin_part(id, &job).await;
-        self.here = Some(Here { id, chunk, job, begun });
-    }
-
-    /// Waits for the chunk that is solved here.
-    async fn end_here(&mut self) {
-        if let Some(here) = &self.here {
-            let ended = here.job.settled().await;
-            self.count_here(ended).await;
-        }
-    }
-
-    /// Counts out the chunk that was solved here.
-    async fn count_here(&mut self, ended: Option<Arc<Ended>>) {
-        let Some(Here { id, chunk, job, begun }) = self.here.take() else { return };
-        self.worker.mine().remove(&Work::Part(id));
-        let made = ended.map(|ended| outcome(&job, &ended, begun.elapsed()));
-        let _ = self.worker.jobs.forget(&job).await;
-        match made {
-            Some((Done::Rows { rows, lost, steps, bytes, digest, seconds, attempt }, made)) if rows > 0 => {
-                self.chunks.lose(lost);
-                let members = chunk.members.start..chunk.members.start + rows;
-                // In memory as long as no other worker needs them.
-                self.chunks.keep(members, steps, made.clone(), None);
-                let time = Duration::try_from_secs_f64(seconds).unwrap_or_default();
-                self.chunks.end(&chunk, None, &Solved::Rows { rows, steps, bytes }, time);
-                let done = Done::Rows { rows, lost, steps, bytes, digest, seconds, attempt };
-                self.unwritten.push((id, chunk, done, made));
-                self.note_progress().await;
-            }
-            Some((Done::Broken(fault), _)) => self.chunks.end(&chunk, None, &Solved::Broken(fault), Duration::ZERO),
-            Some((done, _)) => {
-                if let Done::Rows { lost, .. } = done {
-                    self.chunks.lose(lost);
-                }
-                self.chunks.end(&chunk, None, &Solved::Nothing, Duration::ZERO);
-            }
-            None => self.chunks.end(&chunk, None, &Solved::Nothing, Duration::ZERO),
-        }
-        self.report();
-    }
-
-    /// Writes what was solved here, for who may have to go on with the sweep.
-    async fn write(&mut self) {
-        for (id, chunk, done, rows) in std::mem::take(&mut self.unwritten) {
-            self.worker.write_rows(&id.rows(1), &rows).await;
-            self.enter(id, &Part { done: Some(done), ..Part::waiting(&chunk, None) }).await;
         }
     }
 

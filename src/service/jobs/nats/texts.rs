@@ -1,6 +1,7 @@
 //! Specifications and results: values of a bucket, or objects if they are longer than a message may be.
 
-use super::servers::{Away, Exchange, ONE_MESSAGE, away};
+use super::entry::{Entry, SHORT};
+use super::servers::{Away, Exchange, ONE_MESSAGE, Trouble, away};
 use crate::digest::Digest;
 use crate::jobs::results::{Long, Results};
 use crate::jobs::spool::{Backing, Spool};
@@ -61,6 +62,21 @@ impl Exchange {
     /// # Errors
     /// The servers do not answer; [`io::ErrorKind::InvalidData`] if it is not there.
     pub async fn document(&self, id: JobId) -> io::Result<Vec<u8>> {
+        match self.entry(id).await {
+            Ok(Some((entry, _))) => self.document_of(id, &entry).await,
+            Ok(None) | Err(Trouble::OtherVersion) => Err(gone()),
+            Err(Trouble::Away) => Err(Away.into()),
+        }
+    }
+
+    /// The specification of a job with this entry.
+    ///
+    /// # Errors
+    /// The servers do not answer; [`io::ErrorKind::InvalidData`] if it is not there.
+    pub async fn document_of(&self, id: JobId, entry: &Entry) -> io::Result<Vec<u8>> {
+        if let Some(document) = &entry.document {
+            return Ok(document.clone().into_bytes());
+        }
         let mut text = Vec::new();
         if self.copy(&document_name(id), &mut text).await? { Ok(text) } else { Err(gone()) }
     }
@@ -96,8 +112,8 @@ impl Exchange {
         Ok(Arc::new(match held {
             Held::Memory(results) => return Ok(Arc::clone(results)),
             Held::Table(json) | Held::File(json) => {
-                let mut text = Vec::new();
-                if !self.copy(&name, &mut text).await? {
+                let mut text = self.short_results(id, json.bytes).await?;
+                if text.is_empty() && !self.copy(&name, &mut text).await? {
                     return Err(gone());
                 }
                 Results::vouched(text, json.digest)?
@@ -112,6 +128,18 @@ impl Exchange {
                 Results::Columns(Long { backing, json: *json, index: *index })
             }
         }))
+    }
+
+    /// The results that stand in the entry of a job, if they are short; empty if they do not.
+    async fn short_results(&self, id: JobId, bytes: usize) -> Result<Vec<u8>, Away> {
+        if bytes > SHORT {
+            return Ok(Vec::new());
+        }
+        match self.entry(id).await {
+            Ok(Some((entry, _))) => Ok(entry.results.map_or_else(Vec::new, |json| json.get().as_bytes().to_vec())),
+            Ok(None) | Err(Trouble::OtherVersion) => Ok(Vec::new()),
+            Err(Trouble::Away) => Err(Away),
+        }
     }
 
     /// Writes rows of a sweep under a name.

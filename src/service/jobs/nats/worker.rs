@@ -4,27 +4,24 @@
 //! It only connects to the servers, and nothing connects to it, so that it runs wherever these can be reached.
 
 use super::claims::{Decision, Holder, decide};
-use super::entry::{Entry, Versioned as _};
+use super::entry::{Entry, Versioned as _, short};
+use super::errand::Errand;
 use super::lines::Lines;
 use super::mirror::Told;
-use super::options::Nats;
 use super::parts::Work;
 use super::servers::{Exchange, Trouble, job_key};
+use super::work_options::WorkOptions;
+use crate::compiled::{Compiled, SMALL};
 use crate::jobs::{Bounds, Ended, Halt, Held, Job, JobId, Jobs, Pool, Record, Solver};
 use crate::metrics::Metrics;
 use crate::options::Options;
 use crate::worker::{Launcher, Progress};
-use async_nats::client::RequestErrorKind;
 use async_nats::jetstream::AckKind;
-use async_nats::jetstream::consumer::{DeliverPolicy, push};
-use async_nats::jetstream::kv;
 use async_nats::jetstream::message::Message;
-use clap::Args;
-use futures_util::StreamExt;
-use jiff::SignedDuration;
+use serde_json::value::RawValue;
 use std::collections::{HashMap, HashSet};
 use std::io;
-use std::num::{NonZeroU64, NonZeroUsize};
+use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -53,62 +50,18 @@ pub const PAUSE: Duration = Duration::from_millis(500);
 /// The time for which a job of another version is left to a worker that can read it.
 pub const OTHERS: Duration = Duration::from_secs(10);
 
-/// The options of a worker.
-#[derive(Args, Clone, Debug)]
-pub struct WorkOptions {
-    /// The servers over which jobs are shared with other machines
-    #[command(flatten)]
-    pub nats: Nats,
-
-    /// Largest number of concurrent solves, each in its own process; the default is one per core
-    #[arg(long, env = "DVI_WORKERS", value_name = "N", default_value_t = Options::default().workers)]
-    pub workers: NonZeroUsize,
-
-    /// Time limit of a job, in seconds, after which its trajectory so far is kept
-    #[arg(long, env = "DVI_WALL_SECONDS", value_name = "SECONDS", default_value_t = Options::default().wall_seconds)]
-    pub wall_seconds: NonZeroU64,
-
-    /// Largest number of accepted steps of a solve, up to 10,000,000; its trajectory so far is kept
-    #[arg(long, env = "DVI_STEPS", value_name = "STEPS", default_value_t = Options::default().steps)]
-    pub steps: NonZeroU64,
-
-    /// Largest result, in MiB of JSON
-    #[arg(long, env = "DVI_RESULT_MIB", value_name = "MIB", default_value_t = Options::default().result_mib)]
-    pub result_mib: NonZeroUsize,
-
-    /// Leave when there has been nothing to do for so long, such as `10m`
-    #[arg(long, env = "DVI_UNTIL_IDLE", value_name = "TIME", value_parser = duration, requires = "servers")]
-    pub until_idle: Option<Duration>,
-
-    /// Time for running jobs to end after SIGTERM or SIGINT, in seconds; then they are left to other workers
-    #[arg(long, env = "DVI_GRACE_SECONDS", value_name = "SECONDS", default_value_t = Options::default().grace_seconds)]
-    pub grace_seconds: u64,
-}
-
-impl Default for WorkOptions {
-    fn default() -> Self {
-        let Options { workers, wall_seconds, steps, result_mib, grace_seconds, .. } = Options::default();
-        Self { nats: Nats::default(), workers, wall_seconds, steps, result_mib, until_idle: None, grace_seconds }
-    }
-}
-
-/// Parses a time such as `10m` or `90s`.
-fn duration(text: &str) -> Result<Duration, String> {
-    let time: SignedDuration = text.parse().map_err(|error| format!("{error}; write a time such as 10m"))?;
-    time.try_into().map_err(|_| "write a time such as 10m".to_owned())
-}
-
 /// The worker and the jobs that it has.
 pub struct Worker {
     pub name: String,
     pub exchange: Exchange,
     pub jobs: Arc<Jobs>,
-    lines: Lines,
+    pub lines: Lines,
     mine: Mutex<HashMap<Work, Option<Arc<Job>>>>,
     /// The number of sweeps that this worker divides for others.
     pub divided: AtomicUsize,
     /// The specification of the sweep that the worker last had a chunk of.
     latest: Mutex<Option<(JobId, Arc<[u8]>)>>,
+    compiled: Compiled,
     /// Jobs that are to stop.
     cancelled: Mutex<HashSet<JobId>>,
     until_idle: Option<Duration>,
@@ -178,6 +131,7 @@ pub async fn work(
         mine: Mutex::default(),
         divided: AtomicUsize::new(0),
         latest: Mutex::default(),
+        compiled: Compiled::default(),
         cancelled: Mutex::default(),
         until_idle,
         active: Mutex::new(Instant::now()),
@@ -224,110 +178,6 @@ pub async fn work(
 }
 
 impl Worker {
-    /// Starts what goes on beside the jobs; it ends with what is returned.
-    fn start_tasks(self: &Arc<Self>) -> JoinSet<()> {
-        let [clients, cancels, arrivals, questions] = [0; 4].map(|_| Arc::clone(self));
-        let mut tasks = JoinSet::new();
-        tasks.spawn(async move { clients.follow("client.*", |key, _| clients.lines.add(key)).await });
-        tasks.spawn(async move { cancels.follow("cancel.*", |key, is| cancels.cancel(key, is.is_some())).await });
-        tasks.spawn(async move { arrivals.hear_arrivals().await });
-        tasks.spawn(async move { questions.answer().await });
-        tasks
-    }
-
-    /// Calls `came` for each key of the bucket of states that fits `filter`, with its last part and its value, if it has one.
-    pub async fn follow(&self, filter: &str, came: impl Fn(&str, Option<&[u8]>)) {
-        let kv::Store { stream, prefix, .. } = &self.exchange.state;
-        loop {
-            let config = push::OrderedConfig {
-                deliver_subject: self.exchange.client.new_inbox(),
-                filter_subject: format!("{prefix}{filter}"),
-                deliver_policy: DeliverPolicy::LastPerSubject,
-                ..push::OrderedConfig::default()
-            };
-            let messages = match stream.create_consumer(config).await {
-                Ok(consumer) => consumer.messages().await.map_err(async_nats::Error::from),
-                Err(error) => Err(error.into()),
-            };
-            match messages {
-                Ok(mut messages) => {
-                    while let Some(message) = messages.next().await {
-                        let Ok(message) = message else { continue };
-                        let operation = message.headers.as_ref().and_then(|headers| headers.get("KV-Operation"));
-                        let is = operation.is_none_or(|what| what.as_str() == "PUT");
-                        if let Some(key) = message.subject.rsplit('.').next() {
-                            came(key, is.then_some(&*message.payload));
-                        }
-                    }
-                }
-                Err(error) => tracing::warn!(%error, "{filter} cannot be followed yet"),
-            }
-            sleep(PAUSE).await;
-        }
-    }
-
-    async fn hear_arrivals(&self) {
-        loop {
-            if let Ok(mut arrivals) = self.exchange.client.subscribe(self.exchange.subject("arrival", "*")).await {
-                while let Some(message) = arrivals.next().await {
-                    if let Some(client) = message.subject.rsplit('.').next() {
-                        self.lines.arrived(client);
-                    }
-                }
-            }
-            sleep(PAUSE).await;
-        }
-    }
-
-    /// Tells other workers whether this one has a job, or a chunk.
-    async fn answer(&self) {
-        loop {
-            if let Ok(mut questions) = self.exchange.client.subscribe(self.exchange.subject("worker", &self.name)).await
-            {
-                while let Some(question) = questions.next().await {
-                    let work = str::from_utf8(&question.payload).ok().and_then(|work| work.parse::<Work>().ok());
-                    let has_it = work.is_some_and(|work| self.mine().contains_key(&work));
-                    if let Some(reply) = question.reply {
-                        let _ = self.exchange.client.publish(reply, if has_it { "yes" } else { "no" }.into()).await;
-                    }
-                }
-            }
-            sleep(PAUSE).await;
-        }
-    }
-
-    /// What has become of the worker that has claimed a job, or a chunk.
-    pub async fn ask(&self, holder: &str, work: Work, lost_after: Duration) -> Holder {
-        let question = self.exchange.client.request(self.exchange.subject("worker", holder), work.to_string().into());
-        match timeout(ANSWER, question).await {
-            Ok(Ok(answer)) if &*answer.payload == b"yes" => Holder::HasIt,
-            Ok(Ok(_)) => Holder::LeftIt,
-            // It may be connecting again, as this one has just done.
-            Ok(Err(error))
-                if error.kind() == RequestErrorKind::NoResponders && self.exchange.connected_for() > lost_after =>
-            {
-                Holder::Lost
-            }
-            Ok(Err(_)) | Err(_) => Holder::Unknown,
-        }
-    }
-
-    /// A client wants a job to stop, or the job has ended that was to.
-    fn cancel(&self, key: &str, is: bool) {
-        let Ok(id) = key.parse::<JobId>() else { return };
-        if !is {
-            self.cancelled().remove(&id);
-            return;
-        }
-        self.cancelled().insert(id);
-        let of_job = |(work, job): (&Work, &Option<Arc<Job>>)| job.clone().filter(|_| work.job() == id);
-        let jobs: Vec<_> = self.mine().iter().filter_map(of_job).collect();
-        for job in jobs {
-            let jobs = Arc::clone(&self.jobs);
-            tokio::spawn(async move { jobs.cancel(&job).await });
-        }
-    }
-
     /// Stops the running jobs, for other workers to begin again.
     fn leave_jobs(&self) {
         let jobs: Vec<_> = self.mine().values().flatten().cloned().collect();
@@ -408,7 +258,7 @@ impl Worker {
         self.mine().insert(work, None);
         let reply = match work {
             Work::Part(id) => self.see_to_part(id, lost_after).await,
-            Work::Job(id) => match self.claim(id, lost_after).await {
+            Work::Job(id) => match self.solve_or_claim(id, message, lost_after).await {
                 Ok(claimed) => match claimed.entry.record.sweep() {
                     Some(facts) => {
                         let is_new = message.info().is_ok_and(|info| info.delivered == 1);
@@ -423,9 +273,47 @@ impl Worker {
         reply
     }
 
+    /// Solves a job, if it is small, and claims it otherwise, if it is to be solved.
+    async fn solve_or_claim(&self, id: JobId, message: &Message, lost_after: Duration) -> Result<Claimed, Reply> {
+        let errand = Errand::read(&message.payload);
+        // One that comes again may have been the end of a worker, which is told by a claim.
+        if message.info().is_ok_and(|info| info.delivered == 1)
+            && let Some(errand) = &errand
+            && self.solve_small(id, errand).await
+        {
+            return Err(Reply::Acknowledge);
+        }
+        self.claim(id, errand, lost_after).await
+    }
+
+    /// Solves a small job at once, which takes less time than to claim it, and writes its end; returns whether it has done so.
+    /// An end is refused if the entry has changed since the message was written: another has ended the job, or claimed it.
+    async fn solve_small(&self, id: JobId, errand: &Errand) -> bool {
+        let Errand { entry, revision } = errand;
+        let (Some(estimate), Some(document)) = (&entry.record.estimate, &entry.document) else { return false };
+        if estimate.sweep.is_some() || estimate.memory > SMALL || self.cancelled().contains(&id) {
+            return false;
+        }
+        let Ok(Some(known)) = self.compiled.read(document.as_bytes(), &self.jobs.limits()) else { return false };
+        let job = Job::taken_on(id, entry.record.clone(), None, document.as_bytes().into());
+        let Some(ended) = self.jobs.solve_small(&job, &known) else { return false };
+        let Some((ended, results)) = with_short(&ended) else { return false };
+        let record = Record { ended: Some(ended), ..entry.record.clone() };
+        let entry = Entry { record, results: Some(results), ..entry.clone() };
+        match self.exchange.state.update(job_key(id), entry.text().into(), *revision).await {
+            Ok(revision) => self.tell_end(id, &entry, revision).await,
+            // If the answer was lost, it is found ended.
+            Err(_) => return false,
+        }
+        true
+    }
+
     /// Claims a job, if it is to be solved.
-    async fn claim(&self, id: JobId, lost_after: Duration) -> Result<Claimed, Reply> {
-        let (document, mut found) = tokio::join!(self.exchange.document(id), self.exchange.entry(id));
+    async fn claim(&self, id: JobId, errand: Option<Errand>, lost_after: Duration) -> Result<Claimed, Reply> {
+        let mut found = match errand {
+            Some(Errand { entry, revision }) => Ok(Some((entry, revision))),
+            None => self.exchange.entry(id).await,
+        };
         loop {
             let (entry, revision) = match found {
                 Ok(Some(found)) => found,
@@ -447,7 +335,7 @@ impl Worker {
             match self.exchange.state.update(job_key(id), next.text().into(), revision).await {
                 Ok(_) if is_over => return Err(Reply::Acknowledge),
                 Ok(revision) => {
-                    return match document {
+                    return match self.exchange.document_of(id, &next).await {
                         Ok(document) => Ok(Claimed { id, entry: next, revision, document: document.into() }),
                         Err(error) if error.kind() == io::ErrorKind::InvalidData => {
                             Err(self.end_unread(id, next, revision).await)
@@ -463,7 +351,7 @@ impl Worker {
     /// Ends a job whose specification is not there.
     async fn end_unread(&self, id: JobId, entry: Entry, revision: u64) -> Reply {
         let ended = Ended::unsolved(crate::jobs::Ending::Broken(crate::jobs::Fault::Damaged));
-        self.write_end(id, (entry, revision), &ended).await
+        self.write_end(id, (entry, revision), &ended, None).await
     }
 
     /// Gives a job back that was claimed.
@@ -558,7 +446,8 @@ impl Worker {
     /// Writes results and end of a job, however long it takes.
     pub async fn finish(&self, job: &Arc<Job>, claimed: (Entry, u64), ended: &Ended) -> Reply {
         let (id, attempt) = (job.id, job.attempt());
-        let mut ended = ended.clone();
+        let (mut ended, results) =
+            with_short(ended).map_or_else(|| (ended.clone(), None), |(ended, json)| (ended, Some(json)));
         if let Some(Held::Memory(results)) = &ended.held {
             let results = Arc::clone(results);
             let mut pauses = interval(PAUSE);
@@ -570,7 +459,7 @@ impl Worker {
                 }
             };
         }
-        let reply = self.write_end(id, claimed, &ended).await;
+        let reply = self.write_end(id, claimed, &ended, results).await;
         if matches!(reply, Reply::Acknowledge) {
             for earlier in 1..attempt {
                 let _ = self.exchange.remove_results(id, earlier).await;
@@ -579,7 +468,13 @@ impl Worker {
         reply
     }
 
-    async fn write_end(&self, id: JobId, (entry, revision): (Entry, u64), ended: &Ended) -> Reply {
+    async fn write_end(
+        &self,
+        id: JobId,
+        (entry, revision): (Entry, u64),
+        ended: &Ended,
+        results: Option<Box<RawValue>>,
+    ) -> Reply {
         let attempt = entry.record.crashes + 1;
         let claim = entry.claim.clone();
         let mut known = Some((entry, revision));
@@ -588,13 +483,15 @@ impl Worker {
                 let is_mine = entry.claim.is_some() && entry.claim == claim;
                 if is_mine {
                     entry.record.ended = Some(ended.clone());
+                    entry.results = results.clone();
                     entry.claim = None;
                 }
                 is_mine
             });
             match change.await {
                 // An answer that was lost on its way is found here as well.
-                Ok(Some((entry, _))) if entry.record.ended.is_some() && entry.record.crashes + 1 == attempt => {
+                Ok(Some((entry, revision))) if entry.record.ended.is_some() && entry.record.crashes + 1 == attempt => {
+                    self.tell_end(id, &entry, revision).await;
                     return Reply::Acknowledge;
                 }
                 Ok(Some(_)) => {
@@ -613,6 +510,12 @@ impl Worker {
         }
     }
 
+    /// Tells gateways the end of a job, which they hear of later otherwise.
+    async fn tell_end(&self, id: JobId, entry: &Entry, revision: u64) {
+        let text = Errand::text(entry, revision);
+        let _ = self.exchange.client.publish(self.exchange.subject("ended", id), text.into()).await;
+    }
+
     /// The specification of the sweep that the worker last had a chunk of.
     pub fn latest(&self) -> MutexGuard<'_, Option<(JobId, Arc<[u8]>)>> {
         self.latest.lock().unwrap_or_else(PoisonError::into_inner)
@@ -627,6 +530,13 @@ impl Worker {
     pub fn cancelled(&self) -> MutexGuard<'_, HashSet<JobId>> {
         self.cancelled.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// An end with short results, which then stand in the entry; `None` if they are longer, or there are none.
+fn with_short(ended: &Ended) -> Option<(Ended, Box<RawValue>)> {
+    let Some(Held::Memory(results)) = &ended.held else { return None };
+    let json = short(results)?;
+    Some((Ended { held: Some(Held::Table(results.fingerprint())), ..ended.clone() }, json))
 }
 
 impl Jobs {

@@ -1,0 +1,100 @@
+//! What a worker hears beside its jobs: clients, announcements of jobs, jobs that are to stop, and the questions of other
+//! workers.
+
+use super::claims::Holder;
+use super::parts::Work;
+use super::worker::{PAUSE, Worker};
+use crate::jobs::{Job, JobId};
+use async_nats::client::RequestErrorKind;
+use futures_util::StreamExt;
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::task::JoinSet;
+use tokio::time::{sleep, timeout};
+
+/// The time that another worker has to say whether it has a job.
+const ANSWER: Duration = Duration::from_secs(2);
+
+impl Worker {
+    /// Starts what goes on beside the jobs; it ends with what is returned.
+    pub fn start_tasks(self: &Arc<Self>) -> JoinSet<()> {
+        let [clients, cancels, announcements, questions] = [0; 4].map(|_| Arc::clone(self));
+        let mut tasks = JoinSet::new();
+        tasks.spawn(async move {
+            let came = |key: &str, _: Option<&[u8]>| clients.lines.add(last(key));
+            clients.exchange.follow("client.*", came).await;
+        });
+        tasks.spawn(async move {
+            let came = |key: &str, is: Option<&[u8]>| cancels.cancel(last(key), is.is_some());
+            cancels.exchange.follow("cancel.*", came).await;
+        });
+        tasks.spawn(async move { announcements.hear_announcements().await });
+        tasks.spawn(async move { questions.answer().await });
+        tasks
+    }
+
+    async fn hear_announcements(&self) {
+        loop {
+            if let Ok(mut announcements) = self.exchange.client.subscribe(self.exchange.subject("arrival", "*")).await {
+                while let Some(message) = announcements.next().await {
+                    self.lines.announce(last(&message.subject));
+                }
+            }
+            sleep(PAUSE).await;
+        }
+    }
+
+    /// Tells other workers whether this one has a job, or a chunk.
+    async fn answer(&self) {
+        loop {
+            if let Ok(mut questions) = self.exchange.client.subscribe(self.exchange.subject("worker", &self.name)).await
+            {
+                while let Some(question) = questions.next().await {
+                    let work = str::from_utf8(&question.payload).ok().and_then(|work| work.parse::<Work>().ok());
+                    let has_it = work.is_some_and(|work| self.mine().contains_key(&work));
+                    if let Some(reply) = question.reply {
+                        let _ = self.exchange.client.publish(reply, if has_it { "yes" } else { "no" }.into()).await;
+                    }
+                }
+            }
+            sleep(PAUSE).await;
+        }
+    }
+
+    /// What has become of the worker that has claimed a job, or a chunk.
+    pub async fn ask(&self, holder: &str, work: Work, lost_after: Duration) -> Holder {
+        let question = self.exchange.client.request(self.exchange.subject("worker", holder), work.to_string().into());
+        match timeout(ANSWER, question).await {
+            Ok(Ok(answer)) if &*answer.payload == b"yes" => Holder::HasIt,
+            Ok(Ok(_)) => Holder::LeftIt,
+            // It may be connecting again, as this one has just done.
+            Ok(Err(error))
+                if error.kind() == RequestErrorKind::NoResponders && self.exchange.connected_for() > lost_after =>
+            {
+                Holder::Lost
+            }
+            Ok(Err(_)) | Err(_) => Holder::Unknown,
+        }
+    }
+
+    /// A client wants a job to stop, or the job has ended that was to.
+    fn cancel(&self, key: &str, is: bool) {
+        let Ok(id) = key.parse::<JobId>() else { return };
+        if !is {
+            self.cancelled().remove(&id);
+            return;
+        }
+        self.cancelled().insert(id);
+        let of_job = |(work, job): (&Work, &Option<Arc<Job>>)| job.clone().filter(|_| work.job() == id);
+        let jobs: Vec<_> = self.mine().iter().filter_map(of_job).collect();
+        for job in jobs {
+            let jobs = Arc::clone(&self.jobs);
+            tokio::spawn(async move { jobs.cancel(&job).await });
+        }
+    }
+}
+
+/// The last part of a key or a subject.
+fn last(key: &str) -> &str {
+    key.rsplit_once('.').map_or(key, |(_, last)| last)
+}

@@ -1,0 +1,75 @@
+//! The chunks of a sweep that are solved by the worker that divides it, in the place that took the sweep. Their rows are in
+//! memory, and are written only when the sweep is shared.
+
+use super::Sweep;
+use crate::jobs::chunks::{Chunk, Solved};
+use crate::jobs::nats::parts::{Done, Part, PartId, Work, outcome};
+use crate::jobs::{Ended, Job};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+/// The chunk that is solved by the worker that divides the sweep.
+pub struct Here {
+    id: PartId,
+    chunk: Chunk,
+    pub job: Arc<Job>,
+    begun: Instant,
+}
+
+impl Sweep<'_> {
+    /// Has a chunk solved here.
+    pub async fn begin_here(&mut self, chunk: Chunk) {
+        let id = self.next_id();
+        let (record, document) = (self.record.clone(), Arc::clone(&self.document));
+        let begun = Instant::now();
+        let job = self.worker.jobs.take_part(record, self.until, self.facts, &chunk, document);
+        self.worker.begin_part(id, &job).await;
+        self.here = Some(Here { id, chunk, job, begun });
+    }
+
+    /// Waits for the chunk that is solved here.
+    pub async fn end_here(&mut self) {
+        if let Some(here) = &self.here {
+            let ended = here.job.settled().await;
+            self.count_here(ended).await;
+        }
+    }
+
+    /// Counts out the chunk that was solved here.
+    pub async fn count_here(&mut self, ended: Option<Arc<Ended>>) {
+        let Some(Here { id, chunk, job, begun }) = self.here.take() else { return };
+        self.worker.mine().remove(&Work::Part(id));
+        let made = ended.map(|ended| outcome(&job, &ended, begun.elapsed()));
+        let _ = self.worker.jobs.forget(&job).await;
+        match made {
+            Some((Done::Rows { rows, lost, steps, bytes, digest, seconds, attempt }, made)) if rows > 0 => {
+                self.chunks.lose(lost);
+                let members = chunk.members.start..chunk.members.start + rows;
+                // In memory as long as no other worker needs them.
+                self.chunks.keep(members, steps, made.clone(), None);
+                let time = Duration::try_from_secs_f64(seconds).unwrap_or_default();
+                self.chunks.end(&chunk, None, &Solved::Rows { rows, steps, bytes }, time);
+                let done = Done::Rows { rows, lost, steps, bytes, digest, seconds, attempt };
+                self.unwritten.push((id, chunk, done, made));
+                self.note_progress().await;
+            }
+            Some((Done::Broken(fault), _)) => self.chunks.end(&chunk, None, &Solved::Broken(fault), Duration::ZERO),
+            Some((done, _)) => {
+                if let Done::Rows { lost, .. } = done {
+                    self.chunks.lose(lost);
+                }
+                self.chunks.end(&chunk, None, &Solved::Nothing, Duration::ZERO);
+            }
+            None => self.chunks.end(&chunk, None, &Solved::Nothing, Duration::ZERO),
+        }
+        self.report();
+    }
+
+    /// Writes what was solved here, for who may have to go on with the sweep.
+    pub async fn write(&mut self) {
+        for (id, chunk, done, rows) in std::mem::take(&mut self.unwritten) {
+            self.worker.write_rows(&id.rows(1), &rows).await;
+            self.enter(id, &Part { done: Some(done), ..Part::waiting(&chunk, None) }).await;
+        }
+    }
+}
