@@ -54,7 +54,7 @@ class Event(NamedTuple):
     """A switch of the active face, an impact, or what else happened."""
 
     t: float
-    #: `activated`, `deactivated`, `impact`, `lift_off`, `stick`, `slip` or `crossed`.
+    #: `activated`, `deactivated`, `jumped`, `impact`, `lift_off`, `stick`, `slip` or `crossed`.
     kind: str
     #: The variable or the contact; of what `stop` watches its label.
     of: str
