@@ -15,6 +15,9 @@ const SAMPLES: f64 = 32.0;
 /// several. Two within this distance cancel if both lie in one subinterval; behind a located sign change, the next is
 /// ignored.
 const ONE: f64 = 1e-9;
+/// A monitor that is known to be no larger over a subinterval than so many times what it is at a time within it, where it
+/// cannot be told from zero, rests: a bound for roundings that differ along the way.
+const RESTING: f64 = 8.0;
 /// Tolerance on an event time, in units of rounding: the times of a step are sums that err by a unit or two each.
 const FOUND: f64 = 4.0;
 
@@ -45,7 +48,9 @@ pub struct Monitors {
     /// Whether the values at the start of a run are still to be compared with their rounding.
     is_new: bool,
     values: Vec<f64>,
+    /// The enclosures over a subinterval, and at one time.
     ranges: Vec<Interval>,
+    points: Vec<Interval>,
     /// Subintervals of a step still to be examined, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
     /// Number of steps that are not proven to show all sign changes.
@@ -100,6 +105,7 @@ impl Monitors {
             is_new: true,
             values: vec![0.0; count],
             ranges: vec![Interval::LINE; count],
+            points: vec![Interval::LINE; count],
             left: Vec::new(),
             open: 0,
         }
@@ -130,7 +136,12 @@ impl Monitors {
             is_enclosed &= self.ranges.iter().all(|range| range.width().is_finite());
             let middle = a + 0.5 * (b - a);
             let can_halve = a < middle && middle < b;
-            if self.changed_at(step, b).is_some() {
+            let changed = self.changed_at(step, b);
+            if changed.is_none() && is_enclosed && self.are_clear_or_rest(b) {
+                self.complete();
+                continue;
+            }
+            if changed.is_some() {
                 if !can_halve || b - a <= FOUND * f64::EPSILON * a.abs().max(b.abs()) {
                     crossing = self.pass_at(step, b, h);
                     if crossing.is_some() {
@@ -139,11 +150,11 @@ impl Monitors {
                     continue;
                 }
             } else if !can_halve || b - a <= ONE * h {
-                self.complete(step, b);
+                self.complete();
                 continue;
             } else if parts > MOST_PARTS || !is_enclosed && b - a <= h / SAMPLES {
                 is_open = true;
-                self.complete(step, b);
+                self.complete();
                 continue;
             }
             self.left.extend([(middle, b), (a, middle)]);
@@ -154,11 +165,10 @@ impl Monitors {
 
     /// Compares the values at the start with their rounding. What leaves zero at once has not changed its sign.
     fn begin(&mut self, step: &mut impl Followed, from: f64, h: f64) {
-        step.monitors(from, &mut self.values);
+        self.evaluate(step, from);
         for k in 0..self.signs.len() {
-            if !self.values[k].is_nan() {
-                let sign = self.certain_sign(step, from, k);
-                self.signs[k] = Sign { now: sign, last: sign, rested: false, quiet: self.signs[k].quiet };
+            if let Some(now) = self.sign_there(k) {
+                self.signs[k] = Sign { now, last: now, ..self.signs[k] };
             }
             if self.signs[k].now == 0.0 {
                 self.signs[k].quiet = from + ONE * h;
@@ -170,42 +180,54 @@ impl Monitors {
     fn are_clear(&mut self, b: f64) -> bool {
         let mut are_clear = true;
         for (sign, range) in self.signs.iter_mut().zip(&self.ranges) {
-            let within = f64::from(i8::from(range.least() > 0.0) - i8::from(range.defined && range.hi < 0.0));
             let is_zero = range.defined && range.lo == 0.0 && range.hi == 0.0;
-            let stays = if sign.now == 0.0 { is_zero } else { within == sign.now };
+            let stays = if sign.now == 0.0 { is_zero } else { sign_within(*range) == sign.now };
             sign.rested |= stays && is_zero;
             let is_quiet = sign.quiet >= b;
             if is_quiet {
-                sign.complete(within);
+                sign.complete(sign_within(*range));
             }
             are_clear &= stays || is_quiet;
         }
         are_clear
     }
 
-    /// The first monitor (of lowest index) whose sign at `t` differs from its last one; a NaN leaves the sign as it is.
-    fn changed_at(&mut self, step: &mut impl Followed, t: f64) -> Option<usize> {
-        step.monitors(t, &mut self.values);
-        (0..self.signs.len()).find(|&k| {
-            let Sign { now, quiet, .. } = self.signs[k];
-            let is_other = !self.values[k].is_nan() && sign_of(self.values[k]) != now && t > quiet;
-            is_other && (now != 0.0 || self.certain_sign(step, t, k) != 0.0)
+    /// The same, where monitors that cannot be told from zero at `b`, and are hardly larger before it, stay at zero.
+    fn are_clear_or_rest(&self, b: f64) -> bool {
+        self.signs.iter().zip(&self.ranges).zip(&self.points).all(|((sign, range), point)| {
+            let rests = sign.now == 0.0 && range.size() <= RESTING * point.size();
+            rests || sign.quiet >= b || sign.now != 0.0 && sign_within(*range) == sign.now
         })
     }
 
-    /// The sign of a monitor at `t`, where the values are known: zero if the enclosure there contains zero.
-    fn certain_sign(&mut self, step: &mut impl Followed, t: f64, k: usize) -> f64 {
-        let is_certain = !step.enclose(t, t, &mut self.ranges) || {
-            let range = self.ranges[k];
-            !range.width().is_finite() || range.lo > 0.0 || range.hi < 0.0
-        };
-        if is_certain { sign_of(self.values[k]) } else { 0.0 }
+    /// Evaluates the monitors at `t`.
+    fn evaluate(&mut self, step: &mut impl Followed, t: f64) {
+        step.monitors(t, &mut self.values);
+        if !step.enclose(t, t, &mut self.points) {
+            self.points.fill(Interval::LINE);
+        }
+    }
+
+    /// The sign of a monitor where it was evaluated: zero if the enclosure contains zero; `None` for a NaN.
+    fn sign_there(&self, k: usize) -> Option<f64> {
+        let (value, point) = (self.values[k], self.points[k]);
+        let is_open = point.width().is_finite() && point.lo <= 0.0 && point.hi >= 0.0;
+        (!value.is_nan()).then(|| if is_open { 0.0 } else { sign_of(value) })
+    }
+
+    /// The first monitor (of lowest index) whose sign at `t` differs from its last one; a NaN leaves the sign as it is.
+    fn changed_at(&mut self, step: &mut impl Followed, t: f64) -> Option<usize> {
+        self.evaluate(step, t);
+        (0..self.signs.len()).find(|&k| {
+            let Sign { now, quiet, .. } = self.signs[k];
+            t > quiet && self.sign_there(k).is_some_and(|there| there != now)
+        })
     }
 
     /// Passes the sign changes at `t` up to the first that is an event.
     fn pass_at(&mut self, step: &mut impl Followed, t: f64, h: f64) -> Option<Crossing> {
         while let Some(monitor) = self.changed_at(step, t) {
-            let to = self.certain_sign(step, t, monitor);
+            let to = self.sign_there(monitor)?;
             let sign = &mut self.signs[monitor];
             let is_rising = if sign.now == 0.0 { to > 0.0 } else { sign.now < 0.0 };
             sign.quiet = t + ONE * h;
@@ -216,15 +238,20 @@ impl Monitors {
         None
     }
 
-    /// Follows monitors that leave zero within the time of their last event, at the end of a finished subinterval.
-    fn complete(&mut self, step: &mut impl Followed, b: f64) {
+    /// Follows monitors that leave zero within the time of their last event, at the end of a finished subinterval, where they were
+    /// evaluated.
+    fn complete(&mut self) {
         for k in 0..self.signs.len() {
-            if self.signs[k].now == 0.0 && !self.values[k].is_nan() && sign_of(self.values[k]) != 0.0 {
-                let to = self.certain_sign(step, b, k);
-                self.signs[k].complete(to);
+            if let Some(there) = self.sign_there(k) {
+                self.signs[k].complete(there);
             }
         }
     }
+}
+
+/// The sign that an enclosure proves; zero if it proves none.
+fn sign_within(range: Interval) -> f64 {
+    f64::from(i8::from(range.least() > 0.0) - i8::from(range.defined && range.hi < 0.0))
 }
 
 fn sign_of(value: f64) -> f64 {

@@ -622,7 +622,7 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
 
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
         let [from, to] = [from, to].map(|t| self.clock.elapsed(t));
-        let ranges = self.phase.ranges(from, to);
+        let ranges = self.phase.ranges_with_rounding(from, to);
         out.iter_mut().zip(&ranges).for_each(|(out, range)| *out = *range);
         !ranges.is_empty()
     }

@@ -7,8 +7,8 @@ use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::sensitivities::{Followed, Gradient};
 use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
 use super::{
-    Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried, ViCounts,
-    Warning, global_error, sensitivities,
+    CheckCode, Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried,
+    ViCounts, Warning, global_error, sensitivities,
 };
 use analysis::Analysis;
 use hybrid::OneStep;
@@ -18,6 +18,8 @@ use problem::{Control, Mass, Structure};
 use radau::{Activity, Jump, Radau, RejectionCause, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
 
+/// Relative difference of impulses that is rounding.
+const SAME_IMPULSE: f64 = 1e-9;
 /// Most faces analysed in one run.
 const MOST_FACES: usize = 16;
 
@@ -110,6 +112,34 @@ struct RadauRun<'p> {
     faces: Option<FaceWatch>,
 }
 
+impl RadauRun<'_> {
+    /// A jump at the end of the last step in which the rate of a state has another part of the impulse before the jump than
+    /// behind it.
+    fn ambiguous_jump(&mut self) -> Option<(f64, usize)> {
+        let Self { radau, jumps, plan, .. } = self;
+        let n = plan.initial.len();
+        let after = radau.y().to_vec();
+        jumps.iter().find_map(|jump| {
+            let problem = radau.problem();
+            let mut values = vec![0.0; problem.structure().rows()];
+            let mut rates = |states: &[f64], share: f64| {
+                let variables = jump.impulses.iter().map(|impulse| share * impulse);
+                let y: Vec<f64> = states[..n].iter().copied().chain(variables).collect();
+                problem.evaluate(jump.behind, &y, &mut values);
+                values[..n].to_vec()
+            };
+            let [before, behind] =
+                [jump.before.as_slice(), &after].map(|states| [rates(states, 0.0), rates(states, 1.0)]);
+            (0..n).find_map(|i| {
+                let [before, behind] =
+                    [&before, &behind].map(|[rest, moved]| (moved[i] - rest[i], moved[i].abs() + rest[i].abs()));
+                let size = before.1.max(behind.1);
+                ((before.0 - behind.0).abs() > SAME_IMPULSE * size).then_some((jump.t, i))
+            })
+        })
+    }
+}
+
 impl Stepper for RadauRun<'_> {
     fn t(&self) -> f64 {
         self.radau.t()
@@ -171,7 +201,7 @@ impl Stepper for RadauRun<'_> {
     }
 
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
-        let ranges = self.radau.ranges(from, to);
+        let ranges = self.radau.ranges_with_rounding(from, to);
         out.iter_mut().zip(ranges).for_each(|(out, range)| *out = range);
         true
     }
@@ -189,7 +219,7 @@ impl Stepper for RadauRun<'_> {
                 out
             };
             let before = [0.0, 1.0].map(|share| at(&jump.before, share));
-            Impulse { t: jump.behind, before, after: [0.0, 1.0, 2.0].map(|share| at(after, share)) }
+            Impulse { at: jump.t, t: jump.behind, before, after: [0.0, 1.0, 2.0].map(|share| at(after, share)) }
         };
         jumps.iter().map(of).collect()
     }
@@ -229,6 +259,16 @@ impl Stepper for RadauRun<'_> {
     }
 
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
+        if let Some((t, state)) = self.ambiguous_jump() {
+            let name = &self.plan.names[state];
+            diagnostics.checks.record(CheckCode::LocalError, f64::INFINITY, 1.0, || {
+                format!(
+                    "states jump at t = {t:?} by an impulse whose effect on `{name}` depends on states that jump with it: how far \
+                     depends on how the bound moves meanwhile; let it move fast and not at once, as `max(0, min(1, (t - 1)*1e4))` for \
+                     `heaviside(t - 1)`"
+                )
+            });
+        }
         self.audit.step(&mut self.radau);
         judge(&mut self.radau, self.plan, switched, diagnostics);
         if let Some(balance) = &mut self.balance {

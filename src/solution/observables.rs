@@ -122,6 +122,8 @@ pub(super) struct Observed<'a> {
 
 /// A jump of the states by impulses, as the outputs of the problem with multiples of these impulses as their variables.
 pub struct Impulse {
+    /// Time of the jump.
+    pub at: f64,
     /// Time from which on the states are those behind the jump.
     pub t: f64,
     /// With the states before the jump: the impulses times 0 and 1.
@@ -293,8 +295,8 @@ impl<'a> Observed<'a> {
         if self.of.integrals == 0 {
             return;
         }
-        while let Some(impulse) = self.impulses.pop_front_if(|impulse| impulse.t <= t) {
-            self.integrate_smooth(stepper, impulse.t);
+        while let Some(impulse) = self.impulses.pop_front_if(|impulse| impulse.at <= t) {
+            self.integrate_smooth(stepper, impulse.t.min(t));
             self.pass(&impulse);
         }
         self.integrate_smooth(stepper, t);

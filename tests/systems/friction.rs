@@ -50,3 +50,29 @@ fn a_mass_on_a_belt_slips_sticks_and_slips() {
         assert!((t - digits(&mode[0])).abs() < 1e-8, "{t} against {}", mode[0]);
     }
 }
+
+#[test]
+fn a_force_a_little_above_friction_moves_a_block_however_large_its_weight_is() {
+    for (weight, mu, force, end) in
+        [(1e5, 1e-8, 5e-3, 100.0), (10.0, 0.3, 3.0 + 1e-6, 1e4), (1e6, 0.3, 3e5 + 0.2, 1e4), (10.0, 1e-8, 5e-7, 1e4)]
+    {
+        let solution = solve(&json!({"problem": {"mechanical": {
+                "coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
+                "potential": format!("{weight:?}*y"), "forces": {"x": format!("{force:?}")},
+                "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": mu, "slip": ["x_dot"]}}]}},
+            "time": {"end": end}}));
+        let (found, exact) = (last(&solution, "x"), (force - mu * weight) * end * end / 2.0);
+        // The difference of force and friction is known to the rounding of either.
+        let known = 1e-6 + 1e-15 * force / (force - mu * weight);
+        assert!((found - exact).abs() <= known * exact, "{weight}, {mu}, {force}: {found} for {exact}");
+    }
+    // A force at the bound, or below it by as little, moves nothing.
+    for force in [3.0, 3.0 - 1e-6] {
+        let solution = solve(&json!({"problem": {"mechanical": {
+                "coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
+                "potential": "10*y", "forces": {"x": force},
+                "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": 0.3, "slip": ["x_dot"]}}]}},
+            "time": {"end": 1e4}}));
+        assert!(last(&solution, "x").abs() < 1e-6, "{force}: {}", last(&solution, "x"));
+    }
+}

@@ -321,8 +321,7 @@ fn monitors_that_rest_at_zero_have_one_event_for_reaching_it() {
         {"when": "floor(t) - 2", "direction": "falling", "label": "floor falls"},
         {"when": "pulse(t, 2, 1)", "direction": "rising", "label": "pulse begins"},
         {"when": "pulse(t, 2, 1)", "direction": "falling", "label": "pulse ends"},
-        {"when": "sin(t)^2 + cos(t)^2 - 1", "label": "rounding"},
-        {"when": "x^2 + v^2 - 1", "label": "kept up to errors"}]);
+        {"when": "sin(t)^2 + cos(t)^2 - 1", "label": "rounding"}]);
     let watched = watched.as_array().expect("a list").iter().map(|watch| {
         let mut watch = watch.clone();
         watch["record"] = json!(true);
@@ -339,7 +338,6 @@ fn monitors_that_rest_at_zero_have_one_event_for_reaching_it() {
     for label in ["floor falls", "rounding"] {
         assert_eq!(events(&solution, label), [0.0; 0], "{label}");
     }
-    assert!(events(&solution, "kept up to errors").len() <= solution.diagnostics.steps.accepted as usize);
 }
 
 #[test]
@@ -369,4 +367,62 @@ fn integrals_take_the_impulses_of_jumps() {
             "{integrand}: {because:?}"
         );
     }
+}
+
+#[test]
+fn a_state_that_comes_to_rest_at_zero_has_one_event() {
+    // x = max(1 - t, 0), and with the rate z - 1 - t zero is reached at sqrt(3) - 1; a speed that friction stops at t = 1.
+    let held = |rate: &str| {
+        json!({"states": {"x": {"initial": 1, "rate": rate}}, "variables": {"z": {"inequality": "x"}},
+            "set": [{"nonnegative": ["z"]}]})
+    };
+    let stopped = json!({"states": {"x": {"initial": 1, "rate": "-F"}}, "variables": {"F": {"inequality": "-x"}},
+        "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}]});
+    for (problem, expected) in [(held("z-1"), 1.0), (held("z-1-t"), 3.0_f64.sqrt() - 1.0), (stopped, 1.0)] {
+        let solution = solve(&json!({"problem": {"dvi": problem}, "time": {"end": 3}, "stop": [
+            {"when": "x", "label": "either", "record": true},
+            {"when": "x", "direction": "rising", "label": "rising", "record": true}]}));
+        let (either, rising) = (events(&solution, "either"), events(&solution, "rising"));
+        assert!(either.len() == 1 && (either[0] - expected).abs() < 1e-9 && rising.is_empty(), "{either:?} {rising:?}");
+    }
+}
+
+#[test]
+fn every_impact_of_a_ball_reaches_zero() {
+    let solution = solve(&json!({"problem": {"mechanical": {"coordinates": {"y": {"initial": 1}}, "mass": [[1]],
+            "potential": "9.81*y", "contacts": [{"name": "f", "gap": "y", "restitution": 0.6}]}},
+        "time": {"end": 1.5}, "stop": [{"when": "y", "direction": "falling", "record": true, "label": "down"}]}));
+    // The k-th flight takes 0.6^k times twice the first fall.
+    let fall = (2.0 / 9.81_f64).sqrt();
+    let mut expected = vec![fall];
+    while let Some(next) =
+        expected.last().map(|last| last + 2.0 * fall * 0.6_f64.powi(expected.len() as i32)).filter(|t| *t < 1.5)
+    {
+        expected.push(next);
+    }
+    let found = events(&solution, "down");
+    assert_eq!(found.len(), expected.len(), "{found:?}");
+    assert!(found.iter().zip(&expected).all(|(found, expected)| (found - expected).abs() < 1e-9), "{found:?}");
+}
+
+#[test]
+fn a_row_at_a_jump_is_behind_it_in_every_column() {
+    let solution =
+        solve(&json!({"problem": {"dvi": {"integrals": {"I": "z"}, "states": {"x": {"initial": 0, "rate": "z"}},
+            "variables": {"z": {"inequality": "x - heaviside(t - 1)"}}, "set": [{"nonnegative": ["z"]}]}},
+        "time": {"end": 2}, "output": {"times": [0, 1, 2]}}));
+    assert_eq!(column(&solution, "x"), [0.0, 1.0, 1.0]);
+    assert!(
+        column(&solution, "I").iter().zip([0.0, 1.0, 1.0]).all(|(found, expected)| (found - expected).abs() < 1e-9)
+    );
+}
+
+#[test]
+fn an_impulse_whose_effect_depends_on_what_jumps_is_not_trusted() {
+    // 1/y - x is constant: y = 1/4 behind the jump of x by 3, which no rule of one point gives.
+    let solution = solve(&json!({"problem": {"dvi": {
+            "states": {"x": {"initial": 0, "rate": "z"}, "y": {"initial": 1, "rate": "-z*y^2"}},
+            "variables": {"z": {"inequality": "x - 3*heaviside(t - 1)"}}, "set": [{"nonnegative": ["z"]}]}}, "time": {"end": 2}}));
+    let because = &solution.verdict.because;
+    assert!(because.iter().any(|reason| reason.message.contains("jump at t = 1.0")), "{because:?}");
 }

@@ -146,8 +146,13 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
     }
 
     /// Encloses `x` between two times within the last step; empty if the step was not smooth motion.
-    pub fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
+    pub(super) fn ranges(&self, from: f64, to: f64) -> Vec<Interval> {
         self.method.as_ref().map_or_else(Vec::new, |method| method.ranges(from, to))
+    }
+
+    /// Such enclosures with the rounding of `x`.
+    pub fn ranges_with_rounding(&self, from: f64, to: f64) -> Vec<Interval> {
+        self.method.as_ref().map_or_else(Vec::new, |method| method.ranges_with_rounding(from, to))
     }
 
     /// The slopes of `x` at a time within the last step.

@@ -8,7 +8,11 @@ use crate::face::{ActiveFace, Activity};
 use crate::start::Jump;
 use crate::tableau::Tableau;
 use crate::work::Work;
+use numerics::Interval;
 use problem::{ConvexSet, Dvi, FaceEquations};
+
+/// Rounding of the sums in a step, relative to their terms.
+const ROUNDING_OF_RANGES: f64 = 4.0 * f64::EPSILON;
 
 /// The variables at the end of a step.
 #[derive(Clone, Copy, Debug)]
@@ -214,6 +218,27 @@ impl Radau<'_> {
     pub fn equations_of_blocks(&mut self) -> Vec<FaceEquations> {
         self.system.evaluate(self.clock.t, &self.y);
         self.system.equations_for_z(&self.y)
+    }
+
+    /// Enclosures of the states over `[from, to]` within the last step, with their rounding: that of their terms, of what
+    /// the terms of their rates add up to, and of time.
+    pub fn ranges_with_rounding(&self, from: f64, to: f64) -> Vec<Interval> {
+        let Self { system, clock, last, .. } = self;
+        let mut ranges = self.ranges_of_polynomials(from, to);
+        let at_ends = |j: usize| [&last.y, &self.y].map(|y| y.get(j).map_or(0.0, |y| y.abs()));
+        let size = |j: usize| {
+            let [begin, end] = at_ends(j);
+            ranges.get(j).map_or(0.0, |range: &Interval| range.size()).max(begin).max(end)
+        };
+        let sizes: Vec<f64> = (0..system.unknowns).map(size).collect();
+        let span = last.h.abs() + clock.t.abs();
+        for (j, range) in ranges.iter_mut().enumerate() {
+            let mass = system.mass_diagonal[j].abs();
+            let rates = system.terms_of_row(j, |i| [sizes[i]])[0] / if mass == 0.0 { 1.0 } else { mass };
+            let rounding = ROUNDING_OF_RANGES * (range.size() + span * rates);
+            *range = Interval::new(range.lo - rounding, range.hi + rounding);
+        }
+        ranges
     }
 
     /// Evidence of the error of the last step, if the size of steps is given.
