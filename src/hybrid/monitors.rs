@@ -407,7 +407,7 @@ mod tests {
 
         impl Followed for Held {
             fn monitors(&mut self, t: f64, out: &mut [f64]) {
-                let noise = if (t * 1e9) as u64 % 2 == 0 { 1e-16 } else { -1e-16 };
+                let noise = if ((t * 1e9) as u64).is_multiple_of(2) { 1e-16 } else { -1e-16 };
                 out[0] = (0.5 - t).max(0.0) + noise;
             }
 
