@@ -15,8 +15,8 @@ const SAMPLES: f64 = 32.0;
 /// several. Two within this distance cancel if both lie in one subinterval; behind a located sign change, the next is
 /// ignored.
 const ONE: f64 = 1e-9;
-/// A monitor that is known to be no larger over a subinterval than so many times what it is at a time within it, where it
-/// cannot be told from zero, rests: a bound for roundings that differ along the way.
+/// Bound on a monitor at rest over a subinterval, in units of its enclosure at the end, which contains zero: roundings differ
+/// along the way.
 const RESTING: f64 = 8.0;
 /// Tolerance on an event time, in units of rounding: the times of a step are sums that err by a unit or two each.
 const FOUND: f64 = 4.0;
@@ -37,7 +37,7 @@ pub struct Crossing {
     pub t: f64,
     /// Index of the monitor.
     pub monitor: usize,
-    /// Whether the monitor rises: negative before `t`, zero or positive at `t`.
+    /// Whether the monitor rises: from below zero to zero or above, or from a rest at zero.
     pub is_rising: bool,
 }
 
@@ -45,7 +45,7 @@ pub struct Crossing {
 #[derive(Clone, Debug)]
 pub struct Monitors {
     signs: Vec<Sign>,
-    /// Whether the values at the start of a run are still to be compared with their rounding.
+    /// Whether the signs at the start of a run are still to be found.
     is_new: bool,
     values: Vec<f64>,
     /// The enclosures over a subinterval, and at one time.
@@ -71,6 +71,11 @@ struct Sign {
 }
 
 impl Sign {
+    /// Whether enclosures over a subinterval exclude another sign.
+    fn stays(&self, range: Interval) -> bool {
+        if self.now == 0.0 { is_zero(range) } else { sign_within(range) == self.now }
+    }
+
     /// Follows the monitor to another sign; returns whether that is an event. Zero is reached once, from either side;
     /// leaving it to the other side completes that event, and returning is another. A monitor that is zero at the
     /// start has an event only if it has rested there.
@@ -93,15 +98,10 @@ impl Sign {
 }
 
 impl Monitors {
-    /// Starts from the values of the monitors at the start of a run.
-    pub fn new(values: &[f64]) -> Self {
-        let count = values.len();
-        let sign = |value: &f64| {
-            let sign = sign_of(*value);
-            Sign { now: sign, last: sign, rested: false, quiet: f64::NEG_INFINITY }
-        };
+    /// Begins to follow so many monitors, at the start of a run.
+    pub fn new(count: usize) -> Self {
         Self {
-            signs: values.iter().map(sign).collect(),
+            signs: vec![Sign { now: 0.0, last: 0.0, rested: false, quiet: f64::NEG_INFINITY }; count],
             is_new: true,
             values: vec![0.0; count],
             ranges: vec![Interval::LINE; count],
@@ -117,10 +117,11 @@ impl Monitors {
             return None;
         }
         let h = to - from;
+        self.evaluate(step, from);
         if std::mem::take(&mut self.is_new) {
-            self.begin(step, from, h);
+            self.begin(from, h);
         }
-        if let Some(crossing) = self.pass_at(step, from, h) {
+        if let Some(crossing) = self.pass(from, h) {
             return Some(crossing);
         }
         self.left.clear();
@@ -136,26 +137,23 @@ impl Monitors {
             is_enclosed &= self.ranges.iter().all(|range| range.width().is_finite());
             let middle = a + 0.5 * (b - a);
             let can_halve = a < middle && middle < b;
-            let changed = self.changed_at(step, b);
-            if changed.is_none() && is_enclosed && self.are_clear_or_rest(b) {
-                self.complete();
-                continue;
-            }
-            if changed.is_some() {
+            self.evaluate(step, b);
+            if self.changed(b).is_some() {
                 if !can_halve || b - a <= FOUND * f64::EPSILON * a.abs().max(b.abs()) {
-                    crossing = self.pass_at(step, b, h);
+                    crossing = self.pass(b, h);
                     if crossing.is_some() {
                         break;
                     }
                     continue;
                 }
-            } else if !can_halve || b - a <= ONE * h {
-                self.complete();
-                continue;
-            } else if parts > MOST_PARTS || !is_enclosed && b - a <= h / SAMPLES {
-                is_open = true;
-                self.complete();
-                continue;
+            } else {
+                let is_settled = is_enclosed && self.are_clear_or_rest(b) || !can_halve || b - a <= ONE * h;
+                let is_left = !is_settled && (parts > MOST_PARTS || !is_enclosed && b - a <= h / SAMPLES);
+                is_open |= is_left;
+                if is_settled || is_left {
+                    self.complete();
+                    continue;
+                }
             }
             self.left.extend([(middle, b), (a, middle)]);
         }
@@ -163,9 +161,8 @@ impl Monitors {
         crossing
     }
 
-    /// Compares the values at the start with their rounding. What leaves zero at once has not changed its sign.
-    fn begin(&mut self, step: &mut impl Followed, from: f64, h: f64) {
-        self.evaluate(step, from);
+    /// Takes the signs at the start, where the monitors were evaluated. What leaves zero at once has not changed its sign.
+    fn begin(&mut self, from: f64, h: f64) {
         for k in 0..self.signs.len() {
             if let Some(now) = self.sign_there(k) {
                 self.signs[k] = Sign { now, last: now, ..self.signs[k] };
@@ -180,10 +177,8 @@ impl Monitors {
     fn are_clear(&mut self, b: f64) -> bool {
         let mut are_clear = true;
         for (sign, range) in self.signs.iter_mut().zip(&self.ranges) {
-            let is_zero = range.defined && range.lo == 0.0 && range.hi == 0.0;
-            let stays = if sign.now == 0.0 { is_zero } else { sign_within(*range) == sign.now };
-            sign.rested |= stays && is_zero;
-            let is_quiet = sign.quiet >= b;
+            let (stays, is_quiet) = (sign.stays(*range), sign.quiet >= b);
+            sign.rested |= stays && is_zero(*range);
             if is_quiet {
                 sign.complete(sign_within(*range));
             }
@@ -196,7 +191,7 @@ impl Monitors {
     fn are_clear_or_rest(&self, b: f64) -> bool {
         self.signs.iter().zip(&self.ranges).zip(&self.points).all(|((sign, range), point)| {
             let rests = sign.now == 0.0 && range.size() <= RESTING * point.size();
-            rests || sign.quiet >= b || sign.now != 0.0 && sign_within(*range) == sign.now
+            rests || sign.quiet >= b || sign.stays(*range)
         })
     }
 
@@ -215,19 +210,18 @@ impl Monitors {
         (!value.is_nan()).then(|| if is_open { 0.0 } else { sign_of(value) })
     }
 
-    /// The first monitor (of lowest index) whose sign at `t` differs from its last one; a NaN leaves the sign as it is.
-    fn changed_at(&mut self, step: &mut impl Followed, t: f64) -> Option<usize> {
-        self.evaluate(step, t);
-        (0..self.signs.len()).find(|&k| {
-            let Sign { now, quiet, .. } = self.signs[k];
-            t > quiet && self.sign_there(k).is_some_and(|there| there != now)
+    /// The first monitor (of lowest index) whose sign at `t`, where it was evaluated, differs from its last one, with the new
+    /// sign; a NaN leaves the sign as it is.
+    fn changed(&self, t: f64) -> Option<(usize, f64)> {
+        self.signs.iter().enumerate().find_map(|(k, Sign { now, quiet, .. })| {
+            let there = self.sign_there(k).filter(|there| t > *quiet && there != now)?;
+            Some((k, there))
         })
     }
 
-    /// Passes the sign changes at `t` up to the first that is an event.
-    fn pass_at(&mut self, step: &mut impl Followed, t: f64, h: f64) -> Option<Crossing> {
-        while let Some(monitor) = self.changed_at(step, t) {
-            let to = self.sign_there(monitor)?;
+    /// Passes the sign changes at `t`, where the monitors were evaluated, up to the first that is an event.
+    fn pass(&mut self, t: f64, h: f64) -> Option<Crossing> {
+        while let Some((monitor, to)) = self.changed(t) {
             let sign = &mut self.signs[monitor];
             let is_rising = if sign.now == 0.0 { to > 0.0 } else { sign.now < 0.0 };
             sign.quiet = t + ONE * h;
@@ -247,6 +241,10 @@ impl Monitors {
             }
         }
     }
+}
+
+fn is_zero(range: Interval) -> bool {
+    range.defined && range.lo == 0.0 && range.hi == 0.0
 }
 
 /// The sign that an enclosure proves; zero if it proves none.
@@ -287,9 +285,7 @@ mod tests {
     #[test]
     fn all_changes_of_sign_are_found_in_order_however_close() {
         let mut step = Polynomial(&[0.1, 0.3, 0.300_001, 0.7]);
-        let mut value = [0.0];
-        step.monitors(0.0, &mut value);
-        let mut monitors = Monitors::new(&value);
+        let mut monitors = Monitors::new(1);
         let (mut from, mut found) = (0.0, Vec::new());
         while let Some(Crossing { t, is_rising, .. }) = monitors.next(&mut step, from, 1.0) {
             found.push((t, is_rising));
@@ -318,7 +314,7 @@ mod tests {
             }
         }
 
-        let mut monitors = Monitors::new(&[0.25]);
+        let mut monitors = Monitors::new(1);
         let found = monitors.next(&mut Resting, 0.0, 1.0).expect("a change");
         assert!((found.t - 0.25).abs() < 1e-15 && !found.is_rising);
         assert_eq!(monitors.next(&mut Resting, found.t, 1.0), None);
@@ -328,9 +324,9 @@ mod tests {
 
     #[test]
     fn a_monitor_that_starts_at_zero_has_not_changed() {
-        let mut monitors = Monitors::new(&[0.0]);
+        let mut monitors = Monitors::new(1);
         assert_eq!(monitors.next(&mut Polynomial(&[0.0]), 0.0, 1.0), None);
-        let mut monitors = Monitors::new(&[0.0]);
+        let mut monitors = Monitors::new(1);
         let found = monitors.next(&mut Polynomial(&[0.0, 0.5]), 0.0, 1.0).expect("a change at one half");
         assert!((found.t - 0.5).abs() < 1e-15 && found.is_rising);
     }
@@ -360,9 +356,7 @@ mod tests {
 
     /// The events of a monitor in steps with these ends.
     fn events(step: &mut impl Followed, ends: &[f64]) -> Vec<(f64, bool)> {
-        let mut value = [0.0];
-        step.monitors(0.0, &mut value);
-        let mut monitors = Monitors::new(&value);
+        let mut monitors = Monitors::new(1);
         let (mut from, mut found) = (0.0, Vec::new());
         for &end in ends {
             while let Some(Crossing { t, is_rising, .. }) = monitors.next(step, from, end) {
@@ -417,7 +411,7 @@ mod tests {
             }
         }
 
-        let mut monitors = Monitors::new(&[0.5]);
+        let mut monitors = Monitors::new(1);
         let found = monitors.next(&mut Held, 0.0, 1.0).expect("zero is reached");
         assert!((found.t - 0.5).abs() < 3e-9 && !found.is_rising, "{found:?}");
         assert_eq!(monitors.next(&mut Held, found.t, 1.0), None);

@@ -39,11 +39,9 @@ impl Radau<'_> {
         }
         self.restart();
         self.switching.remember(&self.system.face);
-        self.start()?;
-        if let Some(jump) = self.jumps.last_mut().filter(|jump| jump.behind == after) {
-            jump.t = self.breaks.at();
-        }
-        self.switching.record(self.breaks.at(), &self.system.set, &self.system.face, &[]);
+        let at = self.breaks.at();
+        self.start(at)?;
+        self.switching.record(at, &self.system.set, &self.system.face, &[]);
         Ok(())
     }
 }

@@ -73,9 +73,17 @@ pub struct Jump {
     pub impulses: Vec<f64>,
 }
 
+impl Jump {
+    /// `(x, z)` with these states, and so many times the impulses as variables.
+    pub fn unknowns(&self, states: &[f64], share: f64) -> Vec<f64> {
+        states.iter().copied().chain(self.impulses.iter().map(|impulse| share * impulse)).collect()
+    }
+}
+
 impl Radau<'_> {
-    /// Finds the face and the variables at the start, and checks whether the start is consistent.
-    pub(super) fn start(&mut self) -> Result<(), StepError> {
+    /// Finds the face and the variables at the start, and checks whether the start is consistent: states that constraints do not
+    /// admit jump at the time `at`, which the breakpoint before the start may have.
+    pub(super) fn start(&mut self, at: f64) -> Result<(), StepError> {
         let n = self.system.states;
         if self.system.is_explicit_ode() {
             return Ok(());
@@ -114,7 +122,7 @@ impl Radau<'_> {
                 let before = self.y.clone();
                 self.y.iter_mut().zip(jump).for_each(|(y, jump)| *y += jump);
                 self.jumped.get_or_insert(self.clock.t);
-                self.jumps.push(Jump { t: self.clock.t, behind: self.clock.t, before, impulses });
+                self.jumps.push(Jump { t: at, behind: self.clock.t, before, impulses });
             }
         }
         if self.choose_face(h) { Ok(()) } else { Err(self.no_start()) }

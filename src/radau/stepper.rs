@@ -179,7 +179,7 @@ impl<'p> Radau<'p> {
         };
         radau.check_finite()?;
         radau.h = radau.first_step();
-        radau.start()?;
+        radau.start(t)?;
         radau.extent.watch(&radau.y);
         Ok(radau)
     }

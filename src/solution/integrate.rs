@@ -2,7 +2,7 @@
 
 use super::audit::{Audit, SMALL, states_above_zero};
 use super::energy_balance::EnergyBalance;
-use super::observables::Impulse;
+use super::observables::{Impulse, SAME_IMPULSE};
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::sensitivities::{Followed, Gradient};
 use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
@@ -18,8 +18,6 @@ use problem::{Control, Mass, Structure};
 use radau::{Activity, Jump, Radau, RejectionCause, Settings, StageChoice, StepError, Switch, Switches, Variables};
 use vi::Attempt;
 
-/// Relative difference of impulses that is rounding.
-const SAME_IMPULSE: f64 = 1e-9;
 /// Most faces analysed in one run.
 const MOST_FACES: usize = 16;
 
@@ -118,14 +116,12 @@ impl RadauRun<'_> {
     fn ambiguous_jump(&mut self) -> Option<(f64, usize)> {
         let Self { radau, jumps, plan, .. } = self;
         let n = plan.initial.len();
-        let after = radau.y().to_vec();
         jumps.iter().find_map(|jump| {
+            let after = radau.y().to_vec();
             let problem = radau.problem();
             let mut values = vec![0.0; problem.structure().rows()];
             let mut rates = |states: &[f64], share: f64| {
-                let variables = jump.impulses.iter().map(|impulse| share * impulse);
-                let y: Vec<f64> = states[..n].iter().copied().chain(variables).collect();
-                problem.evaluate(jump.behind, &y, &mut values);
+                problem.evaluate(jump.behind, &jump.unknowns(&states[..n], share), &mut values);
                 values[..n].to_vec()
             };
             let [before, behind] =
@@ -212,8 +208,7 @@ impl Stepper for RadauRun<'_> {
         let after = radau.y();
         let of = |jump: &Jump| {
             let mut at = |states: &[f64], share: f64| {
-                let variables = jump.impulses.iter().map(|impulse| share * impulse);
-                let mut out: Vec<f64> = states[..n].iter().copied().chain(variables).collect();
+                let mut out = jump.unknowns(&states[..n], share);
                 out.resize(plan.names.len(), 0.0);
                 outputs.append(jump.behind, &mut out);
                 out

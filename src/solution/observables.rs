@@ -132,8 +132,8 @@ pub struct Impulse {
     pub after: [Vec<f64>; 3],
 }
 
-/// Relative difference of integrals over an impulse that is rounding.
-const SAME: f64 = 1e-9;
+/// Difference of the effects of one impulse that is rounding, relative to their terms.
+pub(super) const SAME_IMPULSE: f64 = 1e-9;
 
 /// Buffers for one evaluation.
 struct EvaluationBuffer {
@@ -185,7 +185,7 @@ impl<'a> Observed<'a> {
     /// Begins at the start of a run; `outputs` is the number of outputs of the problem.
     pub fn new(of: &'a Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let count = of.names.len() + of.monitors.len();
-        let mut place = EvaluationBuffer {
+        let place = EvaluationBuffer {
             program: of.program.clone(),
             sight: if of.integrals > 0 { Sight::new(&of.program) } else { Sight::default() },
             boxes: IntervalWorkspace::new(&of.program),
@@ -196,10 +196,9 @@ impl<'a> Observed<'a> {
             first: of.names.len(),
         };
         let t = stepper.t();
-        let monitors = Monitors::new(&place.at(stepper, t)[of.names.len()..]);
         let integrands = (of.definitions()..of.names.len()).map(|at| (at, false)).collect();
         Self {
-            monitors,
+            monitors: Monitors::new(of.monitors.len()),
             place,
             integrals: Integrals::new(of.integrals),
             integrands,
@@ -318,7 +317,7 @@ impl<'a> Observed<'a> {
             let others = [once_before[k] - rest_before[k], twice[k] - once[k]];
             let sizes = [rest_before[k], once_before[k], rest[k], once[k], twice[k]];
             let size = sizes.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-            let is_one = others.iter().all(|other| (over - other).abs() <= SAME * size);
+            let is_one = others.iter().all(|other| (over - other).abs() <= SAME_IMPULSE * size);
             if is_one {
                 self.integrals.add(k, over);
             } else {

@@ -288,11 +288,15 @@ fn unshifted(model: &DviModel, by: &[By]) -> Result<Directions, String> {
     Ok(Directions { initial, rows, mass, bounds, shifted })
 }
 
+/// The size of a parameter of this value.
+fn size_of(value: f64) -> f64 {
+    if value == 0.0 { MOVED_ALONE } else { value.abs() }
+}
+
 /// A problem with one parameter a little above and below its value.
 fn moved(model: &DviModel, parameter: usize) -> Result<Shifted, String> {
     let values = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
-    let size = if values[parameter] == 0.0 { MOVED_ALONE } else { values[parameter].abs() };
-    shifted_by(model, CENTRAL_DIFFERENCE * size, |k| if k == parameter { 1.0 } else { 0.0 })
+    shifted_by(model, CENTRAL_DIFFERENCE * size_of(values[parameter]), |k| if k == parameter { 1.0 } else { 0.0 })
 }
 
 /// A problem with its parameters above and below their values, by so much times the speed of each.

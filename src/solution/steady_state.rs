@@ -127,16 +127,16 @@ pub fn find_steady_state(
             .caveat("no_eigenvalues", format!("the eigenvalues at the steady state could not be computed: {why}"));
     }
     let eigenvalues = eigenvalues.unwrap_or_default();
+    let units = tolerances(settings, &rest);
+    let weakest = weakest(model, plan.start, &rest, &units);
     let mut stable = is_stable(&eigenvalues);
     if stable.is_some()
-        && let Some(why) = undecided(model, settings, plan.start, &rest, &eigenvalues)
+        && let Some(why) = undecided(model, plan.start, (&rest, &units), weakest.as_ref(), &eigenvalues)
     {
         stable = None;
         diagnostics.checks.caveat("stability_undecided", why);
     }
-    let units = tolerances(settings, &rest);
-    let doubt = weakest(model, plan.start, &rest, &units).and_then(|weakest| weakest.doubt(&plan.names, &units));
-    if let Some(why) = doubt {
+    if let Some(why) = weakest.and_then(|weakest| weakest.doubt(&plan.names, &units)) {
         diagnostics.checks.caveat("steady_state_uncertain", why);
     }
     let named = |names: &[String], values: Vec<f64>| names.iter().cloned().zip(values).collect();
@@ -203,16 +203,21 @@ fn tolerances(settings: &Settings, rest: &Rest) -> Vec<f64> {
 }
 
 /// The reason why eigenvalues, by decreasing real part, do not tell whether a steady state is stable; `None` if they do.
-fn undecided(model: &DviModel, settings: &Settings, t: f64, rest: &Rest, eigenvalues: &[[f64; 2]]) -> Option<String> {
-    let units = tolerances(settings, rest);
-    if let Some(k) = on_border(model, t, rest, &units) {
+fn undecided(
+    model: &DviModel,
+    t: f64,
+    (rest, units): (&Rest, &[f64]),
+    weakest: Option<&Weakest>,
+    eigenvalues: &[[f64; 2]],
+) -> Option<String> {
+    if let Some(k) = on_border(model, t, rest, units) {
         let name = model.variable_names.get(k).map_or("a variable", String::as_str);
         return Some(format!(
             "`{name}` and its inequality are both on their border at the steady state, so that the eigenvalues hold to one \
              side of it only and do not decide stability: run from either side of it"
         ));
     }
-    let (re, error) = (eigenvalues.first()?[0], weakest(model, t, rest, &units)?.uncertainty(&units)?);
+    let (re, error) = (eigenvalues.first()?[0], weakest?.uncertainty(units)?);
     let n = rest.x.len();
     let is_open = [1.0, -1.0].into_iter().any(|sign| {
         let moved = |values: &[f64], errors: &[f64]| -> Vec<f64> {

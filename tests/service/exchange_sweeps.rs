@@ -237,7 +237,7 @@ async fn chunks_count_as_jobs_that_wait_and_run() {
     let sites = [0; 2].map(|_| Site::gateway(options.clone(), Arc::clone(&solver)));
     let _worker = worker(&options, Arc::clone(&solver));
     let path = post(&sites[0], 1, &oscillators(100_000, 5)).await;
-    // One sweep, of which more workers could take chunks: beside it, its only worker has a chunk.
+    // More workers could take chunks of the sweep: beside it, its only worker has a chunk.
     for site in &sites {
         comes_to(site, |[waiting, running]| waiting >= 2 && running == 2).await;
     }
@@ -360,7 +360,7 @@ async fn a_chunk_that_takes_workers_down_is_halved_until_one_member_fails() {
     };
     may_end[1].store(true, Relaxed);
     assert_eq!(ended["status"], "successful", "{ended}");
-    // Three workers for each chunk, the first of which may have been lost by chance.
+    // Three workers for each chunk: the first may have been lost by chance.
     let (first, last) = (lost.first().unwrap(), lost.last().unwrap());
     assert!(first.len() == 2 && *last == (BAD..BAD + 1), "{lost:?}");
     let json = site.get(&format!("{path}/results")).await.json();

@@ -471,7 +471,7 @@ impl<'p> EventDriven<'p> {
             let is_alone = probed.len() == 1;
             for probed in probed.iter().filter(|probed| probed.r.x > ROUNDING * largest) {
                 let k = probed.contact;
-                mode[k] = self.status((k, is_alone), probed, ending);
+                mode[k] = self.status(probed, is_alone, ending);
                 self.coefficients[k] = probed.mu;
                 let broke = matches!(ending, Some(Ending::StickToSlip(..)));
                 self.loads[k] = if broke { probed.r / h } else { Vector3::x() * (probed.r.x / h) };
@@ -482,7 +482,8 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    fn status(&self, (k, is_alone): (usize, bool), probed: &Probed, ending: Option<Ending>) -> Status {
+    fn status(&self, probed: &Probed, is_alone: bool, ending: Option<Ending>) -> Status {
+        let k = probed.contact;
         if self.structure.contacts[k].slips == 0 {
             return Status::Frictionless;
         }

@@ -172,10 +172,10 @@ impl Tangents {
     /// Takes up the mode of a smooth phase that begins, and bounds its first step by the slopes of the derivatives.
     pub fn begin(&mut self, phase: &mut SmoothPhase<'_, '_>) {
         self.adopt_mode(phase);
+        let Some(radau) = &mut phase.method else { return };
         let State { t, q, v } = &phase.located.state;
         let x = [q.as_slice(), v].concat();
-        let slopes = arc::slopes_at(&mut self.equations, (*t, &x), &mut self.directions, &self.now);
-        if let (Some(slopes), Some(radau)) = (slopes, &mut phase.method) {
+        if let Some(slopes) = arc::slopes_at(&mut self.equations, (*t, &x), &mut self.directions, &self.now) {
             radau.limit_first_step(&slopes, &self.largest, |direction| self.directions.size_of(direction));
         }
     }

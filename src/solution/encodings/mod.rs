@@ -3,7 +3,6 @@
 //!
 //! - JSON: one object, with columns as arrays. Only this format contains events and diagnostics.
 //! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow].
-//!
 //! - With the feature `parquet`, files of Parquet.
 //!
 //! The answer of a sweep is a separate table, which may have texts and missing values ([`write_members`]).

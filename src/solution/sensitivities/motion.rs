@@ -2,7 +2,7 @@
 
 use super::adjoint::{Gradient, MOST_STORED, SweptBack};
 use super::observed::{Jump, ObservedSlopes};
-use super::{By, EventSlope, MOVED_ALONE, Sensitivities, SlopedEvent};
+use super::{By, EventSlope, Sensitivities, SlopedEvent, size_of};
 use crate::Plan;
 use contact::tangents::{Adjoint, Directions, Jumped, NoDerivative, ShiftedMotion, Tangents, TimedEvent};
 use contact::{Elapsed, EventDriven, SmoothPhase};
@@ -259,24 +259,22 @@ pub(crate) fn directions(model: &MechanicalModel, by: &[By], start: f64) -> Resu
     Ok(directions)
 }
 
-/// The size of a parameter; zero for an initial value.
-fn size_of(model: &MechanicalModel, by: By) -> f64 {
-    let (By::Parameter(parameter), Some((parameters, _))) = (by, &model.parameters) else { return 0.0 };
-    let value = parameters.values()[parameter];
-    if value == 0.0 { MOVED_ALONE } else { value.abs() }
-}
-
 /// The directions of parameters and initial values without the systems that are shifted along them.
 fn unshifted(model: &MechanicalModel, by: &[By], start: f64) -> Result<Directions, String> {
     let structure = model.structure();
     let (n, contacts, count) = (2 * structure.coordinates, structure.contacts.len(), by.len());
     let slopes = model.slopes().map_err(|error| error.to_string())?;
+    let values = model.parameters.as_ref().map_or(&[][..], |(parameters, _)| parameters.values());
+    let size = |by: &By| match *by {
+        By::Parameter(parameter) => values.get(parameter).map_or(0.0, |value| size_of(*value)),
+        By::Initial(_) => 0.0,
+    };
     let mut directions = Directions {
         initial: DMatrix::zeros(n, count),
         terms: Box::new(|_: f64, _: &[f64], out: &mut DMatrix<f64>| out.fill(0.0)),
         mu: DMatrix::zeros(contacts, count),
         restitution: DMatrix::zeros(contacts, count),
-        sizes: by.iter().map(|by| size_of(model, *by)).collect(),
+        sizes: by.iter().map(size).collect(),
         shifted: (0..count).map(|_| None).collect(),
     };
     for (direction, by) in by.iter().enumerate() {

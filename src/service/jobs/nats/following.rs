@@ -1,13 +1,29 @@
-//! Keys of the bucket of states that are followed: first the latest value of each, and then as they change.
+//! What is followed: keys of the bucket of states, first the latest value of each, and then as they change; and core subjects.
 
 use super::servers::Exchange;
 use super::worker::PAUSE;
+use async_nats::Subscriber;
 use async_nats::jetstream::consumer::{DeliverPolicy, push};
 use async_nats::jetstream::kv;
 use futures_util::StreamExt;
+use std::fmt::Display;
 use tokio::time::sleep;
 
 impl Exchange {
+    /// The messages of a core subject of this kind, once the servers are there.
+    pub async fn hear(&self, kind: &str, of: impl Display) -> Subscriber {
+        let subject = self.subject(kind, of);
+        loop {
+            match self.client.subscribe(subject.clone()).await {
+                Ok(messages) => return messages,
+                Err(error) => {
+                    tracing::warn!(%error, "{subject} cannot be heard yet");
+                    sleep(PAUSE).await;
+                }
+            }
+        }
+    }
+
     /// Calls `came` for each key that fits `filter`, with its value, if it has one. What is purged is not told.
     pub async fn follow(&self, filter: &str, came: impl Fn(&str, Option<&[u8]>)) {
         let kv::Store { stream, prefix, .. } = &self.state;

@@ -17,7 +17,6 @@ use crate::jobs::{
     Unwritable,
 };
 use crate::metrics::Metrics;
-use async_nats::Subscriber;
 use async_nats::jetstream::consumer::{DeliverPolicy, push};
 use async_nats::jetstream::message::Message;
 use futures_util::StreamExt;
@@ -399,7 +398,7 @@ impl Jobs {
     /// Hears of ends from the workers that have written them, before the servers tell of the entries.
     async fn hear_ends(&self) {
         let Some(far) = &self.far else { return };
-        let mut ends = far.exchange.hear("ended").await;
+        let mut ends = far.exchange.hear("ended", "*").await;
         while let Some(message) = ends.next().await {
             if let (Some(id), Some(end)) = (job_of(&message.subject), Errand::read(&message.payload)) {
                 self.take_over(far, id, end.entry, end.revision).await;
@@ -422,7 +421,7 @@ impl Jobs {
     async fn follow_progress(&self) {
         let Some(far) = &self.far else { return };
         let exchange = &far.exchange;
-        let mut progress = exchange.hear("progress").await;
+        let mut progress = exchange.hear("progress", "*").await;
         let running = far.mirror().running_jobs();
         for id in running {
             if let Ok(Some(told)) = exchange.last(&exchange.state, &format!("progress.{id}")).await
@@ -506,19 +505,6 @@ impl Far {
 }
 
 impl Exchange {
-    /// What is told of jobs on core subjects of this kind.
-    async fn hear(&self, kind: &str) -> Subscriber {
-        loop {
-            match self.client.subscribe(self.subject(kind, "*")).await {
-                Ok(told) => return told,
-                Err(error) => {
-                    tracing::warn!(%error, kind, "what is told of jobs cannot be heard yet");
-                    sleep(PAUSE).await;
-                }
-            }
-        }
-    }
-
     /// Removes a key of the bucket of states, and all trace of it.
     ///
     /// # Errors

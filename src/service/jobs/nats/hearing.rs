@@ -35,10 +35,9 @@ impl Worker {
 
     async fn hear_announcements(&self) {
         loop {
-            if let Ok(mut announcements) = self.exchange.client.subscribe(self.exchange.subject("arrival", "*")).await {
-                while let Some(message) = announcements.next().await {
-                    self.lines.announce(last(&message.subject));
-                }
+            let mut announcements = self.exchange.hear("arrival", "*").await;
+            while let Some(message) = announcements.next().await {
+                self.lines.announce(last(&message.subject));
             }
             sleep(PAUSE).await;
         }
@@ -47,14 +46,12 @@ impl Worker {
     /// Tells other workers whether this one has a job, or a chunk.
     async fn answer(&self) {
         loop {
-            if let Ok(mut questions) = self.exchange.client.subscribe(self.exchange.subject("worker", &self.name)).await
-            {
-                while let Some(question) = questions.next().await {
-                    let work = str::from_utf8(&question.payload).ok().and_then(|work| work.parse::<Work>().ok());
-                    let has_it = work.is_some_and(|work| self.mine().contains_key(&work));
-                    if let Some(reply) = question.reply {
-                        let _ = self.exchange.client.publish(reply, if has_it { "yes" } else { "no" }.into()).await;
-                    }
+            let mut questions = self.exchange.hear("worker", &self.name).await;
+            while let Some(question) = questions.next().await {
+                let work = str::from_utf8(&question.payload).ok().and_then(|work| work.parse::<Work>().ok());
+                let has_it = work.is_some_and(|work| self.mine().contains_key(&work));
+                if let Some(reply) = question.reply {
+                    let _ = self.exchange.client.publish(reply, if has_it { "yes" } else { "no" }.into()).await;
                 }
             }
             sleep(PAUSE).await;

@@ -299,6 +299,7 @@ impl Pulls {
         Some(next)
     }
 }
+
 #[cfg(test)]
 mod tests {
     use super::*;

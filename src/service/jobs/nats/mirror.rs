@@ -89,7 +89,7 @@ impl Mirror {
     /// The entry of a chunk is now this.
     pub fn part_came(&mut self, id: PartId, part: Option<&Part>) {
         let sweep = self.jobs.get(&id.sweep);
-        // What is told of it late does not count.
+        // An entry that comes late does not count.
         if !sweep.is_some_and(|sweep| matches!(sweep.phase, Phase::Ended | Phase::Gone)) {
             self.parts.came(id, part);
         }

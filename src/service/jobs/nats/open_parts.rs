@@ -24,7 +24,7 @@ impl OpenParts {
         }
     }
 
-    /// A sweep has ended, or is deleted: so are its chunks, of which nothing more is told.
+    /// A sweep has ended, or is deleted: its chunks have no further entries.
     pub fn end(&mut self, sweep: JobId) {
         self.0.remove(&sweep);
     }

@@ -276,7 +276,7 @@ impl Worker {
     /// Solves a job, if it is small, and claims it otherwise, if it is to be solved.
     async fn solve_or_claim(&self, id: JobId, message: &Message, lost_after: Duration) -> Result<Claimed, Reply> {
         let errand = Errand::read(&message.payload);
-        // One that comes again may have been the end of a worker, which is told by a claim.
+        // A message that comes again may have ended a worker, and only a claim shows that.
         if message.info().is_ok_and(|info| info.delivered == 1)
             && let Some(errand) = &errand
             && self.solve_small(id, errand).await
@@ -532,7 +532,7 @@ impl Worker {
     }
 }
 
-/// An end with short results, which then stand in the entry; `None` if they are longer, or there are none.
+/// The end of a job with its short results, for its entry; `None` if results are longer, or there are none.
 fn with_short(ended: &Ended) -> Option<(Ended, Box<RawValue>)> {
     let Some(Held::Memory(results)) = &ended.held else { return None };
     let json = short(results)?;
