@@ -39,6 +39,9 @@ pub struct Crossing {
     pub monitor: usize,
     /// Whether the monitor rises: from below zero to zero or above, or from a rest at zero.
     pub is_rising: bool,
+    /// Whether the monitor came to zero, where its enclosure could not be told from it, and leaves to the side from which it
+    /// came.
+    pub returns: bool,
 }
 
 /// The search for the next sign change of the monitors.
@@ -224,9 +227,10 @@ impl Monitors {
         while let Some((monitor, to)) = self.changed(t) {
             let sign = &mut self.signs[monitor];
             let is_rising = if sign.now == 0.0 { to > 0.0 } else { sign.now < 0.0 };
+            let returns = sign.now == 0.0 && sign.last == to;
             sign.quiet = t + ONE * h;
             if sign.pass(to) {
-                return Some(Crossing { t, monitor, is_rising });
+                return Some(Crossing { t, monitor, is_rising, returns });
             }
         }
         None

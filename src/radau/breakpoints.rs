@@ -41,6 +41,7 @@ impl Radau<'_> {
         self.switching.remember(&self.system.face);
         let at = self.breaks.at();
         self.start(at)?;
+        self.clock.stay();
         self.switching.record(at, &self.system.set, &self.system.face, &[]);
         Ok(())
     }

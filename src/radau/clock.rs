@@ -41,6 +41,11 @@ impl Clock {
         self.t_compensation = (t - (self.t - taken)) + (step - taken);
     }
 
+    /// Returns to the end of the run if the time is behind it.
+    pub fn stay(&mut self) {
+        self.t = self.t.min(self.end);
+    }
+
     /// Continues from time `t`.
     pub fn set(&mut self, t: f64) {
         (self.t, self.t_compensation) = (t, 0.0);

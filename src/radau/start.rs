@@ -28,7 +28,7 @@ const SHORTER: f64 = 0.1;
 const MOST_SHORTER: usize = 8;
 /// Factor between the probe steps that look for the end of an accumulation of switches, and their maximum number:
 /// together they span times from the last gap between switches to `1e9` times that gap.
-const LONGER_GAP: f64 = 4.0;
+pub(super) const LONGER_GAP: f64 = 4.0;
 const MOST_GAPS: usize = 16;
 /// Fraction of the allowed change by which states at rest may differ between two of these probe steps.
 const AT_REST: f64 = 1e-3;

@@ -627,6 +627,10 @@ impl Stepper for EventDrivenRun<'_, '_, '_> {
         !ranges.is_empty()
     }
 
+    fn tolerances(&self) -> Option<(f64, &[f64])> {
+        self.phase.located.tolerances()
+    }
+
     fn take_events(&mut self, events: &mut Vec<Event>) {
         self.outputs.events(self.clock.start, &mut self.phase.located.new_events, events);
     }

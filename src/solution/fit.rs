@@ -4,20 +4,22 @@
 //! multiples of the powers of the generalised golden ratio (Roberts 2018, *The unreasonable effectiveness of
 //! quasirandom sequences*), on a logarithmic scale if the bounds are positive and far apart.
 
+mod fittable;
 mod intervals;
 mod least_squares;
 
 pub use least_squares::Loss;
 
-use super::integrate::{integrate, integrate_once};
+use super::contact::ContactPlan;
 use super::observables::Observables;
 use super::run::{Ended, Plan, ending};
 use super::sensitivities::{By, Sensitivities};
 use super::{CheckCode, Failure, Solution, Status};
 use analysis::Analysis;
+use fittable::Fittable;
 use intervals::{Intervals, Stretches, intervals, is_too_large, long_stretches};
 use least_squares::{LeastSquares, Minimum, Residuals};
-use models::DviModel;
+use models::{DviModel, MechanicalModel};
 use nalgebra::{DMatrix, DVector};
 use numerics::CENTRAL_DIFFERENCE;
 use problem::Control;
@@ -234,10 +236,9 @@ impl Definitions {
 
 /// A search in progress.
 struct Search<'a> {
-    model: &'a DviModel,
+    model: Fittable<'a>,
     plan: &'a Plan,
     fit: &'a Fit,
-    settings: &'a Settings,
     analysis: &'a Analysis,
     control: &'a Control,
 }
@@ -251,32 +252,49 @@ pub fn fit(
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
-    let began = Instant::now();
-    let search = Search { model, plan, fit, settings, analysis, control };
-    let (found, starts) = search.best_of_all_starts();
-    let start = fit.start(0);
-    let point = found.as_ref().map_or(&start, |minimum| &minimum.point);
-    let derivatives = Sensitivities { by: fit.parameters.iter().map(|fitted| fitted.by).collect(), ..search.columns() };
-    let bound = search.bound(point, Some(derivatives));
-    let (bound, along) = bound.unwrap_or_else(|_| (model.clone(), plan.clone()));
-    let analysis = bound.analyse(plan.start);
-    let mut solution = control.part(SHARE..1.0, || integrate(&bound, &along, settings, &analysis, control));
-    solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
-    match found {
-        Ok(minimum) if solution.status == Status::Completed => search.answer(&minimum, starts, &mut solution),
-        Ok(_) => {}
-        Err(failure) => {
-            let (status, failure) = ending(control, failure);
-            (solution.status, solution.error) = (status, Some(failure));
-        }
-    }
-    solution
+    Search { model: Fittable::Dvi(Box::new(model.clone()), settings), plan, fit, analysis, control }.run()
 }
 
-impl Search<'_> {
-    fn problem<'a>(&self, bounds: &'a [Vec<f64>; 2]) -> LeastSquares<'a> {
+/// Fits a motion with located impacts to data, and runs it with the estimates.
+pub fn fit_motion(
+    model: &MechanicalModel,
+    plan: &Plan,
+    fit: &Fit,
+    (contact, settings): (&ContactPlan, &Settings),
+    analysis: &Analysis,
+    control: &Control,
+) -> Solution {
+    Search { model: Fittable::Motion(Box::new(model.clone()), contact, settings), plan, fit, analysis, control }.run()
+}
+
+impl<'a> Search<'a> {
+    /// Searches from all starting points, and runs the problem with what was found.
+    fn run(&self) -> Solution {
+        let began = Instant::now();
+        let (found, starts) = self.best_of_all_starts();
+        let start = self.fit.start(0);
+        let point = found.as_ref().map_or(&start, |minimum| &minimum.point);
+        let derivatives =
+            Sensitivities { by: self.fit.parameters.iter().map(|fitted| fitted.by).collect(), ..self.columns() };
+        let bound = self.bound(point, Some(derivatives));
+        let (bound, along) = bound.unwrap_or_else(|_| (self.model.clone(), self.plan.clone()));
+        let analysis = bound.analyse(self.plan.start);
+        let mut solution = self.control.part(SHARE..1.0, || bound.run(&along, &analysis, self.control));
+        solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
+        match found {
+            Ok(minimum) if solution.status == Status::Completed => self.answer(&minimum, starts, &mut solution),
+            Ok(_) => {}
+            Err(failure) => {
+                let (status, failure) = ending(self.control, failure);
+                (solution.status, solution.error) = (status, Some(failure));
+            }
+        }
+        solution
+    }
+
+    fn problem<'b>(&self, bounds: &'b [Vec<f64>; 2]) -> LeastSquares<'b> {
         let [lower, upper] = bounds;
-        let rank = TOLERANCES * self.settings.rtol;
+        let rank = TOLERANCES * self.model.settings().rtol;
         LeastSquares { lower, upper, loss: self.fit.loss, is_scaled: self.fit.is_scaled, rank }
     }
 
@@ -355,19 +373,15 @@ impl Search<'_> {
     }
 
     /// Binds the model to the given values, and adapts the plan of its run.
-    fn bound(&self, point: &[f64], sensitivities: Option<Sensitivities>) -> Result<(DviModel, Plan), Failure> {
-        let values = self.model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
-        let mut values = values.to_vec();
+    fn bound(&self, point: &[f64], sensitivities: Option<Sensitivities>) -> Result<(Fittable<'a>, Plan), Failure> {
+        let mut values = self.model.parameters().to_vec();
         for (fitted, &value) in self.fit.parameters.iter().zip(point) {
             if let By::Parameter(k) = fitted.by {
                 values[k] = value;
             }
         }
-        let model = match &self.model.parameters {
-            Some(_) => self.model.with_parameters(&values).map_err(|error| self.failure(error.to_string()))?,
-            None => self.model.clone(),
-        };
-        let mut plan = Plan { initial: model.initial.clone(), sensitivities, ..self.plan.clone() };
+        let model = self.model.bound(&values).map_err(|error| self.failure(error))?;
+        let mut plan = Plan { initial: model.initial().to_vec(), sensitivities, ..self.plan.clone() };
         plan.observables.bind(&values);
         for (fitted, &value) in self.fit.parameters.iter().zip(point) {
             if let By::Initial(state) = fitted.by {
@@ -395,14 +409,13 @@ impl Search<'_> {
         plan.times = Some(fit.t.clone());
         plan.end = fit.t.last().copied().filter(|last| *last > plan.start).unwrap_or(plan.end);
         plan.global_error = false;
-        let Ended { solution, .. } = integrate_once(&model, &plan, self.settings, self.analysis, self.control);
+        let Ended { solution, .. } = model.run_once(&plan, self.analysis, self.control);
         if let Some(failure) = solution.error {
             return Err(failure);
         }
         let fields: Vec<&[f64]> = solution.trajectory.fields.iter().map(|field| field.values.as_slice()).collect();
         let (states, derivatives) = fields.split_at(of.len());
-        let parameters = model.parameters.as_ref().map_or(&[][..], |parameters| parameters.values());
-        let mut definitions = Definitions::new(observables, first, parameters);
+        let mut definitions = Definitions::new(observables, first, model.parameters());
         let m = fit.observations();
         let mut values = DVector::zeros(m);
         let mut jacobian = DMatrix::zeros(m, p);
@@ -419,7 +432,7 @@ impl Search<'_> {
                             .enumerate()
                             .for_each(|(k, by)| jacobian[(row, k)] = by[i] / sd);
                         let found = states[at][i];
-                        (found, self.settings.atol[state] + self.settings.rtol * found.abs())
+                        (found, self.model.settings().atol[state] + self.model.settings().rtol * found.abs())
                     }
                     Quantity::Definition(definition) => {
                         let x: Vec<f64> = states.iter().map(|state| state[i]).collect();
@@ -433,7 +446,7 @@ impl Search<'_> {
                             let difference = definitions.difference(definition, fit.t[i], (&x, &dx), (parameter, step));
                             jacobian[(row, k)] = difference / (2.0 * step * sd);
                         }
-                        (found, self.settings.rtol * found.abs())
+                        (found, self.model.settings().rtol * found.abs())
                     }
                 };
                 values[row] = (found - value) / sd;
@@ -524,8 +537,8 @@ impl Search<'_> {
         if let Some(k) = held.iter().position(|held| *held) {
             let (name, value) = (&fit.parameters[k].name, minimum.point[k]);
             let message = format!(
-                "`{name}` is at its bound {value:?}, and the loss decreases further beyond it: the intervals of the \
-                 other parameters assume this value"
+                "`{name}` is at its bound {value:?}, beyond which the loss does not rise: the intervals of the other \
+                 parameters assume this value"
             );
             checks.caveat("at_bound", message);
         }

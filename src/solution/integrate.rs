@@ -2,7 +2,7 @@
 
 use super::audit::{Audit, SMALL, states_above_zero};
 use super::energy_balance::EnergyBalance;
-use super::observables::{Impulse, SAME_IMPULSE};
+use super::impulse::{Impulse, SAME_IMPULSE};
 use super::run::{Ended, Plan, Stepper, run_to_end};
 use super::sensitivities::{Followed, Gradient};
 use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
@@ -79,6 +79,8 @@ pub(super) fn integrate_once(
             followed,
             radau,
             jumps: Vec::new(),
+            switches: Vec::new(),
+            has_switched: false,
             plan,
             kinks,
             atol: &settings.atol,
@@ -97,6 +99,9 @@ struct RadauRun<'p> {
     radau: Radau<'p>,
     /// The jumps at the end of the last step.
     jumps: Vec<Jump>,
+    /// The switches at the present time, which the next step may undo at once, and whether the last step has any.
+    switches: Vec<Switch>,
+    has_switched: bool,
     followed: Option<Followed>,
     plan: &'p Plan,
     kinks: &'p KinkAdvice,
@@ -134,6 +139,12 @@ impl RadauRun<'_> {
             })
         })
     }
+}
+
+/// A switch as an event: a variable is activated where fewer equations hold it.
+fn event(plan: &Plan, &Switch { t, variable, from, to }: &Switch) -> Event {
+    let kind = if to.equations() < from.equations() { EventKind::Activated } else { EventKind::Deactivated };
+    Event { t, kind, of: plan.names[plan.initial.len() + variable].clone() }
 }
 
 impl Stepper for RadauRun<'_> {
@@ -202,6 +213,10 @@ impl Stepper for RadauRun<'_> {
         true
     }
 
+    fn tolerances(&self) -> Option<(f64, &[f64])> {
+        Some((self.rtol?, self.atol))
+    }
+
     fn impulses(&mut self) -> Vec<Impulse> {
         let Self { radau, jumps, outputs, plan, .. } = self;
         let n = plan.initial.len();
@@ -241,11 +256,25 @@ impl Stepper for RadauRun<'_> {
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
         let (plan, n) = (self.plan, self.plan.initial.len());
-        events.extend(self.radau.take_switches().map(|Switch { t, variable, from, to }| {
-            let freer = to.equations() < from.equations();
-            let kind = if freer { EventKind::Activated } else { EventKind::Deactivated };
-            Event { t, kind, of: plan.names[n + variable].clone() }
-        }));
+        let before = self.switches.len();
+        for switch in self.radau.take_switches() {
+            // Where a face is left as soon as it is entered, rounding has chosen it.
+            let is_undone = |last: &Switch| {
+                last.t == switch.t
+                    && last.variable == switch.variable
+                    && last.from == switch.to
+                    && last.to == switch.from
+            };
+            match self.switches.iter().rposition(is_undone) {
+                Some(last) => _ = self.switches.remove(last),
+                None => self.switches.push(switch),
+            }
+        }
+        self.has_switched = self.switches.len() > before;
+        let (now, is_last) = (self.radau.t(), self.radau.is_done());
+        events.extend(
+            self.switches.extract_if(.., |switch| is_last || switch.t < now).map(|switch| event(plan, &switch)),
+        );
         let states = self.radau.y();
         for jump in &self.jumps {
             let moved = (0..n).filter(|&i| self.radau.is_beyond_tolerance(i, states[i] - jump.before[i]));
@@ -253,7 +282,13 @@ impl Stepper for RadauRun<'_> {
         }
     }
 
-    fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics) {
+    fn last_events(&mut self, events: &mut Vec<Event>) {
+        let plan = self.plan;
+        events.extend(self.switches.drain(..).map(|switch| event(plan, &switch)));
+    }
+
+    fn observe(&mut self, _: bool, diagnostics: &mut Diagnostics) {
+        let switched = self.has_switched;
         if let Some((t, state)) = self.ambiguous_jump() {
             let name = &self.plan.names[state];
             diagnostics.checks.record(CheckCode::LocalError, f64::INFINITY, 1.0, || {

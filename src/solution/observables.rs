@@ -2,10 +2,13 @@
 //! definitions, which are further columns; integrals of expressions over time; and monitors, whose sign changes are
 //! located and recorded, or end the run.
 
+use super::evaluation::EvaluationBuffer;
+use super::impulse::Impulse;
 use super::quadrature::{self, Integrals};
 use super::run::Stepper;
+use super::touches::Touches;
 use super::{Event, EventKind};
-use expression::{IntervalWorkspace, Sight, Tape};
+use expression::Tape;
 use hybrid::{Crossing, Followed, Monitors};
 use numerics::Interval;
 use serde::{Deserialize, Serialize};
@@ -96,6 +99,11 @@ impl Observables {
         self.slopes.program.bind(parameters);
     }
 
+    /// The number of values of the program.
+    pub(super) fn values(&self) -> usize {
+        self.names.len() + self.monitors.len()
+    }
+
     /// The number of definitions.
     pub(super) fn definitions(&self) -> usize {
         self.names.len() - self.integrals
@@ -106,6 +114,7 @@ impl Observables {
 pub(super) struct Observed<'a> {
     of: &'a Observables,
     monitors: Monitors,
+    touches: Touches,
     place: EvaluationBuffer,
     /// The integrals up to the time `reached`.
     integrals: Integrals,
@@ -114,97 +123,48 @@ pub(super) struct Observed<'a> {
     reached: f64,
     /// Impulses that the integrals have not passed, in the order of time.
     impulses: VecDeque<Impulse>,
-    /// An integral that an impulse leaves undefined, and the time of that, if there is one.
-    undefined: Option<(usize, f64)>,
     /// A monitor without a finite value, if there is one.
     lost: Option<usize>,
 }
 
-/// A jump of the states by impulses, as the outputs of the problem with multiples of these impulses as their variables.
-pub struct Impulse {
-    /// Time of the jump.
-    pub at: f64,
-    /// Time from which on the states are those behind the jump.
-    pub t: f64,
-    /// With the states before the jump: the impulses times 0 and 1.
-    pub before: [Vec<f64>; 2],
-    /// With the states behind it: the impulses times 0, 1 and 2.
-    pub after: [Vec<f64>; 3],
-}
-
-/// Difference of the effects of one impulse that is rounding, relative to their terms.
-pub(super) const SAME_IMPULSE: f64 = 1e-9;
-
-/// Buffers for one evaluation.
-struct EvaluationBuffer {
-    program: Tape,
-    sight: Sight,
-    boxes: IntervalWorkspace,
-    outputs: Vec<f64>,
-    values: Vec<f64>,
-    output_ranges: Vec<Interval>,
-    ranges: Vec<Interval>,
-    /// Index of the first monitor among the values.
-    first: usize,
-}
-
 /// The monitors along the last step of a method.
-struct Along<'a, S> {
-    stepper: &'a mut S,
-    place: &'a mut EvaluationBuffer,
+pub(super) struct Along<'a, S> {
+    pub stepper: &'a mut S,
+    pub place: &'a mut EvaluationBuffer,
+    /// Index of the first monitor among the values.
+    pub first: usize,
+    /// What is uncertain of the first outputs.
+    pub uncertain: &'a [f64],
 }
 
 impl<S: Stepper> Followed for Along<'_, S> {
     fn monitors(&mut self, t: f64, out: &mut [f64]) {
-        let first = self.place.first;
-        out.copy_from_slice(&self.place.at(self.stepper, t)[first..]);
+        out.copy_from_slice(&self.place.at(self.stepper, t)[self.first..]);
     }
 
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
-        let EvaluationBuffer { program, boxes, output_ranges, ranges, first, .. } = &mut *self.place;
-        output_ranges.fill(Interval::LINE);
-        if !self.stepper.enclose(from, to, output_ranges) {
-            return false;
-        }
-        program.enclose(Interval::new(from, to), output_ranges, boxes, ranges);
-        out.copy_from_slice(&ranges[*first..]);
-        true
-    }
-}
-
-impl EvaluationBuffer {
-    /// Definitions, integrands and monitors at a time within the last step.
-    fn at(&mut self, stepper: &mut impl Stepper, t: f64) -> &[f64] {
-        stepper.values(t, &mut self.outputs);
-        self.program.evaluate(t, &self.outputs, &mut self.values);
-        &self.values
+        let ranges = self.place.enclose(self.stepper, (from, to), self.uncertain);
+        ranges.is_some_and(|[_, ranges]| {
+            out.copy_from_slice(&ranges[self.first..]);
+            true
+        })
     }
 }
 
 impl<'a> Observed<'a> {
     /// Begins at the start of a run; `outputs` is the number of outputs of the problem.
     pub fn new(of: &'a Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
-        let count = of.names.len() + of.monitors.len();
-        let place = EvaluationBuffer {
-            program: of.program.clone(),
-            sight: if of.integrals > 0 { Sight::new(&of.program) } else { Sight::default() },
-            boxes: IntervalWorkspace::new(&of.program),
-            outputs: vec![0.0; outputs],
-            values: vec![0.0; count],
-            output_ranges: vec![Interval::LINE; outputs],
-            ranges: vec![Interval::LINE; count],
-            first: of.names.len(),
-        };
+        let place = EvaluationBuffer::new(&of.program, [outputs, of.values()], of.integrals > 0);
         let t = stepper.t();
         let integrands = (of.definitions()..of.names.len()).map(|at| (at, false)).collect();
         Self {
             monitors: Monitors::new(of.monitors.len()),
+            touches: Touches::new(of.monitors.len()),
             place,
             integrals: Integrals::new(of.integrals),
             integrands,
             reached: t,
             impulses: VecDeque::new(),
-            undefined: None,
             lost: None,
             of,
         }
@@ -223,11 +183,12 @@ impl<'a> Observed<'a> {
             return None;
         }
         let end = stepper.t();
+        self.touches.follow(stepper, &mut self.place, self.of.names.len(), begin);
         let (mut from, first) = (begin, events.len());
         let mut ended = None;
-        let mut along = Along { stepper, place: &mut self.place };
+        let mut along = Along { stepper, place: &mut self.place, first: self.of.names.len(), uncertain: &[] };
         while goes_on(events.len())
-            && let Some(Crossing { t, monitor, is_rising }) = self.monitors.next(&mut along, from, end)
+            && let Some(Crossing { t, monitor, is_rising, .. }) = self.monitors.next(&mut along, from, end)
         {
             from = t;
             let Monitored { label, direction, ends } = &self.of.monitors[monitor];
@@ -257,7 +218,7 @@ impl<'a> Observed<'a> {
 
     /// The monitor without a finite value at a time within the last step.
     fn lost_at(&mut self, stepper: &mut impl Stepper, t: f64) -> Option<usize> {
-        let first = self.place.first;
+        let first = self.of.names.len();
         self.place.at(stepper, t)[first..].iter().position(|value| !value.is_finite())
     }
 
@@ -277,15 +238,14 @@ impl<'a> Observed<'a> {
 
     /// Writes the definitions at a time where the problem has the given outputs.
     pub fn define(&mut self, t: f64, outputs: &[f64], out: &mut [f64]) {
-        let EvaluationBuffer { program, values, .. } = &mut self.place;
-        program.evaluate(t, outputs, values);
-        out.copy_from_slice(&values[..out.len()]);
+        self.place.take(t, outputs);
+        out.copy_from_slice(&self.place.values[..out.len()]);
     }
 
     /// Announces the impulses at the end of the last step.
-    pub fn expect(&mut self, impulses: Vec<Impulse>) {
+    pub fn expect(&mut self, impulses: &[Impulse]) {
         if self.of.integrals > 0 {
-            self.impulses.extend(impulses);
+            self.impulses.extend(impulses.iter().cloned());
         }
     }
 
@@ -301,29 +261,13 @@ impl<'a> Observed<'a> {
         self.integrate_smooth(stepper, t);
     }
 
-    /// Adds the integrals over an impulse. An integrand has one if it is affine in the impulses, with the same slope
-    /// on both sides of the jump; of others, as the square of a variable, the integral is undefined.
+    /// Adds the integrals over an impulse.
     fn pass(&mut self, impulse: &Impulse) {
-        let EvaluationBuffer { program, values, .. } = &mut self.place;
         let (first, count) = (self.of.definitions(), self.of.integrals);
-        let mut at = |outputs: &[f64]| {
-            program.evaluate(impulse.t, outputs, values);
-            values[first..first + count].to_vec()
-        };
-        let [rest_before, once_before] = [0, 1].map(|share| at(&impulse.before[share]));
-        let [rest, once, twice] = [0, 1, 2].map(|share| at(&impulse.after[share]));
-        for k in 0..count {
-            let over = once[k] - rest[k];
-            let others = [once_before[k] - rest_before[k], twice[k] - once[k]];
-            let sizes = [rest_before[k], once_before[k], rest[k], once[k], twice[k]];
-            let size = sizes.iter().fold(0.0_f64, |most, value| most.max(value.abs()));
-            let is_one = others.iter().all(|other| (over - other).abs() <= SAME_IMPULSE * size);
-            if is_one {
-                self.integrals.add(k, over);
-            } else {
-                self.undefined.get_or_insert((k, impulse.t));
-            }
-        }
+        self.integrals.pass(impulse, |t, outputs, out| {
+            self.place.take(t, outputs);
+            out.copy_from_slice(&self.place.values[first..first + count]);
+        });
     }
 
     fn integrate_smooth(&mut self, stepper: &mut impl Stepper, t: f64) {
@@ -331,14 +275,7 @@ impl<'a> Observed<'a> {
             return;
         }
         let Self { place, integrals, integrands, reached, .. } = self;
-        let EvaluationBuffer { program, sight, outputs: inputs, values, .. } = place;
-        let outputs = |t: f64, out: &mut [f64]| stepper.values(t, out);
-        quadrature::integrate(
-            *reached,
-            t,
-            integrals,
-            quadrature::Along { outputs, program, sight, inputs, values, integrands },
-        );
+        quadrature::integrate(*reached, t, integrals, quadrature::Along { stepper, place, integrands });
         self.reached = t;
     }
 
@@ -350,8 +287,14 @@ impl<'a> Observed<'a> {
 
     /// The integral that an impulse leaves undefined, and the time of that.
     pub fn undefined(&self) -> Option<(&str, f64)> {
-        let (integral, t) = self.undefined?;
+        let (integral, t) = self.integrals.undefined()?;
         Some((self.of.names.get(self.of.definitions() + integral)?, t))
+    }
+
+    /// The first monitor that touches zero within the tolerances, and the time of that.
+    pub fn touched(&self) -> Option<(&str, f64)> {
+        let (monitor, t) = self.touches.found?;
+        Some((&self.of.monitors[monitor].label, t))
     }
 
     /// Number of steps in which a monitor may have changed sign twice without being noticed.

@@ -4,8 +4,10 @@
 //! Rules that agree prove nothing of a feature between their points. What the points do not show of an integrand
 //! ([`expression::Sight`]) is bounded over each part, and a part is halved as long as the bound matters.
 
-use expression::{Sight, Tape};
-use numerics::{Interval, KRONROD_GAP, kronrod, kronrod_ends};
+use super::evaluation::EvaluationBuffer;
+use super::impulse::Impulse;
+use super::run::Stepper;
+use numerics::{KRONROD_GAP, kronrod, kronrod_ends};
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
@@ -42,45 +44,40 @@ impl<F: FnMut(f64, &mut [f64])> Integrand for F {
     }
 }
 
-/// The values of a program along the outputs of a step; `outputs` writes the outputs at a time.
-pub(super) struct Along<'a, O> {
-    pub outputs: O,
-    pub program: &'a mut Tape,
-    pub sight: &'a mut Sight,
-    /// Room for the inputs of the program after time, and for its values.
-    pub inputs: &'a mut [f64],
-    pub values: &'a mut [f64],
+/// The values of a program along the last step of a method.
+pub(super) struct Along<'a, S> {
+    pub stepper: &'a mut S,
+    pub place: &'a mut EvaluationBuffer,
     /// The values that are integrated, and whether they are squared.
     pub integrands: &'a [(usize, bool)],
 }
 
-impl<O: FnMut(f64, &mut [f64])> Integrand for Along<'_, O> {
+impl<S: Stepper> Integrand for Along<'_, S> {
     fn at(&mut self, t: f64, out: &mut [f64]) {
-        (self.outputs)(t, self.inputs);
-        self.program.evaluate(t, self.inputs, self.values);
-        if self.sight.is_needed() {
-            self.sight.sample(self.program);
-        }
-        for (out, &(at, squared)) in out.iter_mut().zip(self.integrands) {
-            *out = if squared { self.values[at] * self.values[at] } else { self.values[at] };
-        }
+        self.place.at(self.stepper, t);
+        self.place.sample();
+        select(self.integrands, &self.place.values, out);
     }
 
     fn begin(&mut self) {
-        if self.sight.is_needed() {
-            self.sight.begin();
-        }
+        self.place.begin();
     }
 
     fn hidden(&mut self, from: f64, to: f64, out: &mut [f64]) {
-        if !self.sight.is_needed() {
+        if !self.place.judge(from, to) {
             return out.fill(0.0);
         }
-        self.sight.judge(self.program, Interval::new(from, to));
         for (out, &(at, squared)) in out.iter_mut().zip(self.integrands) {
-            let (hidden, size) = self.sight.hidden(self.program, at);
+            let (hidden, size) = self.place.hidden(at);
             *out = if squared && hidden > 0.0 { 2.0 * size * hidden } else { hidden };
         }
+    }
+}
+
+/// Selects the values that are integrated, or their squares.
+pub(super) fn select(integrands: &[(usize, bool)], values: &[f64], out: &mut [f64]) {
+    for (out, &(at, squared)) in out.iter_mut().zip(integrands) {
+        *out = if squared { values[at] * values[at] } else { values[at] };
     }
 }
 
@@ -93,19 +90,32 @@ pub(super) struct Integrals {
     uncertain: Vec<f64>,
     /// The integrals of the absolute values.
     sizes: Vec<f64>,
+    /// A function whose integral over an impulse is undefined, and the time of that, if there is one.
+    undefined: Option<(usize, f64)>,
 }
 
 impl Integrals {
     /// No integrals of `count` functions.
     pub fn new(count: usize) -> Self {
         let zeros = || vec![0.0; count];
-        Self { values: zeros(), uncertain: zeros(), sizes: zeros() }
+        Self { values: zeros(), uncertain: zeros(), sizes: zeros(), undefined: None }
     }
 
-    /// Adds the integral of a function over an impulse.
-    pub fn add(&mut self, function: usize, value: f64) {
-        self.values[function] += value;
-        self.sizes[function] += value.abs();
+    /// Adds the integrals over an impulse; `evaluate` writes the functions for a time and outputs of the problem.
+    pub fn pass(&mut self, impulse: &Impulse, evaluate: impl FnMut(f64, &[f64], &mut [f64])) {
+        for (k, over) in impulse.integrals(self.values.len(), evaluate).enumerate() {
+            if let Some(over) = over {
+                self.values[k] += over;
+                self.sizes[k] += over.abs();
+            } else {
+                self.undefined.get_or_insert((k, impulse.t));
+            }
+        }
+    }
+
+    /// The first function whose integral an impulse leaves undefined, and the time of that.
+    pub fn undefined(&self) -> Option<(usize, f64)> {
+        self.undefined
     }
 
     /// The integrals of the absolute values.
@@ -210,7 +220,7 @@ impl Ord for Part {
 
 /// Adds the integrals of several functions between two times to `integrals`.
 pub(super) fn integrate(from: f64, to: f64, integrals: &mut Integrals, mut of: impl Integrand) {
-    let Integrals { values: before, uncertain, sizes } = integrals;
+    let Integrals { values: before, uncertain, sizes, .. } = integrals;
     let most = (MOST_SUMS / before.len().max(1)).clamp(LEAST_PARTS, MOST_PARTS);
     let mut values = vec![0.0; before.len()];
     // Times within a short step are rounded, and so are values that change over it.

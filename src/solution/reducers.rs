@@ -2,11 +2,15 @@
 //! along the dense output, counts and times of located events, and the mode word. Output times have no influence.
 
 use super::columnar::checksum;
-use super::quadrature::{Along, Integrals, integrate};
+use super::evaluation::EvaluationBuffer;
+use super::extremes::Extremes;
+use super::impulse::Impulse;
+use super::quadrature::{Along, Integrals, integrate, select};
 use super::run::Stepper;
-use super::statistics::{Extremes, Samples};
 use super::{Event, EventKind};
-use expression::{Sight, Tape};
+use expression::Tape;
+use hybrid::Followed;
+use numerics::Interval;
 
 /// Length in bytes at which a mode word is cut.
 const LONGEST_WORD: usize = 4 << 10;
@@ -98,6 +102,15 @@ impl Reducers {
         })
     }
 
+    /// The first column of a complete run that has no finite value of its expression.
+    pub(super) fn lost(&self, collected: &[Collected]) -> Option<&str> {
+        let is_lost = |(reduction, found): (&Reduction, &Collected)| {
+            matches!((reduction, found), (Reduction::Value { .. } | Reduction::Derivative(_), Collected::Number(None)))
+        };
+        let lost = self.reductions.iter().zip(collected).position(is_lost)?;
+        self.names.get(lost).map(String::as_str)
+    }
+
     /// The results of a run that never began.
     pub fn nothing(&self) -> Vec<Collected> {
         self.reductions.iter().map(Reduction::nothing).collect()
@@ -123,10 +136,7 @@ impl Selected {
 /// Reducers during a run.
 pub(super) struct Reducing<'a> {
     of: &'a Reducers,
-    program: Tape,
-    sight: Sight,
-    outputs: Vec<f64>,
-    values: Vec<f64>,
+    place: EvaluationBuffer,
     start: f64,
     end: f64,
     at_start: Vec<f64>,
@@ -139,9 +149,31 @@ pub(super) struct Reducing<'a> {
     /// Indices of the values whose extremes are needed.
     extremes: Vec<usize>,
     found: Extremes,
-    samples: Samples,
     word: Option<Word>,
     has_times: bool,
+}
+
+/// Values along the last step of a method.
+struct Extending<'a, S> {
+    stepper: &'a mut S,
+    place: &'a mut EvaluationBuffer,
+    /// The values whose extremes are needed.
+    extremes: &'a [usize],
+}
+
+impl<S: Stepper> Followed for Extending<'_, S> {
+    fn monitors(&mut self, t: f64, out: &mut [f64]) {
+        let values = self.place.at(self.stepper, t);
+        out.iter_mut().zip(self.extremes).for_each(|(out, &at)| *out = values[at]);
+    }
+
+    fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+        let ranges = self.place.enclose(self.stepper, (from, to), &[]);
+        ranges.is_some_and(|[_, ranges]| {
+            out.iter_mut().zip(self.extremes).for_each(|(out, &at)| *out = ranges[at]);
+            true
+        })
+    }
 }
 
 impl<'a> Reducing<'a> {
@@ -170,10 +202,7 @@ impl<'a> Reducing<'a> {
         let word = of.reductions.contains(&Reduction::ModeWord).then(Word::default);
         let mut reducing = Self {
             of,
-            program: of.program.clone(),
-            sight: if integrands.is_empty() { Sight::default() } else { Sight::new(&of.program) },
-            outputs: vec![0.0; outputs],
-            values: vec![0.0; count],
+            place: EvaluationBuffer::new(&of.program, [outputs, count], !integrands.is_empty()),
             start: t,
             end: t,
             at_start: vec![0.0; count],
@@ -183,14 +212,13 @@ impl<'a> Reducing<'a> {
             integrands,
             found: Extremes::new(extremes.len()),
             extremes,
-            samples: Samples::default(),
             word,
             has_times,
         };
         if count > 0 {
-            reducing.evaluate(stepper, t);
-            reducing.at_start.copy_from_slice(&reducing.values);
-            reducing.at_end.copy_from_slice(&reducing.values);
+            reducing.place.at(stepper, t);
+            reducing.at_start.copy_from_slice(&reducing.place.values);
+            reducing.at_end.copy_from_slice(&reducing.place.values);
         }
         reducing.look_at(stepper, t, t);
         if let Some(word) = &mut reducing.word
@@ -206,13 +234,37 @@ impl<'a> Reducing<'a> {
         self.integrals.uncertainty().map(|(_, uncertainty)| uncertainty)
     }
 
-    fn evaluate(&mut self, stepper: &mut impl Stepper, t: f64) {
-        stepper.values(t, &mut self.outputs);
-        self.program.evaluate(t, &self.outputs, &mut self.values);
+    /// The first column whose integral or mean an impulse leaves undefined, and the time of that.
+    pub fn undefined(&self) -> Option<(&str, f64)> {
+        let (integral, t) = self.integrals.undefined()?;
+        let (of, squared) = self.integrands[integral];
+        let is_one = |reduction: &Reduction| {
+            matches!(reduction, Reduction::Value { at, over }
+                if *at == of && if squared { *over == Over::Rms } else { matches!(over, Over::Mean | Over::Integral) })
+        };
+        let column = self.of.reductions.iter().position(is_one)?;
+        Some((self.of.names.get(column)?, t))
     }
 
-    /// Adds the last step, from `begin` to `end`, with its events.
-    pub fn step(&mut self, stepper: &mut impl Stepper, begin: f64, end: f64, events: &[Event]) {
+    /// The column whose extreme may be exceeded by most, by what part of its size, and when.
+    pub fn open(&self) -> Option<(&str, f64, f64)> {
+        let (extreme, by, t) = self.found.open()?;
+        let is_one = |reduction: &Reduction| {
+            matches!(reduction, Reduction::Value { at, over: Over::Min | Over::Max | Over::Ripple }
+                if *at == self.extremes[extreme])
+        };
+        let column = self.of.reductions.iter().position(is_one)?;
+        Some((self.of.names.get(column)?, by, t))
+    }
+
+    /// Adds the last step, from `begin` to `end`, with its events and impulses.
+    pub fn step(
+        &mut self,
+        stepper: &mut impl Stepper,
+        (begin, end): (f64, f64),
+        events: &[Event],
+        impulses: &[Impulse],
+    ) {
         self.end = end;
         if let Some(word) = &mut self.word {
             match stepper.mode() {
@@ -220,19 +272,14 @@ impl<'a> Reducing<'a> {
                 None => events.iter().for_each(|event| word.push(&told(event))),
             }
         }
-        if !self.integrands.is_empty() {
-            let Self { program, sight, outputs: inputs, values, integrands, integrals, .. } = self;
-            let outputs = |t: f64, out: &mut [f64]| stepper.values(t, out);
-            integrate(begin, end, integrals, Along { outputs, program, sight, inputs, values, integrands });
+        let Self { place, extremes, integrands: of, integrals, found, .. } = self;
+        if !of.is_empty() {
+            integrate(begin, end, integrals, Along { stepper, place, integrands: of });
+            for impulse in impulses.iter().filter(|impulse| impulse.at <= end) {
+                integrals.pass(impulse, |t, outputs, out| select(of, place.take(t, outputs), out));
+            }
         }
-        if !self.extremes.is_empty() {
-            let Self { program, outputs, values, extremes, found, samples, .. } = self;
-            samples.step(found, begin, end, |t, out| {
-                stepper.values(t, outputs);
-                program.evaluate(t, outputs, values);
-                out.iter_mut().zip(&*extremes).for_each(|(out, &at)| *out = values[at]);
-            });
-        }
+        found.step(begin, end, &mut Extending { stepper, place, extremes });
         self.look_at(stepper, begin, end);
     }
 
@@ -246,17 +293,16 @@ impl<'a> Reducing<'a> {
             if let Reduction::Value { at, over: Over::At(t) } = reduction
                 && (begin..=end).contains(t)
             {
-                self.evaluate(stepper, *t);
-                self.at_times[k] = Some(self.values[*at]);
+                self.place.at(stepper, *t);
+                self.at_times[k] = Some(self.place.values[*at]);
             }
         }
     }
 
     /// Evaluates at the end of the run.
     pub fn end(&mut self, stepper: &mut impl Stepper) {
-        if !self.values.is_empty() && self.end > self.start {
-            self.evaluate(stepper, self.end);
-            self.at_end.copy_from_slice(&self.values);
+        if !self.at_end.is_empty() && self.end > self.start {
+            self.at_end.copy_from_slice(self.place.at(stepper, self.end));
         }
     }
 

@@ -529,10 +529,11 @@ impl TimeStepped for RigidBodyRun<'_> {
     fn miss(&mut self, out: &mut [f64]) -> bool {
         let step = [self.before, self.t];
         let moves = |action: &&Action| action.bodies.first().is_some_and(|(body, _)| !self.scene.bodies[*body].fixed);
+        let held = if self.unseen.is_empty() { Vec::new() } else { self.simulation.held::<6>() };
         for (unseen, action) in self.unseen.iter_mut().zip(self.scene.actions.iter().filter(moves)) {
             unseen.read(action, self.scene, &self.states);
             let motion = &self.simulation.ends[unseen.own];
-            unseen.step(step, motion, (action.is_local, &action.at));
+            unseen.step(step, motion, (action.is_local, &action.at), &held[unseen.own]);
             unseen.displace(motion, &mut out[OF_BODY.len() * unseen.own..][..OF_BODY.len()]);
         }
         if let Some(motion) = &mut self.unseen_motion {

@@ -1,7 +1,8 @@
 //! The main loop of a run: outputs, limits, events and evidence, common to all methods.
 
 use super::dense::{Dense, Sampling};
-use super::observables::{EndedBy, Impulse, Observables, Observed};
+use super::impulse::Impulse;
+use super::observables::{EndedBy, Observables, Observed};
 use super::quadrature::NEGLIGIBLE;
 use super::reducers::{Reducers, Reducing};
 use super::sensitivities::{Gradient, Resolution, Sensitivities};
@@ -83,6 +84,12 @@ pub trait Stepper {
         false
     }
 
+    /// The relative tolerance, and the absolute tolerances of the states, which are the first outputs; `None` without control
+    /// of errors.
+    fn tolerances(&self) -> Option<(f64, &[f64])> {
+        None
+    }
+
     /// Writes the requested sensitivities at a time within the last step.
     fn derivatives(&mut self, _t: f64, _out: &mut [f64]) {}
 
@@ -104,11 +111,23 @@ pub trait Stepper {
     /// Moves the events of the last step, in the order of time, to `events`.
     fn take_events(&mut self, events: &mut Vec<Event>);
 
+    /// Moves those events of the last step to `events` that were held back, since the next step may undo them, where there is no
+    /// next step.
+    fn last_events(&mut self, _events: &mut Vec<Event>) {}
+
     /// Adds the end of a step to the evidence; `switched` is true if the step has events.
     fn observe(&mut self, switched: bool, diagnostics: &mut Diagnostics);
 
     /// Copies the counters of the whole run to the diagnostics.
     fn finish(&mut self, diagnostics: &mut Diagnostics);
+}
+
+impl Plan {
+    /// The name of an output of the problem, or else of a definition or integral.
+    fn name(&self, place: usize) -> &str {
+        let own = place.checked_sub(self.names.len());
+        own.map_or_else(|| self.names[place].as_str(), |own| self.observables.names[own].as_str())
+    }
 }
 
 /// A finished run with its final states.
@@ -204,7 +223,7 @@ impl<'a> Run<'a> {
             self.control.report(done, stepper.accepted());
         };
         self.x.copy_from_slice(stepper.states());
-        self.recorder.end(stepper);
+        self.control.tell(self.recorder.end(stepper));
         if let Some(reducing) = &mut self.recorder.reducing {
             reducing.end(stepper);
         }
@@ -233,7 +252,7 @@ impl<'a> Run<'a> {
         let Recorder { trajectory, ended_by, observed, y, statistics, reducing, sampling, .. } = self.recorder;
         let dense: Option<Dense> = sampling.and_then(Sampling::finish);
         let of_integrals = observed.as_ref().and_then(|observed| observed.uncertainty());
-        let of_means = statistics.as_ref().and_then(|(_, statistics)| statistics.uncertainty());
+        let of_means = statistics.as_ref().and_then(|statistics| statistics.uncertainty());
         let of_reductions = reducing.as_ref().and_then(|reducing| reducing.uncertainty());
         let unnamed = [of_means, of_reductions].into_iter().flatten().map(|uncertainty| ("means", uncertainty));
         for (name, uncertainty) in of_integrals.into_iter().chain(unnamed) {
@@ -244,27 +263,58 @@ impl<'a> Run<'a> {
                 )
             });
         }
-        if let Some((name, t)) = observed.as_ref().and_then(|observed| observed.undefined()) {
+        let field = |place: usize| self.plan.name(place);
+        let of_integrals = observed.as_ref().and_then(|observed| observed.undefined());
+        let of_integrals = of_integrals.or_else(|| reducing.as_ref().and_then(|reducing| reducing.undefined()));
+        let of_integrals = of_integrals.map(|(name, t)| (format!("the integral `{name}`"), t));
+        let of_squares = statistics.as_ref().and_then(Statistics::undefined);
+        let of_squares = of_squares.map(|(place, t)| (format!("the root mean square of `{}`", field(place)), t));
+        if let Some((what, t)) = of_integrals.or(of_squares) {
             self.diagnostics.checks.record(CheckCode::LocalError, f64::INFINITY, NEGLIGIBLE, || {
                 format!(
-                    "the integral `{name}` is undefined from t = {t:?} on: states jump there by an impulse, and the integrand is \
+                    "{what} is undefined from t = {t:?} on: states jump there by an impulse, and the integrand is \
                      not linear in it, or depends on a state that jumps beside it; leave it out, or end before"
                 )
             });
         }
+        let of_statistics = statistics.as_ref().and_then(Statistics::open).map(|(place, by, t)| (field(place), by, t));
+        let of_reductions = reducing.as_ref().and_then(|reducing| reducing.open());
+        for (name, by, t) in of_statistics.into_iter().chain(of_reductions) {
+            if by.is_finite() {
+                let message = format!(
+                    "near t = {t:?} an extreme of `{name}` may be exceeded by up to {by:.1e} of its size: nothing larger was found, \
+                     and nothing excludes it; a smaller `max_step` may help"
+                );
+                self.diagnostics.checks.caveat("extreme_not_proven", message);
+            } else {
+                self.diagnostics.checks.record(CheckCode::LocalError, by, NEGLIGIBLE, || {
+                    format!("`{name}` has no bound near t = {t:?}, and so no extreme: leave it out, or keep it away from there")
+                });
+            }
+        }
         let derivatives = y[self.plan.names.len() + self.plan.observables.names.len()..].to_vec();
         let is_complete = status == Status::Completed;
         let collected = reducing.map(|reducing| reducing.finish(is_complete, &trajectory.events, &derivatives));
+        if let (Some(collected), Some(of)) = (&collected, &self.plan.reducers)
+            && let Some(column) = of.lost(collected).filter(|_| is_complete)
+        {
+            self.diagnostics.checks.record(CheckCode::LocalError, f64::INFINITY, NEGLIGIBLE, || {
+                format!("`{column}` is not finite: its expression has a pole on the way, or a value outside its domain")
+            });
+        }
         let collected = collected.or_else(|| self.plan.reducers.as_ref().map(|reducers| reducers.nothing()));
-        let name = |place: usize| {
-            let own = place.checked_sub(self.plan.names.len());
-            own.map_or_else(|| self.plan.names[place].clone(), |own| self.plan.observables.names[own].clone())
-        };
-        let statistics = statistics.map_or_else(BTreeMap::new, |(places, statistics)| {
-            places.into_iter().map(name).zip(statistics.finish()).collect()
+        let statistics = statistics.map_or_else(BTreeMap::new, |statistics| {
+            statistics.finish().into_iter().map(|(place, over)| (field(place).to_owned(), over)).collect()
         });
         let switches = trajectory.events.iter().filter(|event| event.kind != EventKind::Crossed);
         self.diagnostics.switches = switches.count() as u64;
+        if let Some((label, t)) = observed.as_ref().and_then(|observed| observed.touched()) {
+            let message = format!(
+                "`{label}` comes to zero within what the tolerances leave uncertain, and turns back at t = {t:?}: whether it has \
+                 events there is not known; tighten `rtol` and `atol`, or take a value that it crosses"
+            );
+            self.diagnostics.checks.caveat("touch_uncertain", message);
+        }
         if let Some(open) = observed.map(|observed| observed.open()).filter(|open| *open > 0) {
             let message = format!(
                 "in {open} steps a monitor of `stop` could not be enclosed, and was evaluated at some points only: two \
@@ -348,8 +398,8 @@ struct Recorder<'a> {
     y: Vec<f64>,
     /// The user's observables, once the run has started.
     observed: Option<Observed<'a>>,
-    /// Statistics of the fields other than integrals and sensitivities, with their indices in `y`.
-    statistics: Option<(Vec<usize>, Statistics)>,
+    /// Statistics of the fields other than integrals and sensitivities.
+    statistics: Option<Statistics>,
     reducing: Option<Reducing<'a>>,
     sampling: Option<Sampling>,
     is_started: bool,
@@ -377,8 +427,7 @@ impl<'a> Recorder<'a> {
         let statistics = plan.statistics.then(|| {
             let most = plan.names.len() + plan.observables.definitions();
             let places: Vec<usize> = plan.fields.iter().copied().filter(|place| *place < most).collect();
-            let statistics = Statistics::new(places.len());
-            (places, statistics)
+            Statistics::new(places, plan.names.len(), &plan.observables)
         });
         Self {
             plan,
@@ -432,8 +481,9 @@ impl<'a> Recorder<'a> {
         let mut events = Vec::new();
         stepper.take_events(&mut events);
         let switched = !events.is_empty();
+        let impulses = stepper.impulses();
         if let Some(observed) = &mut self.observed {
-            observed.expect(stepper.impulses());
+            observed.expect(&impulses);
             let goes_on = |count| before + count <= self.plan.most_values && control.poll().is_none();
             self.ended_by = observed.follow(stepper, begin, &mut events, goes_on);
         }
@@ -456,23 +506,14 @@ impl<'a> Recorder<'a> {
             observed.integrate(stepper, end);
         }
         if let Some(reducing) = &mut self.reducing {
-            reducing.step(stepper, begin, end, &self.trajectory.events[before..]);
+            reducing.step(stepper, (begin, end), &self.trajectory.events[before..], &impulses);
         }
         if let Some(mut sampling) = self.sampling.take() {
             sampling.step(begin, end, |t, out| self.row(stepper, t, out));
             self.sampling = Some(sampling);
         }
-        if let Some((places, statistics)) = &mut self.statistics {
-            let (count, definitions) = (self.plan.names.len(), self.plan.observables.definitions());
-            let mut y = vec![0.0; count + definitions];
-            statistics.step(begin, end, |t, out| {
-                let (outputs, own) = y.split_at_mut(count);
-                stepper.values(t, outputs);
-                if let Some(observed) = self.observed.as_mut().filter(|_| definitions > 0) {
-                    observed.define(t, outputs, own);
-                }
-                out.iter_mut().zip(&*places).for_each(|(out, &place)| *out = y[place]);
-            });
+        if let Some(statistics) = &mut self.statistics {
+            statistics.step(stepper, (begin, end), &impulses);
         }
         Recorded { events: &self.trajectory.events[before..], switched }
     }
@@ -488,12 +529,18 @@ impl<'a> Recorder<'a> {
         out.iter_mut().zip(&self.plan.fields).for_each(|(out, &place)| *out = self.y[place]);
     }
 
-    /// Writes the derivatives at the end, which need be no output time.
-    fn end(&mut self, stepper: &mut impl Stepper) {
+    /// Records the last events, which it returns, and the derivatives at the end, which need be no output time.
+    fn end(&mut self, stepper: &mut impl Stepper) -> &[Event] {
+        let before = self.trajectory.events.len();
+        stepper.last_events(&mut self.trajectory.events);
+        if let Some(EndedBy { t, .. }) = &self.ended_by {
+            self.trajectory.events.retain(|event| event.t <= *t);
+        }
         let (t, own) = (stepper.t(), self.plan.names.len() + self.plan.observables.names.len());
         if t > self.trajectory.t.last().copied().unwrap_or(f64::NEG_INFINITY) {
             stepper.derivatives(t, &mut self.y[own..]);
         }
+        self.trajectory.events.get(before..).unwrap_or_default()
     }
 
     fn sample(&mut self, stepper: &mut impl Stepper, t: f64) {

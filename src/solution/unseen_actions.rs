@@ -73,8 +73,15 @@ impl UnseenAction {
         scene.actions.iter().filter_map(new).collect()
     }
 
-    /// Adds a step in which the body has the given motion at its end.
-    pub fn step(&mut self, [from, to]: [f64; 2], motion: &Motion, (is_local, at): (bool, &Vector3<f64>)) {
+    /// Adds a step in which the body has the given motion at its end. Contacts hold some components of its velocity and its
+    /// angular velocity: what forces give these unseen ends within the step.
+    pub fn step(
+        &mut self,
+        [from, to]: [f64; 2],
+        motion: &Motion,
+        (is_local, at): (bool, &Vector3<f64>),
+        held: &[bool; 6],
+    ) {
         let h = to - from;
         let Self { program, boxes, data, of_way, inputs, before, out, ranges, displaced, unknown, .. } = self;
         let (mut missed, mut left) = ([Vector3::zeros(); 2], [0.0; 2]);
@@ -102,6 +109,11 @@ impl UnseenAction {
             displaced[k][1] += missed[k];
             unknown[k][0] += h * (unknown[k][1] + 0.5 * left[k]);
             unknown[k][1] += left[k];
+            let held = &held[3 * k..3 * k + 3];
+            displaced[k][1].iter_mut().zip(held).filter(|(_, held)| **held).for_each(|(velocity, _)| *velocity = 0.0);
+            if held.iter().all(|held| *held) {
+                unknown[k][1] = 0.0;
+            }
         }
     }
 

@@ -180,8 +180,9 @@ impl Specification {
                 ("sweep", sweep.is_some()),
             ];
             let others = [&analyses[..], &alone].concat();
-            let fit =
-                fit.filter(|_| is_read).and_then(|fit| fit.check((&*model, &observables), time, &others, &mut found));
+            let fit = fit
+                .filter(|_| is_read)
+                .and_then(|fit| fit.check((&*model, &method, &observables), time, &others, &mut found));
             let search = search.or(fit.map(|fit| Search::Fit(Arc::new(fit))));
             if study.is_some() && is_static {
                 found.report(

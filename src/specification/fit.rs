@@ -3,15 +3,15 @@
 use super::choices::choices;
 use super::document::Time;
 use super::error::{Errors, SpecificationError};
-use super::method::out_of_range;
+use super::method::{Method, out_of_range};
 use super::model::Model;
 use super::ordered::Ordered;
 use super::pointer::Pointer;
-use super::sensitivities::{INITIAL, differentiable};
+use super::sensitivities::{INITIAL, differentiable, differentiable_motion};
 use super::varied::check_structure;
 use super::wording::{abridged, listed};
 use expression::nearest;
-use models::DviModel;
+
 use serde::de::{Error, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use solution::{By, DataColumn, Fit, Fitted, Loss, Observables, Quantity};
@@ -105,7 +105,7 @@ impl FitRequest {
     /// Checks the request for a model; `others` lists incompatible keys, and whether each is present.
     pub(super) fn check(
         &self,
-        (model, observables): (&dyn Model, &Observables),
+        (model, method, observables): (&dyn Model, &Method, &Observables),
         time: Time,
         others: &[(&'static str, bool)],
         errors: &mut Errors,
@@ -115,11 +115,15 @@ impl FitRequest {
         for (other, _) in others.iter().filter(|(_, given)| *given) {
             found.report(&place, "conflict", format!("`{other}` cannot be combined with `fit`"));
         }
-        let dvi = differentiable(model, "fits are made", &place, &mut found);
-        let fit = dvi.map(|dvi| Fit {
-            parameters: self.parameters(model, dvi, &place, &mut found),
+        let is_differentiable = match model.mechanical() {
+            Some(motion) => differentiable_motion(motion, method, &place, &mut found),
+            None => differentiable(model, "fits are made", &place, &mut found).map(|_| ()),
+        };
+        let states = model.state_names();
+        let fit = is_differentiable.map(|()| Fit {
+            parameters: self.parameters(model, &states, &place, &mut found),
             t: self.data.t.clone(),
-            data: self.data.check((dvi, observables), time, &place, &mut found),
+            data: self.data.check((&states, observables), time, &place, &mut found),
             is_scaled: self.data.sd.is_some(),
             loss: match self.loss {
                 LossName::Squares => Loss::Squares,
@@ -135,11 +139,12 @@ impl FitRequest {
         fit
     }
 
-    fn parameters(&self, model: &dyn Model, dvi: &DviModel, place: &Pointer<'_>, found: &mut Errors) -> Vec<Fitted> {
+    fn parameters(&self, model: &dyn Model, states: &[String], place: &Pointer<'_>, found: &mut Errors) -> Vec<Fitted> {
         let place = place.key("parameters");
         let (names, values) =
             model.parameters().map_or((&[][..], &[][..]), |parameters| (parameters.names(), parameters.values()));
-        let initial: Vec<String> = dvi.state_names.iter().map(|name| format!("{name}{INITIAL}")).collect();
+        let (initial, begins): (Vec<String>, Vec<f64>) =
+            (states.iter().map(|name| format!("{name}{INITIAL}")).collect(), model.initial());
         if self.parameters.is_empty() {
             let error = SpecificationError::new(place.to_string(), "empty", "there is nothing to fit");
             found.push(error.expected("parameters, or initial values such as `x.initial`"));
@@ -164,7 +169,7 @@ impl FitRequest {
                     check_structure(model, at, &place, found);
                     (By::Parameter(at), values.get(at))
                 }
-                Some(state) => (By::Initial(state), dvi.initial.get(state)),
+                Some(state) => (By::Initial(state), begins.get(state)),
             };
             let begin = given.initial.or(default.copied()).unwrap_or(0.0);
             let lower = given.lower.unwrap_or(f64::NEG_INFINITY);
@@ -223,19 +228,22 @@ impl FitRequest {
 impl FitData {
     fn check(
         &self,
-        (dvi, observables): (&DviModel, &Observables),
+        (states, observables): (&[String], &Observables),
         time: Time,
         place: &Pointer<'_>,
         found: &mut Errors,
     ) -> Vec<DataColumn> {
         let place = place.key("data");
-        let states = dvi.state_names.len();
         // Definitions that depend on variables are not allowed, since sensitivities of variables are not computed.
-        let defined =
-            observables.names.iter().zip(&observables.reach).enumerate().filter(|(_, (_, reach))| **reach <= states);
+        let defined = observables
+            .names
+            .iter()
+            .zip(&observables.reach)
+            .enumerate()
+            .filter(|(_, (_, reach))| **reach <= states.len());
         let defined: Vec<(&str, Quantity)> =
             defined.map(|(k, (name, _))| (name.as_str(), Quantity::Definition(k))).collect();
-        let of_states = dvi.state_names.iter().enumerate().map(|(k, name)| (name.as_str(), Quantity::State(k)));
+        let of_states = states.iter().enumerate().map(|(k, name)| (name.as_str(), Quantity::State(k)));
         let all: Vec<(&str, Quantity)> = of_states.chain(defined).collect();
         let names = || all.iter().map(|(name, _)| *name);
         self.check_times(time, &place.key("t"), found);

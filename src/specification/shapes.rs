@@ -72,8 +72,11 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
     let shown = abridged(&found.to_string());
     match (found, key) {
         (Json::Text(text), _) if expected == "a boolean" => {
-            let word = if text.eq_ignore_ascii_case("true") || text == "1" || text == "yes" { "true" } else { "false" };
-            return Some(format!("`{word}` without quotes"));
+            return Some(match text.trim().to_lowercase().as_str() {
+                "true" | "1" | "yes" | "on" | "high" => "`true` without quotes".to_owned(),
+                "false" | "0" | "no" | "off" | "low" => "`false` without quotes".to_owned(),
+                _ => "`true` or `false`, without quotes".to_owned(),
+            });
         }
         (Json::Number(number), _) if expected == "a boolean" => {
             return Some(format!("`{}`", number.as_f64() != Some(0.0)));

@@ -256,3 +256,32 @@ fn a_branch_that_has_all_its_points_before_its_end_says_so() {
     let same = follow(branch.points.len() as u64);
     assert!(same.branch.expect("a branch").ended.is_none());
 }
+
+#[test]
+fn two_eigenvalues_that_pass_together_are_told() {
+    for rates in [["p*x", "p*y"], ["p*x - x^3", "p*y - 2*y^3"]] {
+        let solution = solve(&json!({"problem": {"dvi": {"parameters": {"p": -1}, "states": {
+                "x": {"initial": 0, "rate": rates[0]}, "y": {"initial": 0, "rate": rates[1]}}}},
+            "steady_state": {"continue": {"parameter": "p", "to": 1.1}}}));
+        let codes: Vec<&str> = solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str()).collect();
+        assert!(codes.contains(&"branch_event_missed"), "{rates:?}: {codes:?}");
+    }
+}
+
+#[test]
+fn a_branch_follows_its_bends_however_long_the_interval_is() {
+    // On p = x + 0.05 sin 40 x the branch turns where 1 + 2 cos 40 x = 0.
+    for to in [0.2, 0.5, 2.0] {
+        let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"p": 0}, "states": {
+                "x": {"initial": 0, "rate": "p - x - 0.05*sin(40*x)"}}}},
+            "steady_state": {"continue": {"parameter": "p", "to": to, "points": 2000}}}));
+        let folds: Vec<f64> =
+            branch.events.iter().filter(|event| event.kind == BranchEventKind::Fold).map(|event| event.at).collect();
+        let angles = (0..40).flat_map(|k| [TAU / 3.0, 2.0 * TAU / 3.0].map(|angle| angle + TAU * f64::from(k)));
+        let turns: Vec<f64> = angles.map(|angle| angle / 40.0 + 0.05 * angle.sin()).collect();
+        // The branch ends where it comes to the end of the interval first.
+        let crossed = turns.iter().position(|p| *p > to).unwrap_or(turns.len());
+        assert_eq!(folds.len(), crossed, "to {to}: {folds:?}");
+        assert!(folds.iter().zip(&turns).all(|(found, exact)| (found - exact).abs() < 1e-6), "to {to}: {folds:?}");
+    }
+}

@@ -309,3 +309,28 @@ fn a_fit_that_cannot_be_run_says_why() {
     );
     assert!(solution.fit.is_none() && !solution.verdict.trusted);
 }
+
+#[test]
+fn a_bounce_tells_gravity_and_restitution() {
+    // Heights of a ball that falls from 1 and bounces, in closed form, for g = 9.81 and e = 0.7.
+    let (g, e) = (9.81_f64, 0.7);
+    let fall = (2.0 / g).sqrt();
+    let height = |t: f64| {
+        let (since, speed) = (t - fall, e * g * fall);
+        if since < 0.0 { 1.0 - 0.5 * g * t * t } else { speed * since - 0.5 * g * since * since }
+    };
+    let t: Vec<f64> = (1..=10).map(|k| 0.1 * f64::from(k)).collect();
+    let y: Vec<f64> = t.iter().map(|t| height(*t)).collect();
+    let (_, fit) = fitted(&json!({"problem": {"mechanical": {"parameters": {"g": 9, "e": 0.5},
+            "coordinates": {"y": {"initial": 1}}, "mass": [[1]], "potential": "g*y",
+            "contacts": [{"name": "floor", "gap": "y", "restitution": "e"}]}}, "time": {"end": 1},
+        "fit": {"parameters": {"g": {"lower": 1, "upper": 30}, "e": {"lower": 0, "upper": 1}},
+            "data": {"t": t, "y": y, "sd": 0.01}}}));
+    assert_near(fit.parameters["g"].estimate, g, 1e-7);
+    assert_near(fit.parameters["e"].estimate, e, 1e-7);
+    // The interval of e follows from dy/de = g fall (t - fall) after the bounce and from what the fall says of g; it is wider
+    // than with g known.
+    let known: f64 = t.iter().filter(|t| **t > fall).map(|t| (g * fall * (t - fall) / 0.01).powi(2)).sum();
+    let sd = fit.parameters["e"].sd.expect("a standard deviation");
+    assert!(sd > known.sqrt().recip() && sd < 3.0 * known.sqrt().recip(), "{sd} for {}", known.sqrt().recip());
+}

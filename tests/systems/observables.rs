@@ -370,6 +370,41 @@ fn integrals_take_the_impulses_of_jumps() {
 }
 
 #[test]
+fn a_jump_at_the_end_is_made() {
+    for end in [0.3, 0.5, 0.7, 1.0, 2.0, 3.0, 10.0] {
+        for bound in [format!("heaviside(t - {end})"), format!("if(t < {end}, 0, 1)"), format!("if(t <= {end}, 0, 1)")]
+        {
+            let solution = solve(&json!({"problem": {"dvi": {"integrals": {"I": "z"},
+                "states": {"x": {"initial": 0.2, "rate": "z"}}, "variables": {"z": {"inequality": format!("x - {bound}")}},
+                "set": [{"nonnegative": ["z"]}]}}, "time": {"end": end}, "output": {"times": [0, end]}}));
+            let (x, integral) = (column(&solution, "x"), column(&solution, "I"));
+            assert!((x[1] - 1.0).abs() < 1e-9 && (integral[1] - 0.8).abs() < 1e-9, "{bound}: {x:?} {integral:?}");
+            let jumps: Vec<f64> = solution.trajectory.events.iter().map(|event| event.t).collect();
+            assert_eq!(jumps, [end], "{bound}");
+        }
+    }
+}
+
+#[test]
+fn a_touch_within_the_tolerances_is_told() {
+    let is_told = |solution: &Solution| solution.verdict.caveats.iter().any(|caveat| caveat.code == "touch_uncertain");
+    // The sine touches 1; the height of a throw is 1/2 at t = 1. Above and below, the number of crossings is certain.
+    let sine = json!({"dvi": {"states": {"y": {"initial": 0, "rate": "cos(t)"}}}});
+    let thrown = json!({"mechanical": {"coordinates": {"y": {"initial": 0.1, "velocity": 1}}, "mass": [[1]], "potential": "y",
+        "contacts": [{"name": "floor", "gap": "y + 3"}]}});
+    for (problem, level, crossings) in [(sine, 1.0, 6), (thrown, 0.6, 2)] {
+        for (off, counts) in [(1e-10, None), (-1e-10, None), (1e-3, Some(0)), (-1e-3, Some(crossings))] {
+            let solution = solve(&json!({"problem": problem, "time": {"end": 3.0 * f64::from(crossings)},
+                "stop": [{"when": format!("y - {level} - ({off})"), "label": "reached", "record": true}]}));
+            assert_eq!(is_told(&solution), counts.is_none(), "{level} {off}");
+            if let Some(count) = counts {
+                assert_eq!(events(&solution, "reached").len(), count as usize, "{level} {off}");
+            }
+        }
+    }
+}
+
+#[test]
 fn a_state_that_comes_to_rest_at_zero_has_one_event() {
     // x = max(1 - t, 0), and with the rate z - 1 - t zero is reached at sqrt(3) - 1; a speed that friction stops at t = 1.
     let held = |rate: &str| {

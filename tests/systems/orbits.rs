@@ -383,3 +383,36 @@ fn orbits_that_runs_return_to_from_far_around_are_said_to_be_uncertain() {
         assert_eq!(is_told, is_uncertain, "{rate}: {:?}", solution.verdict);
     }
 }
+
+#[test]
+fn means_over_a_period_take_impulses_and_see_pulses() {
+    // x' = z - x is lifted to 1 at the start of each period and falls from 1/2 on: z is x' + x, and has the mean of x.
+    let lifted = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "z - x"}},
+            "variables": {"z": {"inequality": "x - pwm(t, 1, 0.5)"}}, "set": [{"nonnegative": ["z"]}]}},
+        "periodic": {"period": 1}}));
+    let orbit = lifted.orbit.expect("an orbit");
+    let exact = 0.5 + 1.0 - (-0.5_f64).exp();
+    for name in ["x", "z"] {
+        let mean = orbit.over_period[name].mean;
+        assert!((mean - exact).abs() < 1e-8, "{name}: {mean} for {exact}");
+    }
+    // The square of an impulse has no mean.
+    assert!(lifted.verdict.because.iter().any(|reason| reason.message.contains("root mean square of `z`")));
+
+    let pulsed = |d: &str| {
+        let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "sin(t) - x"}},
+            "definitions": {"d": d}}}, "periodic": {"period": "2*pi"}, "output": {"fields": ["d"]}}));
+        assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+        solution.orbit.expect("an orbit").over_period["d"]
+    };
+    let period = std::f64::consts::TAU;
+    for (d, area, square) in [
+        ("pulse(t, 2, 0.01)", 0.01, 0.01),
+        ("exp(-((t - 2)/0.001)^2)", 0.001 * std::f64::consts::PI.sqrt(), 0.001 * std::f64::consts::FRAC_PI_2.sqrt()),
+    ] {
+        let over = pulsed(d);
+        assert!((over.mean / (area / period) - 1.0).abs() < 1e-7, "{d}: {over:?}");
+        assert!((over.rms / (square / period).sqrt() - 1.0).abs() < 1e-7, "{d}: {over:?}");
+        assert!((over.max - 1.0).abs() < 1e-8 && over.min.abs() < 1e-12, "{d}: {over:?}");
+    }
+}

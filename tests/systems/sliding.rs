@@ -151,3 +151,43 @@ fn terminal_sliding_ends_at_the_root() {
         assert!(error < 1e-6, "to {end}: off by {error:e}");
     }
 }
+
+#[test]
+fn a_source_that_exceeds_a_store_for_an_instant_switches_once_on_and_once_off() {
+    // v' = max(a sin t - v, 0) from 1: it begins at arcsin(1/a); the small excess is a parabola about its maximum, over which
+    // v follows the linear equation.
+    for excess in [1e-4, 3e-5_f64] {
+        let solution = solve(&json!({"problem": {"dvi": {"states": {"v": {"initial": 1, "rate": "i"}},
+                "variables": {"i": {"inequality": format!("i - ({}*sin(t) - v)", 1.0 + excess)}},
+                "set": [{"nonnegative": ["i"]}]}}, "time": {"end": 3}}));
+        let found = events(&solution, "i");
+        assert_eq!(found.len(), 2, "{excess:e}: {found:?}");
+        assert!((found[0] - (1.0 / (1.0 + excess)).asin()).abs() < 1e-6, "{excess:e}: {found:?}");
+        // To leading order it ends as long after the maximum as it began before it.
+        let width = 2.0 * (2.0 * excess).sqrt();
+        assert!(((found[1] - found[0]) / width - 1.0).abs() < 0.02, "{excess:e}: {found:?}");
+        assert!(solution.verdict.trusted, "{excess:e}: {:?}", solution.verdict);
+    }
+}
+
+#[test]
+fn what_follows_switches_that_are_too_close_is_not_stepped_over() {
+    // The second peak, of 1.10001, charges v; the first exceeds it by 1e-5.
+    let solution = solve(&json!({"problem": {"dvi": {"states": {"v": {"initial": 1, "rate": "i"}},
+            "variables": {"i": {"inequality": "i - ((1.00001 + 0.1*heaviside(t - 4))*sin(t) - v)"}},
+            "set": [{"nonnegative": ["i"]}]}}, "time": {"end": 10}, "method": {"rtol": 1e-8}}));
+    // v' = b sin t - v from v_0 = 1 at t_0, b sin t_0 = v_0; it ends where v = b sin t.
+    let (b, t0) = (1.10001_f64, std::f64::consts::TAU + (1.0_f64 / 1.10001).asin());
+    let v = |t: f64| {
+        let forced = |t: f64| 0.5 * b * (t.sin() - t.cos());
+        forced(t) + (1.0 - forced(t0)) * (t0 - t).exp()
+    };
+    let (mut a, mut c) = (t0 + 0.1, t0 + 1.5);
+    while c - a > 1e-13 {
+        let middle = 0.5 * (a + c);
+        if b * middle.sin() > v(middle) { a = middle } else { c = middle }
+    }
+    let end = last(&solution, "v");
+    assert!((end - v(a)).abs() < 1e-6, "{end} for {}", v(a));
+    assert_eq!(events(&solution, "i").len(), 4, "{:?}", solution.trajectory.events);
+}

@@ -5,7 +5,7 @@
 use crate::systems::harness::solve;
 use dvi::problem::Control;
 use dvi::solution::encodings::MembersForm;
-use dvi::solution::{Solution, Status, Table, encodings};
+use dvi::solution::{Solution, Status, Table, Values, encodings};
 use dvi::specification::{Specification, edited};
 use serde_json::{Value, json};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -154,6 +154,67 @@ fn means_of_narrow_features_are_exact() {
         let found = numbers(&row, name)[0];
         assert!((found - exact).abs() < 1e-8 * exact, "{over}: {found} for {exact}");
     }
+}
+
+#[test]
+fn integrals_and_means_take_the_impulses_of_jumps() {
+    // The bound rises from 0 to 1 at t = 1 and lifts x by an impulse of 1 of z/2; then z = 2 holds it, until t = 3.
+    let swept = |collect: Value| {
+        table(
+            &json!({"problem": {"dvi": {"parameters": {"k": 1}, "states": {"x": {"initial": 0, "rate": "-x + k*z/2"}},
+                "variables": {"z": {"inequality": "x - heaviside(t - 1)"}}, "set": [{"nonnegative": ["z"]}]}},
+            "time": {"end": 3}, "sweep": {"over": {"k": [1]}, "collect": collect}}),
+        )
+    };
+    let row = swept(json!({"I": {"integral": "z"}, "m": {"mean": "z + x"}, "rms_of_x": {"rms": "x"}}));
+    for (name, exact) in [("I", 6.0), ("m", 8.0 / 3.0), ("rms_of_x", (2.0_f64 / 3.0).sqrt())] {
+        let found = numbers(&row, name)[0];
+        assert!((found - exact).abs() < 1e-6, "{name}: {found} for {exact}");
+    }
+    let trusted = |collect| swept(collect).column("trusted").cloned();
+    assert_eq!(trusted(json!({"I": {"integral": "z"}})), Some(Values::Flags(vec![true])));
+    assert_eq!(trusted(json!({"I": {"rms": "z"}})), Some(Values::Flags(vec![false])));
+}
+
+#[test]
+fn extremes_between_the_times_that_are_examined_are_found() {
+    // The state is t, and every peak has the height 1.
+    for peak in
+        ["pulse(t, 0.6, 0.01)", "pulse(t, 0.6, 1e-7)", "max(0, 1 - abs(t - 0.618)/0.01)", "exp(-((x - 0.618)/1e-4)^2)"]
+    {
+        for (over, expression) in [("max", peak.to_owned()), ("min", format!("-({peak})"))] {
+            let row = table(
+                &json!({"problem": {"dvi": {"parameters": {"p": 1}, "states": {"x": {"initial": 0, "rate": "p"}}}},
+                "time": {"end": 1}, "sweep": {"over": {"p": [1]}, "collect": {"m": {over: expression}}}}),
+            );
+            let found = numbers(&row, "m")[0].abs();
+            assert!((found - 1.0).abs() < 1e-9, "{over} of {peak}: {found}");
+            assert_eq!(row.column("trusted"), Some(&Values::Flags(vec![true])), "{peak}");
+        }
+    }
+}
+
+#[test]
+fn what_has_no_finite_value_is_not_trusted() {
+    for collect in
+        [json!({"max": "1/(t - 0.5)"}), json!({"final": "ln(x - p)"}), json!({"at": {"t": 0.5, "of": "1/(t - 0.5)"}})]
+    {
+        let row =
+            table(&json!({"problem": {"dvi": {"parameters": {"p": 1}, "states": {"x": {"initial": 0, "rate": "p"}}}},
+            "time": {"end": 1}, "sweep": {"over": {"p": [1]}, "collect": {"m": collect}}}));
+        assert_eq!(row.column("trusted"), Some(&Values::Flags(vec![false])), "{collect}");
+    }
+}
+
+#[test]
+fn jumps_of_a_state_are_counted_by_its_name() {
+    let row = table(
+        &json!({"problem": {"dvi": {"parameters": {"p": 1}, "states": {"x": {"initial": 0, "rate": "p*z"}},
+            "variables": {"z": {"inequality": "x - floor(t)"}}, "set": [{"nonnegative": ["z"]}]}},
+        "time": {"end": 2.5}, "sweep": {"over": {"p": [1]}, "collect": {
+            "jumps": {"count": {"kind": "jumped", "of": "x"}}, "last": {"time_of_last": {"kind": "jumped", "of": "x"}}}}}),
+    );
+    assert_eq!((numbers(&row, "jumps")[0], numbers(&row, "last")[0]), (2.0, 2.0));
 }
 
 #[test]

@@ -13,6 +13,7 @@
 mod automaton;
 mod bursts;
 mod closed;
+mod driven;
 mod enclosed_forces;
 mod gradient;
 mod grazing;
@@ -50,10 +51,6 @@ const ROUNDING: f64 = 1e-11;
 
 /// Relative slip tolerance: a contact sticks if its slip is below this fraction of the velocity change in the probe.
 const STICK_TOL: f64 = 1e-7;
-/// Rounding of the velocities and impulses of a probe relative to the largest, and the part of its bound by which friction at
-/// the bound may miss it.
-const PROBE_ROUNDING: f64 = 1e-13;
-const AT_BOUND: f64 = 1e-9;
 
 /// Slack in the friction bound, relative to `mu r_n`, below which a contact whose friction reached the bound slips;
 /// with more slack in the probe, redundant contacts take over its load.
@@ -221,6 +218,11 @@ impl<'p> EventDriven<'p> {
     /// Whether the end is reached.
     pub fn is_done(&self) -> bool {
         self.state.t >= self.end
+    }
+
+    /// The relative tolerance, and the absolute tolerances of `q` and `v`; `None` for steps of one size.
+    pub fn tolerances(&self) -> Option<(f64, &[f64])> {
+        self.radau.step.is_none().then_some((self.radau.rtol, &self.radau.atol))
     }
 
     /// The times at which the last step began, and at which its smooth arc ended: before the transition, if there was one.
@@ -468,13 +470,15 @@ impl<'p> EventDriven<'p> {
                 Err(error) => return Err(error),
             };
             let largest = probed.iter().fold(0.0_f64, |most, probed| most.max(probed.r.x));
-            let is_alone = probed.len() == 1;
             for probed in probed.iter().filter(|probed| probed.r.x > ROUNDING * largest) {
                 let k = probed.contact;
-                mode[k] = self.status(probed, is_alone, ending);
+                mode[k] = self.status(probed, ending);
                 self.coefficients[k] = probed.mu;
                 let broke = matches!(ending, Some(Ending::StickToSlip(..)));
                 self.loads[k] = if broke { probed.r / h } else { Vector3::x() * (probed.r.x / h) };
+            }
+            if self.stalls == 0 {
+                self.release_driven(&probed, &mut mode);
             }
         }
         self.project_onto_constraints(&mode)?;
@@ -482,7 +486,7 @@ impl<'p> EventDriven<'p> {
         Ok(())
     }
 
-    fn status(&self, probed: &Probed, is_alone: bool, ending: Option<Ending>) -> Status {
+    fn status(&self, probed: &Probed, ending: Option<Ending>) -> Status {
         let k = probed.contact;
         if self.structure.contacts[k].slips == 0 {
             return Status::Frictionless;
@@ -498,23 +502,12 @@ impl<'p> EventDriven<'p> {
         }
         let (before, after) = (tangent(&probed.before), tangent(&probed.after));
         let stopped = matches!(ending, Some(Ending::SlipToStick(contact)) if contact == k);
-        // Of several contacts, those with slack may take over the load of those at their bound.
-        let is_driven = is_alone && self.stalls == 0 && is_driven(probed);
         if before.norm() > probed.rounding && !stopped {
             Status::Slip(before.normalize())
-        } else if after.norm() <= STICK_TOL * probed.change && !is_driven {
+        } else if after.norm() <= STICK_TOL * probed.change {
             Status::Stick
         } else {
             Status::Slip(after.normalize())
         }
     }
-}
-
-/// Whether a slip, however slow beside the changes of velocity by normal forces, is more than the rounding of the probe:
-/// the friction that opposes it is at its bound.
-fn is_driven(probed: &Probed) -> bool {
-    let (friction, slip) = (Vector2::new(probed.r.y, probed.r.z), Vector2::new(probed.after.y, probed.after.z));
-    let most = probed.mu * probed.r.x;
-    let is_bound = most - friction.norm() <= AT_BOUND * most + PROBE_ROUNDING * probed.r.x;
-    is_bound && slip.norm() > PROBE_ROUNDING * probed.change && friction.dot(&slip) <= 0.0
 }

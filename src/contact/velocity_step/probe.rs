@@ -2,8 +2,9 @@
 
 use super::{State, VelocityStep};
 use crate::active_contacts::{ActiveContacts, rows};
+use crate::delassus::dot;
 use crate::settings::ContactError;
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use problem::{Constraints, Control};
 use vi::Outcome;
 
@@ -50,6 +51,8 @@ pub struct Probed {
     pub change: f64,
     /// Its coefficient of friction.
     pub mu: f64,
+    /// The residual of the law of all contacts of the probe, relative to their velocities.
+    pub residual: f64,
 }
 
 /// The longest probe that was too short and the shortest that was too long.
@@ -235,8 +238,26 @@ impl VelocityStep<'_> {
             rounding: rounding[i],
             change: near.change(i, &(free[i] - before[i]), &r[i]),
             mu: near.friction()[i],
+            residual: report.residual,
         };
         Ok(Some((0..contacts.len()).map(probed).collect()))
+    }
+
+    /// The part of a slip of contact `k` in `direction`, squared and in the metric of `M`, that is left to it where these
+    /// rows of `J` hold: 1 if they have nothing to do with it, 0 if they determine it.
+    pub(crate) fn freedom(&mut self, k: usize, direction: &Vector2<f64>, held: &[usize]) -> f64 {
+        let mut row = vec![0.0; self.structure.coordinates];
+        for (tangent, share) in self.structure.tangents(k).zip(direction.iter()) {
+            row.iter_mut().zip(self.constraints.row(tangent)).for_each(|(row, j)| *row += share * j);
+        }
+        let mut response = row.clone();
+        if !self.delassus.solve(&mut response) {
+            return 0.0;
+        }
+        let whole = dot(&row, &response);
+        let off: Vec<f64> = held.iter().map(|&held| dot(self.constraints.row(held), &response)).collect();
+        let is_left = self.delassus.remove(&self.constraints, held, &off, &mut response);
+        if is_left && whole > 0.0 { dot(&row, &response) / whole } else { 0.0 }
     }
 
     /// The size of the terms of the slip of contact `k` at velocities `v`; infinite without friction.

@@ -8,7 +8,8 @@ use crate::progress::SHORT;
 use crate::screening::{Between, LEAST, UNRESOLVED};
 use crate::settings::{RejectionCause, Settings, StepError};
 use crate::stages::{Contraction, Newton, THETA};
-use hybrid::{Automaton, Located, OneStep, Proposal, Screened, Solved};
+use crate::start::LONGER_GAP;
+use hybrid::{Automaton, Located, Proposal, Screened, Solved};
 
 /// Maximum number of halvings of a step along a curved face, before its stages are solved without the face.
 const HALVINGS: usize = 12;
@@ -87,6 +88,11 @@ impl Automaton for Radau<'_> {
         let remaining = self.clock.remaining();
         let Settings { step, min_step, max_step, .. } = self.settings;
         let mut h = step.unwrap_or(self.h.max(min_step)).min(max_step);
+        // Behind switches that are too close to be located, steps grow from the time between them: a step across may pass all
+        // those to come, and more.
+        if step.is_none() && self.switching.is_accumulating() && self.last.h > 0.0 {
+            h = h.min((LONGER_GAP * self.last.h).max(self.clock.rounding(0.0)).max(min_step));
+        }
         if 1.000_1 * h >= remaining {
             h = remaining;
         } else if !self.clock.resolves(h) {
@@ -315,8 +321,10 @@ impl Automaton for Radau<'_> {
             self.watch_kinks()?;
             self.change_order(contraction);
         }
+        // A breakpoint at the end of the run is part of it.
+        let is_within = !self.clock.is_done() || self.breaks.at() <= self.clock.t;
         match self.breaks.after() {
-            Some(after) if h >= attempts.proposed && !self.is_done() => self.pass_break(after),
+            Some(after) if h >= attempts.proposed && is_within => self.pass_break(after),
             _ => Ok(()),
         }
     }

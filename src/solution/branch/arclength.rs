@@ -28,7 +28,8 @@ const STREAK: usize = 3;
 const FEW: usize = 4;
 /// The most corrections of one point.
 const CORRECTIONS: usize = 8;
-/// The least cosine of the angle between successive tangents: a sharper turn is made in shorter steps.
+/// The least cosine of the angles between successive tangents and the line between their points: a sharper turn is made in
+/// shorter steps, and so is a way to another piece of the curve that is nearly parallel.
 const LEAST_COSINE: f64 = 0.9;
 /// The most trials in the location of an event, and the width to which it is located, as a part of the step.
 const TRIALS: usize = 60;
@@ -173,7 +174,9 @@ impl<'f, F: Family> Continuation<'f, F> {
             let made = if is_last { self.last_step(&last, step, end) } else { self.step(&last, step) };
             match made {
                 Ok((next, corrections)) if next.word == last.word => {
-                    if next.tangent.dot(&last.tangent) < LEAST_COSINE && step > 1e3 * SHORTEST {
+                    let chord = self.chord(&last, &next);
+                    let cosines = [next.tangent.dot(&last.tangent), chord.dot(&last.tangent), chord.dot(&next.tangent)];
+                    if cosines.iter().any(|cosine| *cosine < LEAST_COSINE) && step > 1e3 * SHORTEST {
                         (ds, streak) = (0.5 * step, 0);
                         continue;
                     }
@@ -231,6 +234,17 @@ impl<'f, F: Family> Continuation<'f, F> {
             point.tangent = -point.tangent;
         }
         Ok((point, corrections))
+    }
+
+    /// The direction from one point to another, in the units of tangents.
+    fn chord(&self, last: &Solved<F::Word>, next: &Solved<F::Word>) -> DVector<f64> {
+        let n = last.w.len();
+        let change = |i: usize| match i {
+            i if i == n => (next.p - last.p) / self.scales.of(n) * self.direction(),
+            i => (next.w[i] - last.w[i]) / self.scales.of(i),
+        };
+        let chord = DVector::from_fn(n + 1, |i, _| change(i));
+        &chord / chord.norm()
     }
 
     /// The sign of the parameter in units of its interval.

@@ -78,7 +78,26 @@ impl Branch {
                 format!("the branch ends at `{}` = {end:?}, before the end of its interval: {why}", self.name);
             solution.diagnostics.checks.caveat("branch_ended", message);
         }
+        if let Some(point) = self.unexplained() {
+            let [from, to] = [point, point + 1].map(|point| self.parameter[point]);
+            let message = format!(
+                "between `{}` = {from:?} and {to:?} the stability changes, and what happens there was not found: two eigenvalues or \
+                 multipliers may pass together, as those of two like parts; ask for this piece of the branch alone",
+                self.name
+            );
+            solution.diagnostics.checks.caveat("branch_event_missed", message);
+        }
         solution.branch = Some(self);
+    }
+}
+
+impl Branch {
+    /// The first point behind which the stability changes although nothing happens.
+    fn unexplained(&self) -> Option<usize> {
+        let changes = |pair: &[Option<bool>]| matches!(pair, [Some(before), Some(after)] if before != after);
+        let has_event = |point: usize| self.events.iter().any(|event| event.after == point as u64);
+        let pairs = self.stable.windows(2).enumerate();
+        pairs.filter(|(_, pair)| changes(pair)).map(|(point, _)| point).find(|point| !has_event(*point))
     }
 }
 

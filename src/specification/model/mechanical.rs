@@ -110,6 +110,9 @@ impl Model for MechanicalModel {
             (Some(Search::Periodic(asked)), Some(radau)) => {
                 solution::find_orbit_of_motion(self, plan, *asked, (&contact, radau), analysis, control)
             }
+            (Some(Search::Fit(fit)), Some(radau)) => {
+                solution::fit_motion(self, plan, fit, (&contact, radau), analysis, control)
+            }
             (Some(Search::Branch(asked)), Some(radau)) => match &asked.of {
                 BranchOf::Orbits(periodic, program) => {
                     let of = (&**asked, *periodic, program.as_ref());

@@ -266,11 +266,17 @@ impl Lowered<'_, '_> {
 
     fn selected(&mut self, selector: &Selector, place: &Pointer<'_>) -> Option<solution::Selected> {
         let Selector { kind, of } = selector;
-        let known = if *kind == EventKind::Crossed { Some(self.nameable.labels) } else { self.nameable.of_events };
+        let Nameable { outputs, states, labels, of_events, .. } = *self.nameable;
+        let known: Option<Vec<&str>> = match kind {
+            EventKind::Crossed => Some(labels.iter().map(String::as_str).collect()),
+            // States jump.
+            EventKind::Jumped => Some(outputs[..states].to_vec()),
+            _ => of_events.map(|names| names.iter().map(String::as_str).collect()),
+        };
         if let (Some(known), Some(of)) = (known, of)
-            && !known.contains(of)
+            && !known.contains(&of.as_str())
         {
-            let names = || known.iter().map(String::as_str);
+            let names = || known.iter().copied();
             let detail = format!("there are no events of `{}`", abridged(of));
             let error = SpecificationError::new(place.key("of").to_string(), "unknown_name", detail);
             self.lowering.errors.push(error.expected(listed(names())).did_you_mean(nearest(of, names())));

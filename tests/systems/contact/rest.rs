@@ -105,3 +105,72 @@ fn a_force_that_leaves_zero_as_a_high_power_of_time_lifts_a_body() {
         assert_eq!(solution.trajectory.events.len(), 1, "{:?}", solution.trajectory.events);
     }
 }
+
+/// A unit of weight on each contact of a body of two, or on each of two bodies; friction with the coefficient 0.5 holds what
+/// pulls along `x`, or along the coordinate of the upper body.
+fn pulled(bodies: &str, force: f64) -> Solution {
+    let held = |name: &str, gap: &str, slip: &str| json!({"name": name, "gap": gap, "friction": {"coefficient": 0.5, "slip": [slip]}});
+    let problem = match bodies {
+        "on two feet" => json!({
+            "coordinates": {"a": {"initial": 0}, "x": {"initial": 0}, "y": {"initial": 0}},
+            "mass": [[1, 0, 0], [0, 2, 0], [0, 0, 2]], "forces": {"x": force, "y": -2},
+            "contacts": [held("left", "y - a", "x_dot"), held("right", "y + a", "x_dot")]}),
+        "stacked" => json!({
+            "coordinates": {"low": {"initial": 0}, "x": {"initial": 0}, "y": {"initial": 0}, "ylow": {"initial": 0}},
+            "mass": [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 2]],
+            "forces": {"x": force, "y": -2, "ylow": -2},
+            "contacts": [held("ground", "ylow", "low_dot"), held("between", "y - ylow", "x_dot - low_dot")]}),
+        _ => json!({
+            "coordinates": {"other": {"initial": 0}, "x": {"initial": 0}, "y": {"initial": 0}, "z": {"initial": 0}},
+            "mass": [[2, 0, 0, 0], [0, 2, 0, 0], [0, 0, 2, 0], [0, 0, 0, 2]],
+            "forces": {"other": 0.3, "x": force, "y": -2, "z": -2},
+            "contacts": [held("one", "y", "x_dot"), held("two", "z", "other_dot")]}),
+    };
+    located(problem, 20.0)
+}
+
+#[test]
+fn bodies_on_several_contacts_slip_however_little_a_force_exceeds_friction() {
+    for bodies in ["on two feet", "stacked", "beside another"] {
+        for excess in [1e-3, 1e-6, 1e-8, 1e-10, -1e-10, -1e-8, -1e-3] {
+            let solution = pulled(bodies, 1.0 + excess);
+            // Over 20 units of time, the acceleration is half of the excess.
+            let (moved, exact) = (last(&solution, "x"), 100.0 * f64::max(excess, 0.0));
+            assert!((moved - exact).abs() <= 1e-5 * exact + 1e-13, "{bodies}, {excess:e}: {moved:e}, not {exact:e}");
+        }
+    }
+}
+
+#[test]
+fn a_table_slides_when_a_steady_push_exceeds_the_friction_of_all_feet() {
+    // Four feet carry what three could; directions of slip in space are known to the root of what the law is solved to.
+    let feet = [(-0.7, -0.3), (0.3, -0.3), (0.3, 0.5), (-0.7, 0.5)];
+    let contacts: Vec<Value> = feet
+        .iter()
+        .enumerate()
+        .map(|(i, (a, b))| {
+            json!({"name": format!("foot_{i}"), "gap": format!("z + ({a})*pitch + ({b})*roll"),
+                   "friction": {"coefficient": 0.4,
+                                "slip": [format!("x_dot - ({b})*yaw_dot"), format!("y_dot + ({a})*yaw_dot")]}})
+        })
+        .collect();
+    for excess in [-1e-8, -1e-5, 1e-5, 1e-4] {
+        let force = 0.4 * 98.1 * (1.0 + excess);
+        let coordinates: serde_json::Map<String, Value> = ["pitch", "roll", "x", "y", "yaw", "z"]
+            .iter()
+            .map(|name| ((*name).to_owned(), json!({"initial": 0})))
+            .collect();
+        let mass: Vec<Vec<f64>> = [1.1, 0.8, 10.0, 10.0, 1.7, 10.0]
+            .iter()
+            .enumerate()
+            .map(|(i, m)| (0..6).map(|j| if i == j { *m } else { 0.0 }).collect())
+            .collect();
+        let problem = json!({"coordinates": coordinates, "mass": mass, "potential": "98.1*z",
+            "forces": {"x": force * 12.0 / 13.0, "y": force * 5.0 / 13.0}, "contacts": contacts});
+        let solution = located(problem, 4.0);
+        // The acceleration is the excess of the force over the mass.
+        let (x, y) = (last(&solution, "x"), last(&solution, "y"));
+        let exact = 8.0 * 0.4 * 9.81 * f64::max(excess, 0.0);
+        assert!((x.hypot(y) - exact).abs() <= 1e-4 * exact + 1e-13, "{excess:e}: {:e}, not {exact:e}", x.hypot(y));
+    }
+}

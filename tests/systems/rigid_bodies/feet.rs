@@ -95,3 +95,19 @@ fn an_order_of_impacts_that_steps_do_not_resolve_is_right_or_doubted() {
         assert!(are_within(1e-2, &coarse, &fine) || !coarse.verdict.trusted, "{size:?} {:?}", coarse.verdict);
     }
 }
+
+#[test]
+fn a_body_that_a_floor_holds_against_forces_that_vary_is_where_it_is() {
+    // A weight of 10 presses on the floor.
+    for force in ["sin(6*t)", "pulse(t, 0.5, 0.1)", "4*t*(1 - t)"] {
+        let solution = solve(&json!({"problem": {"rigid_bodies": {"gravity": [0, 0, -10],
+                "bodies": [{"name": "floor", "shape": {"half_space": {"normal": [0, 0, 1]}}, "fixed": true},
+                    {"name": "b", "shape": {"sphere": {"radius": 1}}, "mass": 1, "position": [0, 0, 1]}],
+                "contacts": {"friction": 0.3}, "forces": [{"body": "b", "force": [0, 0, force]}]}},
+            "time": {"end": 1}, "method": {"step": 0.001}}));
+        assert!(solution.verdict.trusted, "{force} {:?}", solution.verdict);
+        for (name, exact) in [("b.x", 0.0), ("b.y", 0.0), ("b.z", 1.0)] {
+            assert!((last(&solution, name) - exact).abs() < 1e-12, "{force}: {name} {}", last(&solution, name));
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! Functions of the outputs of a problem, evaluated and enclosed along the last step of a method.
+
+use super::run::Stepper;
+use expression::{IntervalWorkspace, Sight, Tape};
+use numerics::Interval;
+
+/// A program in `t` and the outputs of a problem, with buffers for one evaluation.
+pub(super) struct EvaluationBuffer {
+    program: Tape,
+    sight: Sight,
+    boxes: IntervalWorkspace,
+    /// The outputs of the problem.
+    pub outputs: Vec<f64>,
+    /// The values of the program.
+    pub values: Vec<f64>,
+    output_ranges: Vec<Interval>,
+    ranges: Vec<Interval>,
+}
+
+impl EvaluationBuffer {
+    /// Buffers for a program with so many values, of a problem with so many outputs; `integrates` if its values are
+    /// integrated.
+    pub fn new(program: &Tape, [outputs, values]: [usize; 2], integrates: bool) -> Self {
+        Self {
+            program: program.clone(),
+            sight: if integrates { Sight::new(program) } else { Sight::default() },
+            boxes: IntervalWorkspace::new(program),
+            outputs: vec![0.0; outputs],
+            values: vec![0.0; values],
+            output_ranges: vec![Interval::LINE; outputs],
+            ranges: vec![Interval::LINE; values],
+        }
+    }
+
+    /// Evaluates at a time within the last step.
+    pub fn at(&mut self, stepper: &mut impl Stepper, t: f64) -> &[f64] {
+        stepper.values(t, &mut self.outputs);
+        self.program.evaluate(t, &self.outputs, &mut self.values);
+        &self.values
+    }
+
+    /// Evaluates where the problem has the given outputs.
+    pub fn take(&mut self, t: f64, outputs: &[f64]) -> &[f64] {
+        self.outputs.copy_from_slice(outputs);
+        self.program.evaluate(t, outputs, &mut self.values);
+        &self.values
+    }
+
+    /// Encloses outputs and values between two times within the last step, where the first outputs are uncertain by these
+    /// amounts; `None` if they cannot be enclosed.
+    pub fn enclose(
+        &mut self,
+        stepper: &mut impl Stepper,
+        (from, to): (f64, f64),
+        uncertain: &[f64],
+    ) -> Option<[&[Interval]; 2]> {
+        let Self { program, boxes, output_ranges, ranges, .. } = self;
+        output_ranges.fill(Interval::LINE);
+        if !stepper.enclose(from, to, output_ranges) {
+            return None;
+        }
+        for (range, by) in output_ranges.iter_mut().zip(uncertain) {
+            *range = *range + Interval::new(-by, *by);
+        }
+        program.enclose(Interval::new(from, to), output_ranges, boxes, ranges);
+        Some([output_ranges, ranges])
+    }
+
+    /// Begins with the samples of a part of a step for integrals.
+    pub fn begin(&mut self) {
+        if self.sight.is_needed() {
+            self.sight.begin();
+        }
+    }
+
+    /// Adds what was evaluated last to the samples.
+    pub fn sample(&mut self) {
+        if self.sight.is_needed() {
+            self.sight.sample(&self.program);
+        }
+    }
+
+    /// Bounds what the samples do not show of the values, between two times; returns whether there is anything.
+    pub fn judge(&mut self, from: f64, to: f64) -> bool {
+        if self.sight.is_needed() {
+            self.sight.judge(&self.program, Interval::new(from, to));
+        }
+        self.sight.is_needed()
+    }
+
+    /// A bound on what the samples do not show of a value, and its size.
+    pub fn hidden(&mut self, value: usize) -> (f64, f64) {
+        self.sight.hidden(&self.program, value)
+    }
+}

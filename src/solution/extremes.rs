@@ -1,0 +1,258 @@
+//! Minima and maxima of functions along the dense output of a run. Samples and local searches find candidates; enclosures
+//! over parts of a step show whether anything between them is larger, as a pulse much narrower than the step, and where.
+
+use hybrid::Followed;
+use numerics::{Interval, kronrod};
+
+/// Relative accuracy of the location of an extreme within its bracket, whose value is then accurate to the square of that,
+/// which is rounding; and the part of its size by which an extreme may be exceeded between the samples.
+const KNOWN: f64 = 1e-8;
+/// Reduction of a bracket by a golden-section step.
+const GOLDEN: f64 = 0.618_033_988_749_894_8;
+/// Most parts of a step that are enclosed. A pulse takes two for each binary digit of its width.
+const MOST_PARTS: usize = 1000;
+
+/// The minima and maxima of several functions so far.
+#[derive(Clone, Debug)]
+pub(super) struct Extremes {
+    least: Vec<f64>,
+    largest: Vec<f64>,
+    samples: Samples,
+    /// The enclosures over a part of a step, and their widths at one time, which are rounding.
+    ranges: Vec<Interval>,
+    rounding: Vec<f64>,
+    /// Parts of a step still to be enclosed, as a stack: the earliest is last.
+    left: Vec<(f64, f64)>,
+    /// The function whose extremes may be exceeded by most, by what part of its size, and when.
+    open: Option<(usize, f64, f64)>,
+}
+
+/// Samples of functions within one step, in buffers that are reused.
+#[derive(Clone, Debug, Default)]
+struct Samples {
+    times: Vec<f64>,
+    /// The values at the first time, then at the second, and so on.
+    values: Vec<f64>,
+    order: Vec<usize>,
+    at_one: Vec<f64>,
+}
+
+impl Extremes {
+    /// Extremes of `count` functions, without samples.
+    pub fn new(count: usize) -> Self {
+        Self {
+            least: vec![f64::INFINITY; count],
+            largest: vec![f64::NEG_INFINITY; count],
+            samples: Samples::default(),
+            ranges: vec![Interval::LINE; count],
+            rounding: vec![0.0; count],
+            left: Vec::new(),
+            open: None,
+        }
+    }
+
+    /// The minimum and the maximum of function `k`.
+    pub fn of(&self, k: usize) -> (f64, f64) {
+        (self.least[k], self.largest[k])
+    }
+
+    /// The function whose extremes may be exceeded by most, by what part of its size, and when.
+    pub fn open(&self) -> Option<(usize, f64, f64)> {
+        self.open
+    }
+
+    /// Adds a step between two times, along which the functions are followed.
+    pub fn step(&mut self, from: f64, to: f64, of: &mut impl Followed) {
+        if self.least.is_empty() {
+            return;
+        }
+        let samples = &mut self.samples;
+        samples.begin(self.least.len());
+        for t in [from, to].into_iter().chain(kronrod(from, to).map(|(t, ..)| t)) {
+            samples.take(t, of);
+        }
+        self.widen(of);
+        self.search(from, to, of);
+    }
+
+    /// Updates the extremes with the local maxima and minima around the samples.
+    fn widen(&mut self, of: &mut impl Followed) {
+        let Samples { times, values, order, at_one } = &mut self.samples;
+        let count = at_one.len();
+        order.clear();
+        order.extend(0..times.len());
+        order.sort_by(|a, b| times[*a].total_cmp(&times[*b]));
+        for k in 0..count {
+            for (sign, extreme) in [(1.0, &mut self.largest[k]), (-1.0, &mut self.least[k])] {
+                let value = |at: usize| sign * values[order[at] * count + k];
+                let best = (0..order.len()).max_by(|a, b| value(*a).total_cmp(&value(*b))).unwrap_or(0);
+                if value(best) <= sign * *extreme {
+                    continue;
+                }
+                let ends = [best.saturating_sub(1), (best + 1).min(order.len() - 1)].map(|at| times[order[at]]);
+                let found = highest(ends, |t| {
+                    of.monitors(t, at_one);
+                    sign * at_one[k]
+                });
+                *extreme = sign * found.max(value(best));
+            }
+        }
+    }
+
+    /// Searches a step for larger and smaller values, wherever its enclosures do not exclude them.
+    fn search(&mut self, from: f64, to: f64, of: &mut impl Followed) {
+        if !of.enclose(from, from, &mut self.ranges) {
+            return;
+        }
+        // What cannot be enclosed at one time is not known over any.
+        self.rounding.iter_mut().zip(&self.ranges).for_each(|(rounding, range)| *rounding = range.width());
+        self.left.clear();
+        self.left.push((from, to));
+        let mut parts = 0;
+        // The parts in the middle of which the extremes are, if they were found here.
+        let mut tops: Vec<[Option<(f64, f64)>; 2]> = vec![[None; 2]; self.least.len()];
+        while let Some((a, b)) = self.left.pop() {
+            parts += 1;
+            if !of.enclose(a, b, &mut self.ranges) {
+                return;
+            }
+            let Some((worst, by)) = self.exceeded() else { continue };
+            let middle = a + 0.5 * (b - a);
+            if parts > MOST_PARTS || b - a <= KNOWN * KNOWN * (to - from) || middle <= a || b <= middle {
+                if self.open.is_none_or(|(_, open, _)| by > open) {
+                    self.open = Some((worst, by, a));
+                }
+                continue;
+            }
+            of.monitors(middle, &mut self.samples.at_one);
+            for (k, &value) in self.samples.at_one.iter().enumerate().filter(|(_, value)| value.is_finite()) {
+                if value < self.least[k] {
+                    (self.least[k], tops[k][0]) = (value, Some((a, b)));
+                }
+                if value > self.largest[k] {
+                    (self.largest[k], tops[k][1]) = (value, Some((a, b)));
+                }
+            }
+            self.left.extend([(middle, b), (a, middle)]);
+        }
+        let at_one = &mut self.samples.at_one;
+        for (k, [bottom, top]) in tops.into_iter().enumerate() {
+            let of_ends = [(-1.0, &mut self.least[k], bottom), (1.0, &mut self.largest[k], top)];
+            for (sign, extreme, ends) in
+                of_ends.into_iter().filter_map(|(sign, extreme, ends)| Some((sign, extreme, ends?)))
+            {
+                let found = highest([ends.0, ends.1], |t| {
+                    of.monitors(t, at_one);
+                    sign * at_one[k]
+                });
+                *extreme = sign * found.max(sign * *extreme);
+            }
+        }
+    }
+
+    /// The function whose enclosure exceeds its extremes by most, and by what part of its size; `None` if all are within
+    /// what is known.
+    fn exceeded(&self) -> Option<(usize, f64)> {
+        let beyond = |k: usize| {
+            let (range, least, largest) = (self.ranges[k], self.least[k], self.largest[k]);
+            let (size, rounding) = (least.abs().max(largest.abs()), self.rounding[k]);
+            let by = (range.hi - largest).max(least - range.lo);
+            let is_beyond = rounding.is_finite() && by > KNOWN * size + 2.0 * rounding;
+            is_beyond.then(|| (k, if size > 0.0 { by / size } else { f64::INFINITY }))
+        };
+        (0..self.least.len()).filter_map(beyond).max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+}
+
+impl Samples {
+    fn begin(&mut self, count: usize) {
+        self.times.clear();
+        self.values.clear();
+        self.at_one.resize(count, 0.0);
+    }
+
+    /// Adds a sample.
+    fn take(&mut self, t: f64, of: &mut impl Followed) {
+        let begin = self.values.len();
+        self.times.push(t);
+        self.values.resize(begin + self.at_one.len(), 0.0);
+        of.monitors(t, &mut self.values[begin..]);
+    }
+}
+
+/// The maximum of a function in an interval where it is unimodal, by golden-section search.
+fn highest([mut a, mut b]: [f64; 2], mut value: impl FnMut(f64) -> f64) -> f64 {
+    let close = KNOWN * (b - a);
+    let (mut left, mut right) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));
+    let (mut at_left, mut at_right) = (value(left), value(right));
+    while b - a > close && a < left && right < b {
+        if at_left > at_right {
+            (b, right, at_right) = (right, left, at_left);
+            left = b - GOLDEN * (b - a);
+            at_left = value(left);
+        } else {
+            (a, left, at_left) = (left, right, at_right);
+            right = a + GOLDEN * (b - a);
+            at_right = value(right);
+        }
+    }
+    at_left.max(at_right)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Extremes;
+    use hybrid::Followed;
+    use numerics::Interval;
+
+    /// A ramp, and a hat of the height 1 and this width at 1/3.
+    struct Hat(f64);
+
+    impl Followed for Hat {
+        fn monitors(&mut self, t: f64, out: &mut [f64]) {
+            out.copy_from_slice(&[t, (1.0 - ((t - 1.0 / 3.0) / self.0).abs()).max(0.0)]);
+        }
+
+        fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+            let away = (Interval::new(from, to) - Interval::point(1.0 / 3.0)).abs();
+            let hat = |away: f64| (1.0 - away / self.0).max(0.0);
+            out.copy_from_slice(&[Interval::new(from, to), Interval::new(hat(away.hi), hat(away.lo))]);
+            true
+        }
+    }
+
+    /// `2 + 3 sin t`, and `t^2`, neither of which is enclosed.
+    struct Smooth;
+
+    impl Followed for Smooth {
+        fn monitors(&mut self, t: f64, out: &mut [f64]) {
+            out.copy_from_slice(&[2.0 + 3.0 * t.sin(), t * t]);
+        }
+
+        fn enclose(&mut self, _: f64, _: f64, _: &mut [Interval]) -> bool {
+            false
+        }
+    }
+
+    #[test]
+    fn a_sine_has_its_peaks() {
+        let mut extremes = Extremes::new(2);
+        let ends = [0.0, 0.7, 2.5, 4.0, std::f64::consts::TAU];
+        ends.windows(2).for_each(|pair| extremes.step(pair[0], pair[1], &mut Smooth));
+        let (least, largest) = extremes.of(0);
+        assert!((largest - 5.0).abs() < 1e-14 && (least + 1.0).abs() < 1e-14, "{least} {largest}");
+        assert_eq!(extremes.of(1), (0.0, ends[4] * ends[4]));
+    }
+
+    #[test]
+    fn a_hat_between_the_samples_is_found_however_narrow() {
+        for width in [1e-1, 1e-3, 1e-6, 1e-9] {
+            let mut extremes = Extremes::new(2);
+            extremes.step(0.0, 1.0, &mut Hat(width));
+            let (least, largest) = extremes.of(1);
+            assert!(least == 0.0 && (largest - 1.0).abs() < 1e-14_f64.max(1e-16 / width), "{width:e}: {largest}");
+            assert_eq!(extremes.of(0), (0.0, 1.0));
+            assert_eq!(extremes.open(), None);
+        }
+    }
+}
