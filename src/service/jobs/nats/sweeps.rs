@@ -320,7 +320,7 @@ impl Sweep<'_> {
             // Who made it may have died before it was in the queue.
             let client = self.job.client;
             while let Ok(false) | Err(_) = self.worker.exchange.is_queued(part_id, client).await {
-                match self.worker.exchange.enqueue(part_id, client, bare()).await {
+                match self.worker.exchange.enqueue(part_id, client, bare(), None).await {
                     Ok(()) => break,
                     Err(_) => sleep(PAUSE).await,
                 }
@@ -364,7 +364,7 @@ impl Sweep<'_> {
         let Some(chunk) = self.chunks.take(workers.max(EXPECTED)) else { return false };
         let id = self.next_id();
         self.enter(id, &Part::waiting(&chunk, self.until)).await;
-        while self.worker.exchange.enqueue(id, self.job.client, bare()).await.is_err() {
+        while self.worker.exchange.enqueue(id, self.job.client, bare(), None).await.is_err() {
             sleep(PAUSE).await;
         }
         self.out.insert(id, (chunk, false));
