@@ -192,7 +192,8 @@ impl Jobs {
     /// The clients with jobs or chunks that wait.
     fn waiting_clients(&self, far: &Far) -> Vec<Client> {
         let sweeps = far.mirror().sweeps_that_wait(MOST_NAMED);
-        let mut clients: Vec<Client> = sweeps.into_iter().filter_map(|id| self.find(id)).map(|job| job.client).collect();
+        let mut clients: Vec<Client> =
+            sweeps.into_iter().filter_map(|id| self.find(id)).map(|job| job.client).collect();
         clients.extend(self.lock().queue.in_turn().take(MOST_NAMED));
         let mut known = HashSet::new();
         clients.retain(|client| known.insert(*client));

@@ -489,12 +489,7 @@ impl Jobs {
 
 impl Far {
     /// Writes specification, entry and message of a job that has been admitted.
-    async fn post(
-        &self,
-        job: &Arc<Job>,
-        document: &Arc<[u8]>,
-        announced: Option<Announced>,
-    ) -> Result<(), Away> {
+    async fn post(&self, job: &Arc<Job>, document: &Arc<[u8]>, announced: Option<Announced>) -> Result<(), Away> {
         let exchange = &self.exchange;
         job.digest.get_or_init(|| Digest::of(document));
         let entry = Entry::waiting(Record::of(job, &job.lock())).with_document(document);
