@@ -271,3 +271,28 @@ fn timing(ended: &Ended, created: Timestamp) -> Option<Timing> {
     let between = |from: Timestamp, to: Timestamp| to.duration_since(from).try_into().unwrap_or_default();
     Some(Timing { queue: between(created, started), solve: between(started, ended.finished) })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clients_of_running_jobs_are_named_in_turn() {
+        let mut mirror = Mirror::default();
+        assert_eq!(mirror.next_running(2), []);
+        for number in 1..=3 {
+            mirror.running.insert(JobId::of_number(number), Client::Token(number.into()));
+        }
+        let named = |mirror: &mut Mirror| {
+            let token = |client| if let Client::Token(number) = client { number } else { 0 };
+            mirror.next_running(2).into_iter().map(token).collect::<Vec<u64>>()
+        };
+        assert_eq!(named(&mut mirror), [1, 2]);
+        assert_eq!(named(&mut mirror), [3, 1]);
+        mirror.running.remove(&JobId::of_number(1));
+        assert_eq!(named(&mut mirror), [2, 3]);
+        mirror.running.remove(&JobId::of_number(2));
+        // Each once, however few there are.
+        assert_eq!(named(&mut mirror), [3]);
+    }
+}
