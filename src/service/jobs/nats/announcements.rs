@@ -62,7 +62,7 @@ pub struct Announced {
 
 impl Announced {
     /// Whether a worker waits for the job, as far as is known.
-    async fn is_heard(self) -> bool {
+    async fn heard(self) -> bool {
         if !self.answer.is_finished() {
             self.answer.abort();
             return false;
@@ -94,7 +94,7 @@ impl Exchange {
 
     /// Announces a job that is in its line, unless a worker waits for it.
     pub async fn announce_again(&self, client: Client, announced: Announced) {
-        if !announced.is_heard().await {
+        if !announced.heard().await {
             self.remind(client).await;
         }
     }

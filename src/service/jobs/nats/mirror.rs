@@ -280,8 +280,8 @@ mod tests {
     fn the_clients_of_running_jobs_are_named_in_turn() {
         let mut mirror = Mirror::default();
         assert_eq!(mirror.next_running(2), []);
-        for number in 1..=3 {
-            mirror.running.insert(JobId::of_number(number), Client::Token(number.into()));
+        for number in 1..=3_u64 {
+            mirror.running.insert(JobId::of_number(number.into()), Client::Token(number));
         }
         let named = |mirror: &mut Mirror| {
             let token = |client| if let Client::Token(number) = client { number } else { 0 };
