@@ -189,17 +189,26 @@ fn sleepers(near: &Folder, folder: &Path, tokens: &[String], workers: usize) {
         runtime.spawn(async move { work(options, memory, solver, &launcher, stopped).await.unwrap() });
         stops.push(stop);
     }
+    let post_all = |jobs: usize| {
+        thread::scope(|scope| {
+            for token in tokens {
+                scope.spawn(|| (0..jobs / CLIENTS).for_each(|_| post(&server, token)));
+            }
+        });
+    };
+    let wait_for_all = || {
+        while waiting(&server, &tokens[0]) > 0 {
+            thread::sleep(Duration::from_millis(20));
+        }
+    };
+    // While they start.
+    post_all(workers);
+    wait_for_all();
     let jobs = 10 * workers;
     let begun = Instant::now();
-    thread::scope(|scope| {
-        for token in tokens {
-            scope.spawn(|| (0..jobs / CLIENTS).for_each(|_| post(&server, token)));
-        }
-    });
+    post_all(jobs);
     let posted = begun.elapsed();
-    while waiting(&server, &tokens[0]) > 0 {
-        thread::sleep(Duration::from_millis(20));
-    }
+    wait_for_all();
     let time = begun.elapsed();
     let most = (workers as f64) / SLEEP.as_secs_f64();
     let rate = jobs as f64 / time.as_secs_f64();

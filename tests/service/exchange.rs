@@ -8,6 +8,8 @@ use dvi::service::Options;
 use dvi::service::jobs::{Nats, Solver};
 use dvi::solution::{Field, Solution, Status};
 use dvi::specification::Specification;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpStream;
 use std::num::NonZeroU64;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -163,6 +165,68 @@ async fn a_worker_gives_back_at_once_what_comes_beside_its_job() {
             }
         }
     }
+}
+
+/// What comes under a subject of the server, for one of a queue group or for all: a line for each message, and one for its text.
+fn listen(url: &str, subject: &str, group: &str) -> BufReader<TcpStream> {
+    let mut connection = TcpStream::connect(url.strip_prefix("nats://").unwrap()).unwrap();
+    write!(connection, "CONNECT {{\"verbose\":false}}\r\nSUB {subject} {group} 1\r\nPING\r\n").unwrap();
+    connection.set_read_timeout(Some(LONGEST)).unwrap();
+    let mut lines = BufReader::new(connection);
+    let mut line = String::new();
+    while !line.starts_with("PONG") {
+        line.clear();
+        assert!(lines.read_line(&mut line).unwrap() > 0);
+    }
+    lines
+}
+
+#[tokio::test]
+async fn a_job_is_told_to_one_of_many_workers() {
+    const WORKERS: usize = 8;
+    const JOBS: usize = 20;
+    if !is_installed() {
+        return;
+    }
+    let options = shared();
+    let (url, name) = (options.nats.servers[0].clone(), options.nats.name.clone());
+    let site = Site::gateway(options.clone(), instant());
+    let _workers = [0; WORKERS].map(|_| worker(&options, instant()));
+    let mut pulls = None;
+    for round in 0..=JOBS {
+        let path = site.accept(1).await;
+        comes_to(&site, &path, "successful").await;
+        // Workers that have just started look at all lines.
+        sleep(Duration::from_millis(if round == 0 { 500 } else { 10 })).await;
+        pulls.get_or_insert_with(|| listen(&url, &format!("$JS.API.CONSUMER.MSG.NEXT.{name}_jobs.*"), ""));
+    }
+    let mut pulls = pulls.unwrap();
+    write!(pulls.get_mut(), "PING\r\n").unwrap();
+    let mut lines = pulls.lines().map(Result::unwrap).take_while(|line| !line.starts_with("PONG"));
+    let count = lines.by_ref().filter(|line| line.starts_with("MSG ")).count();
+    // One for each job, and a few that are in vain.
+    assert!((JOBS..4 * JOBS).contains(&count), "{count} pulls");
+}
+
+#[tokio::test]
+async fn a_job_whose_announcement_nobody_answers_is_announced_again() {
+    if !is_installed() {
+        return;
+    }
+    let options = shared();
+    let (url, name) = (options.nats.servers[0].clone(), options.nats.name.clone());
+    let site = Site::gateway(options.clone(), instant());
+    // As a worker whose machine has just lost its power.
+    let lost = listen(&url, &format!("{name}.arrival.*"), "workers");
+    let path = site.accept(1).await;
+    let heard = tokio::task::spawn_blocking(move || {
+        let texts = lost.lines().map(Result::unwrap).filter(|line| !line.starts_with("MSG ") && line != "PING");
+        texts.take(4).collect::<Vec<String>>()
+    });
+    // Before it is there, when it is, and then for as long as it waits.
+    assert_eq!(heard.await.unwrap(), ["", "there", "there", "there"]);
+    let _worker = worker(&options, instant());
+    comes_to(&site, &path, "successful").await;
 }
 
 /// A solver of solutions of about 3 MiB.

@@ -187,6 +187,61 @@ async fn a_shared_sweep_that_is_cancelled_keeps_its_rows() {
 }
 
 #[tokio::test]
+async fn a_worker_that_divides_all_sweeps_that_it_may_gives_the_next_back_with_its_rows() {
+    /// The sweeps that one worker divides at a time.
+    const MOST: usize = 64;
+    if !is_installed() {
+        return;
+    }
+    let options = Options { nats: anew(), ..one_worker() };
+    let site = Site::gateway(options.clone(), crate::harness::instant());
+    let mut others = Vec::new();
+    for _ in 0..MOST {
+        others.push(post(&site, 1, &oscillators(100_000, 5)).await);
+    }
+    let document = oscillators(1000, 5).replacen('{', "{\"label\":\"next\",", 1);
+    let path = post(&site, 1, &document).await;
+    let (made, mut members) = unbounded_channel();
+    let solver: Solver = Arc::new(move |specification, control| {
+        thread::sleep(Duration::from_millis(20));
+        let solution = dvi::solve(specification, control);
+        if specification.label() == Some("next") {
+            let _ = made.send(specification.sweep().unwrap().chunk().members.clone());
+        }
+        solution
+    });
+    let _worker = worker(&options, solver);
+    comes_to_be(&site, &path, "running").await;
+    comes_to_be(&site, &path, "accepted").await;
+    for other in &others {
+        assert_eq!(site.get(other).await.json()["status"], "running");
+        let cancelled = Call::post(&format!("{other}/cancel"), "").send(&site).await;
+        assert_eq!(cancelled.status, StatusCode::OK, "{cancelled:?}");
+    }
+    let ended = site.ended(&path).await;
+    assert_eq!((&ended["status"], &ended["attempt"]), (&"successful".into(), &1.into()), "{ended}");
+    assert!(site.get(&format!("{path}/results")).await.body == undisturbed(&document));
+    // What it had before it was given back is not made again.
+    let mut count = 0;
+    while let Ok(members) = members.try_recv() {
+        count += members.len();
+    }
+    assert_eq!(count, 1000);
+}
+
+async fn comes_to_be(site: &Site, path: &str, status: &str) {
+    let start = Instant::now();
+    loop {
+        let told = site.get(path).await.json();
+        if told["status"] == status {
+            return;
+        }
+        assert!(start.elapsed() < Duration::from_secs(60), "{path} is not {status}: {told}");
+        tokio::time::sleep(Duration::from_millis(5)).await;
+    }
+}
+
+#[tokio::test]
 async fn a_worker_that_stops_gives_a_sweep_back_with_its_rows() {
     if !is_installed() {
         return;

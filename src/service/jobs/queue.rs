@@ -76,6 +76,11 @@ impl<T: Heavy> FairQueue<T> {
         self.turns.len()
     }
 
+    /// The clients with waiting items, in order of their turns.
+    pub fn in_turn(&self) -> impl Iterator<Item = Client> {
+        self.turns.iter().copied()
+    }
+
     /// Whether `client` may add another item of size `bytes`.
     ///
     /// # Errors

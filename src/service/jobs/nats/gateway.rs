@@ -4,6 +4,7 @@
 //! reserves the id; specification and entry; and the message. A gateway that dies in between leaves a reserved id, which a
 //! client that comes again under its key takes over, or an entry without a message, which every gateway looks for.
 
+use super::announcements::Announced;
 use super::entry::{Entry, FORMAT, Versioned as _};
 use super::errand::{Errand, bare};
 use super::mirror::{Mirror, Told};
@@ -121,12 +122,14 @@ impl Gateway {
         tasks.spawn(async move { mirroring.follow_entries(read).await });
         // The task that reads outlives this function.
         let _ = is_read.await;
-        let [hearing, ending, counting, forgetting, sweeping] = [0; 5].map(|_| Arc::clone(&jobs));
+        let [hearing, ending, counting, forgetting, sweeping, answering, reminding] = [0; 7].map(|_| Arc::clone(&jobs));
         tasks.spawn(async move { hearing.follow_progress().await });
         tasks.spawn(async move { ending.hear_ends().await });
         tasks.spawn(async move { counting.follow_parts().await });
         tasks.spawn(async move { forgetting.forget_expired(to_forget).await });
         tasks.spawn(async move { sweeping.sweep().await });
+        tasks.spawn(async move { answering.answer_workers().await });
+        tasks.spawn(async move { reminding.remind_workers().await });
         Ok((jobs, Self { _tasks: tasks }))
     }
 }
@@ -137,9 +140,7 @@ impl Jobs {
         far.exchange.near()?;
         self.admits(order.client, order.document.len())?;
         let (client, document) = (order.client, Arc::clone(&order.document));
-        if far.exchange.has_line(client) {
-            far.exchange.announce(client).await;
-        }
+        let announced = far.exchange.has_line(client).then(|| far.exchange.announce(client));
         let id = match &order.key {
             None => JobId::new(),
             Some(key) => match self.reserve(far, client, key).await? {
@@ -159,7 +160,7 @@ impl Jobs {
             intake.queue.push(client, Arc::clone(&job));
         }
         let mut posting = Posting { jobs: self, far, job: &job, is_posted: false };
-        far.post(&job, &document).await?;
+        far.post(&job, &document, announced).await?;
         posting.is_posted = true;
         drop(posting);
         Ok(job)
@@ -213,7 +214,7 @@ impl Jobs {
         let id: JobId = reserved.id.parse().map_err(|_| AdmissionError::KeyInUse)?;
         if let Some(job) = self.look_up_far(far, id).await? {
             if matches!(job.state(), State::Accepted(_)) && !far.exchange.is_queued(id, job.client).await? {
-                far.exchange.enqueue(id, job.client, bare()).await?;
+                far.exchange.enqueue(id, job.client, bare(), None).await?;
             }
             return Ok(Reservation::Taken(job));
         }
@@ -473,7 +474,7 @@ impl Jobs {
                             && entry.record.ended.is_none()
                         {
                             tracing::warn!(job.id = %job.id, "job {} is put into the queue again", job.id);
-                            if far.exchange.enqueue(job.id, job.client, bare()).await.is_err() {
+                            if far.exchange.enqueue(job.id, job.client, bare(), None).await.is_err() {
                                 break;
                             }
                         }
@@ -488,7 +489,7 @@ impl Jobs {
 
 impl Far {
     /// Writes specification, entry and message of a job that has been admitted.
-    async fn post(&self, job: &Arc<Job>, document: &Arc<[u8]>) -> Result<(), Away> {
+    async fn post(&self, job: &Arc<Job>, document: &Arc<[u8]>, announced: Option<Announced>) -> Result<(), Away> {
         let exchange = &self.exchange;
         job.digest.get_or_init(|| Digest::of(document));
         let entry = Entry::waiting(Record::of(job, &job.lock())).with_document(document);
@@ -500,7 +501,7 @@ impl Far {
         opened.and(written)?;
         // Without a revision, an earlier attempt whose answer was lost has written it.
         let text = created?.map_or_else(bare, |revision| Errand::text(&entry, revision));
-        exchange.enqueue(job.id, job.client, text).await
+        exchange.enqueue(job.id, job.client, text, announced).await
     }
 }
 

@@ -1,5 +1,4 @@
-//! What a worker hears beside its jobs: clients, announcements of jobs, jobs that are to stop, and the questions of other
-//! workers.
+//! What a worker hears beside its jobs: clients, jobs that are to stop, and the questions of other workers.
 
 use super::claims::Holder;
 use super::parts::Work;
@@ -18,7 +17,7 @@ const ANSWER: Duration = Duration::from_secs(2);
 impl Worker {
     /// Starts what goes on beside the jobs; it ends with what is returned.
     pub fn start_tasks(self: &Arc<Self>) -> JoinSet<()> {
-        let [clients, cancels, announcements, questions] = [0; 4].map(|_| Arc::clone(self));
+        let [clients, cancels, questions] = [0; 3].map(|_| Arc::clone(self));
         let mut tasks = JoinSet::new();
         tasks.spawn(async move {
             let came = |key: &str, _: Option<&[u8]>| clients.lines.add(last(key));
@@ -28,19 +27,8 @@ impl Worker {
             let came = |key: &str, is: Option<&[u8]>| cancels.cancel(last(key), is.is_some());
             cancels.exchange.follow("cancel.*", came).await;
         });
-        tasks.spawn(async move { announcements.hear_announcements().await });
         tasks.spawn(async move { questions.answer().await });
         tasks
-    }
-
-    async fn hear_announcements(&self) {
-        loop {
-            let mut announcements = self.exchange.hear("arrival", "*").await;
-            while let Some(message) = announcements.next().await {
-                self.lines.announce(last(&message.subject));
-            }
-            sleep(PAUSE).await;
-        }
     }
 
     /// Tells other workers whether this one has a job, or a chunk.

@@ -2,21 +2,24 @@
 //! may have a job, and then the one behind it, so that the jobs of one client, however many, delay those of another by one
 //! job at most.
 //!
-//! Jobs are announced before they are in the queue. A worker that has nothing to do then has a pull wait at the consumer of
-//! the client, so that the job comes without being asked for. Pulls may bring more jobs than the worker has places for; it
-//! gives these back at once, to the pulls of other workers.
+//! A worker that has nothing to do is told of a job before it is in the queue (see `announcements`). It then has a pull wait at
+//! the consumer of the client, so that the job comes without being asked for. Pulls may bring more jobs than the worker has
+//! places for; it gives these back at once, to others.
 //!
-//! A client that had no job when it was asked is asked again when one is announced, and after a while anyway: messages
-//! that come again are not announced.
+//! A client that had no job when it was asked is asked again when the worker is told of one, by an announcement or by a gateway
+//! that it asks. After a while it asks anyway: messages that come again are not announced.
 
+use super::announcements::{Answer, Told, WAIT};
 use super::servers::Exchange;
+use async_nats::Subscriber;
 use async_nats::jetstream::AckKind;
 use async_nats::jetstream::consumer::{Consumer, pull};
 use async_nats::jetstream::message::Message;
-use futures_util::future::{BoxFuture, FutureExt};
+use futures_util::future::{BoxFuture, FutureExt, OptionFuture};
 use futures_util::stream::{FuturesUnordered, StreamExt};
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet, VecDeque};
+use std::fmt;
 use std::mem;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -25,14 +28,18 @@ use tokio::sync::{Notify, oneshot};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep_until, timeout};
 
-/// The time after which all clients are asked again.
+/// The time after which a worker that has nothing to do asks again which clients have jobs.
 const LOOK: Duration = Duration::from_secs(2);
+
+/// The time for which a worker that goes from job to job knows which clients have some: long beside a question, short beside
+/// what a client notices.
+const KNOWN: Duration = Duration::from_millis(20);
+
+/// The longest time for which it waits for the answer before it goes on with what it knows.
+const SOON: Duration = Duration::from_millis(50);
 
 /// The time that a consumer has to say whether it has a message. One that comes later comes again.
 const ANSWER: Duration = Duration::from_secs(5);
-
-/// The time for which a pull waits for a job that was announced.
-const WAIT: Duration = Duration::from_secs(1);
 
 /// The clients.
 #[derive(Debug, Default)]
@@ -50,8 +57,6 @@ pub struct Lines {
 struct Turns {
     order: VecDeque<String>,
     may: HashSet<String>,
-    /// When a job of a client was announced, if no pull has waited for it since.
-    announced: HashMap<String, Instant>,
 }
 
 /// The consumers of clients, and what waits there.
@@ -61,8 +66,22 @@ struct Asking {
     pulls: Pulls,
     /// The pulls, while all places have jobs.
     aside: Option<Aside>,
-    /// When all clients are asked again, however many jobs some of them have: a job that comes again may be of another.
+    /// What brings the next announcement, while a place has nothing to do and waits for none.
+    offer: Option<Subscriber>,
+    /// The question which clients have jobs, while it has no answer, and when it last had one.
+    question: Option<Question>,
+    told: Option<Instant>,
+    /// When a place that has nothing to do asks again.
     look: Option<Instant>,
+}
+
+/// A question to gateways on its way.
+struct Question(Answer);
+
+impl fmt::Debug for Question {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Question")
+    }
 }
 
 /// Pulls that wait for a message, and their clients.
@@ -81,6 +100,10 @@ struct Aside {
 }
 
 impl Turns {
+    fn has_next(&self) -> bool {
+        self.order.iter().any(|client| self.may.contains(client))
+    }
+
     /// A client that may have a job, which then goes to the end.
     fn next(&mut self) -> Option<String> {
         let client = self.order.iter().find(|client| self.may.contains(*client))?.clone();
@@ -97,36 +120,29 @@ impl Turns {
         }
     }
 
-    /// The clients that had a job announced a moment ago; pulls are to wait for them.
-    fn announced(&mut self) -> Vec<String> {
-        let announced = mem::take(&mut self.announced);
-        let recent = announced.into_iter().filter(|(_, when)| when.elapsed() < WAIT);
-        let recent: Vec<String> = recent.map(|(client, _)| client).collect();
-        for client in &recent {
-            self.may.remove(client);
+    /// These clients may have jobs; `None` stands for all.
+    fn learn(&mut self, clients: Option<Vec<String>>) {
+        let Some(clients) = clients else {
+            self.may = self.order.iter().cloned().collect();
+            return;
+        };
+        for client in clients {
+            self.add(&client);
         }
-        recent
+    }
+
+    fn add(&mut self, client: &str) {
+        if !self.order.iter().any(|known| known == client) {
+            self.order.push_back(client.to_owned());
+        }
+        self.may.insert(client.to_owned());
     }
 }
 
 impl Lines {
     /// Adds a client.
     pub fn add(&self, client: &str) {
-        let mut turns = self.lock();
-        if !turns.order.iter().any(|known| known == client) {
-            turns.order.push_back(client.to_owned());
-        }
-        turns.may.insert(client.to_owned());
-        drop(turns);
-        self.arrival.notify_one();
-    }
-
-    /// A job of a client is about to arrive.
-    pub fn announce(&self, client: &str) {
-        let mut turns = self.lock();
-        turns.may.insert(client.to_owned());
-        turns.announced.insert(client.to_owned(), Instant::now());
-        drop(turns);
+        self.lock().add(client);
         self.arrival.notify_one();
     }
 
@@ -142,9 +158,12 @@ impl Lines {
         let mut asking = self.asking.lock().await;
         asking.resume().await;
         let next = self.next_of(&mut asking, exchange, is_over).await;
-        // Without another place that goes on with them, pulls must not keep what they bring.
+        // Without another place that goes on with them, pulls must not keep what they bring, nor announcements be heard.
         if self.idle.fetch_sub(1, Relaxed) == 1 {
             asking.put_aside();
+            if let Some(offer) = asking.offer.take() {
+                exchange.take_back(offer).await;
+            }
         }
         next
     }
@@ -159,11 +178,8 @@ impl Lines {
             if is_over() {
                 return None;
             }
-            let look = *asking.look.get_or_insert_with(|| Instant::now() + LOOK);
-            if look <= Instant::now() {
-                asking.look = None;
-                let mut turns = self.lock();
-                turns.may = turns.order.iter().cloned().collect();
+            if self.lock().has_next() {
+                self.learn_in_time(asking, exchange).await;
             }
             let next = self.lock().next();
             let (client, message) = if let Some(client) = next {
@@ -172,6 +188,8 @@ impl Lines {
                 let message = asking.ask(exchange, &client).await;
                 (client, message)
             } else {
+                asking.listen(exchange).await;
+                let look = *asking.look.get_or_insert_with(|| Instant::now() + LOOK);
                 tokio::select! {
                     Some((client, message)) = asking.pulls.next() => {
                         if message.is_some() {
@@ -179,22 +197,54 @@ impl Lines {
                         }
                         (client, message)
                     }
-                    () = self.arrival.notified() => {
-                        let announced = self.lock().announced();
-                        for client in announced {
-                            asking.wait_for(exchange, client).await;
+                    Some(announcement) = OptionFuture::from(asking.offer.as_mut().map(StreamExt::next)) => {
+                        asking.offer = None;
+                        match OptionFuture::from(announcement.map(|it| exchange.hear_announcement(it))).await.flatten() {
+                            Some(Told::Soon(client)) => asking.wait_for(exchange, client).await,
+                            Some(Told::There(client)) => self.lock().add(&client),
+                            None => {}
                         }
                         continue;
                     }
-                    () = sleep_until(look) => continue,
+                    Some(clients) = OptionFuture::from(asking.question.as_mut().map(|question| &mut question.0)) => {
+                        asking.question = None;
+                        asking.told = Some(Instant::now());
+                        self.lock().learn(clients);
+                        continue;
+                    }
+                    () = self.arrival.notified() => continue,
+                    () = sleep_until(look) => {
+                        asking.look = None;
+                        asking.question = Some(Question(exchange.ask_lines(true)));
+                        continue;
+                    }
                 }
             };
             if let Some(message) = message {
                 let wait =
                     asking.consumers.get(&client).map_or(LOOK, |consumer| consumer.cached_info().config.ack_wait);
-                self.lock().may.insert(client);
+                // The next in the line, as far as the server knows.
+                if message.info().is_ok_and(|info| info.pending > 0) {
+                    self.lock().may.insert(client);
+                }
                 return Some((message, wait));
             }
+        }
+    }
+
+    /// Asks which clients have jobs, if that is not known any more, and waits for the answer for a moment.
+    async fn learn_in_time(&self, asking: &mut Asking, exchange: &Exchange) {
+        if asking.told.is_some_and(|told| told.elapsed() < KNOWN) {
+            return;
+        }
+        let is_new = asking.question.is_none();
+        let question = asking.question.get_or_insert_with(|| Question(exchange.ask_lines(false)));
+        // One that has had no answer in time is not waited for again.
+        let most = if is_new { SOON } else { Duration::ZERO };
+        if let Ok(clients) = timeout(most, &mut question.0).await {
+            asking.question = None;
+            asking.told = Some(Instant::now());
+            self.lock().learn(clients);
         }
     }
 
@@ -218,6 +268,16 @@ impl Asking {
                 None
             }
         }
+    }
+
+    /// Offers a place that has nothing to do, unless it is offered, or a pull waits for what was announced. What was announced
+    /// before is asked for.
+    async fn listen(&mut self, exchange: &Exchange) {
+        if self.offer.is_some() || !self.pulls.clients.is_empty() {
+            return;
+        }
+        self.offer = exchange.offer().await;
+        self.question = Some(Question(exchange.ask_lines(false)));
     }
 
     /// Has a pull wait for the next message of a client.
@@ -313,10 +373,10 @@ mod tests {
         assert_eq!(order, ["a", "b", "c", "a", "b"]);
         lines.lock().may.remove("c");
         assert_eq!((next().as_deref(), next().as_deref()), (Some("a"), Some("b")));
-        lines.announce("c");
+        lines.lock().add("c");
         assert_eq!(next().as_deref(), Some("c"));
         // A client whose job came by a pull has had its turn.
-        ["a", "b"].iter().for_each(|client| lines.announce(client));
+        ["a", "b"].iter().for_each(|client| lines.lock().add(client));
         lines.lock().goes_last("a");
         assert_eq!(next().as_deref(), Some("b"));
         lines.lock().may.clear();
@@ -324,14 +384,17 @@ mod tests {
     }
 
     #[test]
-    fn a_pull_waits_for_what_was_announced_a_moment_ago_in_place_of_a_question() {
+    fn what_a_gateway_says_is_asked_for_and_without_a_gateway_all() {
         let lines = Lines::default();
         ["a", "b"].iter().for_each(|client| lines.add(client));
-        lines.announce("b");
-        lines.lock().announced.insert("a".to_owned(), Instant::now() - WAIT);
-        assert_eq!(lines.lock().announced(), ["b"]);
-        assert_eq!(lines.lock().announced(), Vec::<String>::new());
+        lines.lock().may.clear();
+        // One of them is new.
+        lines.lock().learn(Some(vec!["c".to_owned(), "b".to_owned()]));
         let next = || lines.lock().next();
-        assert_eq!((next().as_deref(), next().as_deref()), (Some("a"), Some("a")));
+        assert_eq!([next(), next(), next()].map(Option::unwrap), ["b", "c", "b"]);
+        lines.lock().may.clear();
+        assert!(!lines.lock().has_next());
+        lines.lock().learn(None);
+        assert_eq!([next(), next(), next()].map(Option::unwrap), ["a", "c", "b"]);
     }
 }

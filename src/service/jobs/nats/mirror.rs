@@ -10,13 +10,14 @@ use super::parts::{Part, PartId};
 use crate::compiled::Generations;
 use crate::jobs::ended::Timing;
 use crate::jobs::job::{Lifecycle, Moment, Persistence};
-use crate::jobs::{Ended, Ending, Job, JobId, Jobs, State};
+use crate::jobs::{Client, Ended, Ending, Job, JobId, Jobs, State};
 use crate::worker::Progress;
 use jiff::Timestamp;
 use problem::Control;
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
-use std::collections::{HashMap, VecDeque};
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::ops::Bound;
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::{Duration, Instant};
@@ -25,7 +26,9 @@ use std::time::{Duration, Instant};
 #[derive(Debug, Default)]
 pub struct Mirror {
     jobs: HashMap<JobId, Seen>,
-    running: usize,
+    running: BTreeMap<JobId, Client>,
+    /// The last of the running jobs whose client was named to a worker.
+    named: Option<JobId>,
     /// The jobs that were deleted, and when: what is left of them in the bucket is removed after a while.
     gone: VecDeque<(Timestamp, JobId)>,
     /// The short results that came lately, for those who wait for them.
@@ -83,7 +86,7 @@ impl Mirror {
     /// The numbers of chunks that wait for a worker, and of jobs and chunks that workers have.
     pub fn load(&self) -> (usize, usize) {
         let (waiting, claimed) = self.parts.count();
-        (waiting, self.running + claimed)
+        (waiting, self.running.len() + claimed)
     }
 
     /// The entry of a chunk is now this.
@@ -115,8 +118,22 @@ impl Mirror {
 
     /// The running jobs.
     pub fn running_jobs(&self) -> Vec<JobId> {
-        let running = self.jobs.iter().filter(|(_, seen)| matches!(seen.phase, Phase::Running(_)));
-        running.map(|(id, _)| *id).collect()
+        self.running.keys().copied().collect()
+    }
+
+    /// Sweeps with chunks that wait, up to `most`.
+    pub fn sweeps_that_wait(&self, most: usize) -> Vec<JobId> {
+        self.parts.sweeps_that_wait().take(most).collect()
+    }
+
+    /// The clients of up to `most` running jobs: of those behind the last that were named.
+    pub fn next_running(&mut self, most: usize) -> Vec<Client> {
+        let behind = self.named.map_or(Bound::Unbounded, Bound::Excluded);
+        let rest = self.running.range((behind, Bound::Unbounded));
+        let next: Vec<(JobId, Client)> =
+            rest.chain(&self.running).take(most.min(self.running.len())).map(|(id, client)| (*id, *client)).collect();
+        self.named = next.last().map(|(id, _)| *id);
+        next.into_iter().map(|(_, client)| client).collect()
     }
 }
 
@@ -150,8 +167,11 @@ impl Jobs {
         };
         let mut forgotten = Vec::new();
         if before.map(|(_, phase)| phase) != Some(phase) {
-            mirror.running -= usize::from(matches!(before, Some((_, Phase::Running(_)))));
-            mirror.running += usize::from(matches!(phase, Phase::Running(_)));
+            if matches!(phase, Phase::Running(_)) {
+                mirror.running.insert(id, job.client);
+            } else {
+                mirror.running.remove(&id);
+            }
             let mut intake = self.lock();
             if matches!(before, Some((_, Phase::Waiting))) {
                 intake.queue.remove(job.client, |waiting| waiting.id == id);
@@ -196,7 +216,7 @@ impl Jobs {
         if before.is_some_and(|(known, phase)| known >= revision && phase == Phase::Gone) {
             return;
         }
-        mirror.running -= usize::from(matches!(before, Some((_, Phase::Running(_)))));
+        mirror.running.remove(&id);
         mirror.parts.end(id);
         mirror.jobs.insert(id, Seen { revision, phase: Phase::Gone });
         mirror.gone.push_back((when, id));
@@ -214,9 +234,8 @@ impl Jobs {
     /// A job that could not be put into the queue, or that this gateway has forgotten.
     pub(super) fn drop_from_mirror(&self, far: &Far, job: &Job) {
         let mut mirror = far.mirror();
-        if let Some(seen) = mirror.jobs.remove(&job.id) {
-            mirror.running -= usize::from(matches!(seen.phase, Phase::Running(_)));
-        }
+        mirror.jobs.remove(&job.id);
+        mirror.running.remove(&job.id);
         self.lock().queue.remove(job.client, |waiting| waiting.id == job.id);
         self.store.index().forget(job.id);
     }
@@ -251,4 +270,29 @@ fn timing(ended: &Ended, created: Timestamp) -> Option<Timing> {
     let started = ended.started?;
     let between = |from: Timestamp, to: Timestamp| to.duration_since(from).try_into().unwrap_or_default();
     Some(Timing { queue: between(created, started), solve: between(started, ended.finished) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_clients_of_running_jobs_are_named_in_turn() {
+        let mut mirror = Mirror::default();
+        assert_eq!(mirror.next_running(2), []);
+        for number in 1..=3_u64 {
+            mirror.running.insert(JobId::of_number(number.into()), Client::Token(number));
+        }
+        let named = |mirror: &mut Mirror| {
+            let token = |client| if let Client::Token(number) = client { number } else { 0 };
+            mirror.next_running(2).into_iter().map(token).collect::<Vec<u64>>()
+        };
+        assert_eq!(named(&mut mirror), [1, 2]);
+        assert_eq!(named(&mut mirror), [3, 1]);
+        mirror.running.remove(&JobId::of_number(1));
+        assert_eq!(named(&mut mirror), [2, 3]);
+        mirror.running.remove(&JobId::of_number(2));
+        // Each once, however few there are.
+        assert_eq!(named(&mut mirror), [3]);
+    }
 }

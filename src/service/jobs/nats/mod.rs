@@ -17,7 +17,8 @@
 //!                       rows.JOB.NUMBER.ATTEMPT  the rows of a chunk
 //! objects NAME_objects                         those that are longer than a message may be
 //! core    NAME.progress.JOB                    progress and switches, as they come
-//!         NAME.arrival.CLIENT                  announces a job, so that workers that have nothing to do wait for it
+//!         NAME.arrival.CLIENT                  announces a job to one of the workers that have nothing to do
+//!         NAME.lines.all                       asks a gateway which clients have jobs that wait
 //!         NAME.ended.JOB                       the entry of a job that has just ended, for who waits for it
 //!         NAME.worker.WORKER                   asks a worker whether it still has a job
 //! ```
@@ -25,7 +26,7 @@
 //! 1. A gateway writes specification and entry, and then the message, which is what a job in the queue is; then it answers
 //!    202. It holds all entries in memory, as a mirror of the bucket, so that what reads a job does not know of NATS
 //!    (see `mirror`); nothing in it is not in NATS.
-//! 2. A worker takes a message of the next client in turn (`lines`), and claims the job by a compare-and-set of the entry.
+//! 2. A worker takes a message of the next client in turn (`lines`), of which it is told if it has nothing to do (`announcements`), and claims the job by a compare-and-set of the entry.
 //!    As long as it has the job it tells JetStream, which gives the message to another otherwise (`worker`). A small job is
 //!    solved before it would be claimed, and its end is then the only change of its entry.
 //! 3. The results are complete before the entry says that the job has ended, or stand in it; by a compare-and-set that fails
@@ -34,6 +35,7 @@
 //! 4. The worker that has claimed a sweep divides it, and makes its table in the end; the chunks are solved by whoever takes
 //!    their messages (`sweeps`, `parts`).
 
+mod announcements;
 mod claims;
 mod entry;
 mod errand;

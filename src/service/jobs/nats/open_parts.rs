@@ -29,6 +29,12 @@ impl OpenParts {
         self.0.remove(&sweep);
     }
 
+    /// The sweeps with chunks that wait.
+    pub fn sweeps_that_wait(&self) -> impl Iterator<Item = JobId> {
+        let waits = |parts: &HashMap<PartId, bool>| parts.values().any(|is_claimed| !is_claimed);
+        self.0.iter().filter(move |(_, parts)| waits(parts)).map(|(sweep, _)| *sweep)
+    }
+
     /// The numbers of chunks that wait, and of those that workers have.
     pub fn count(&self) -> (usize, usize) {
         let parts = || self.0.values().flat_map(HashMap::values);
@@ -58,9 +64,12 @@ mod tests {
         }
         parts.came(id(1), Some(&claimed));
         assert_eq!(parts.count(), (2, 1));
+        assert!(parts.sweeps_that_wait().eq([JobId::of_number(7)]));
         parts.came(id(1), Some(&done));
         parts.came(id(2), None);
         assert_eq!(parts.count(), (1, 0));
+        parts.came(id(0), Some(&claimed));
+        assert_eq!(parts.sweeps_that_wait().count(), 0);
         parts.end(JobId::of_number(7));
         assert_eq!(parts.count(), (0, 0));
     }

@@ -1,5 +1,6 @@
 //! The connection to the NATS servers, and the stream and the buckets there.
 
+use super::announcements::Announced;
 use super::entry::{Entry, Versioned};
 use super::options::Nats;
 use crate::jobs::{Client, JobId};
@@ -292,22 +293,25 @@ impl Exchange {
         self.lines().contains(&client.token())
     }
 
-    /// Has workers that have nothing to do wait for a message of a client. Those that do not hear of it look by themselves
-    /// after a while.
-    pub async fn announce(&self, client: Client) {
-        let _ = self.client.publish(self.subject("arrival", client.token()), "".into()).await;
-    }
-
-    /// Puts the message of a job, or of a chunk, in the stream, once, and has workers wait for it.
+    /// Puts the message of a job, or of a chunk, in the stream, once, and has a worker take it; `announced` has it wait for the
+    /// message already.
     ///
     /// # Errors
     /// The servers do not answer, so that it may be there or not.
-    pub async fn enqueue(&self, id: impl fmt::Display, client: Client, text: Vec<u8>) -> Result<(), Away> {
+    pub async fn enqueue(
+        &self,
+        id: impl fmt::Display,
+        client: Client,
+        text: Vec<u8>,
+        announced: Option<Announced>,
+    ) -> Result<(), Away> {
         self.near()?;
-        self.announce(client).await;
+        let announced = announced.unwrap_or_else(|| self.announce(client));
         let message = message::PublishMessage::build().message_id(id.to_string()).payload(text.into());
         let sent = self.jetstream.send_publish(self.job_subject(&id, client), message).await;
-        sent.map_err(|error| away(&error))?.await.map(|_| ()).map_err(|error| away(&error))
+        sent.map_err(|error| away(&error))?.await.map_err(|error| away(&error))?;
+        self.announce_again(client, announced).await;
+        Ok(())
     }
 
     /// Removes the message of a job, or of a chunk, that waits.

@@ -107,7 +107,8 @@ impl<'w> Counted<'w> {
     /// Counts one more, up to `most`.
     fn within(count: &'w AtomicUsize, most: usize) -> Option<Self> {
         let more = |count: usize| (count < most).then_some(count + 1);
-        count.fetch_update(Relaxed, Relaxed, more).is_ok().then_some(Self(count))
+        // Only then: one that is made and dropped would count one less.
+        count.fetch_update(Relaxed, Relaxed, more).is_ok().then(|| Self(count))
     }
 }
 
@@ -320,7 +321,7 @@ impl Sweep<'_> {
             // Who made it may have died before it was in the queue.
             let client = self.job.client;
             while let Ok(false) | Err(_) = self.worker.exchange.is_queued(part_id, client).await {
-                match self.worker.exchange.enqueue(part_id, client, bare()).await {
+                match self.worker.exchange.enqueue(part_id, client, bare(), None).await {
                     Ok(()) => break,
                     Err(_) => sleep(PAUSE).await,
                 }
@@ -364,7 +365,7 @@ impl Sweep<'_> {
         let Some(chunk) = self.chunks.take(workers.max(EXPECTED)) else { return false };
         let id = self.next_id();
         self.enter(id, &Part::waiting(&chunk, self.until)).await;
-        while self.worker.exchange.enqueue(id, self.job.client, bare()).await.is_err() {
+        while self.worker.exchange.enqueue(id, self.job.client, bare(), None).await.is_err() {
             sleep(PAUSE).await;
         }
         self.out.insert(id, (chunk, false));
@@ -552,5 +553,23 @@ async fn next<T>(told: &mut Option<UnboundedReceiver<T>>) -> Option<T> {
     match told {
         Some(told) => told.recv().await,
         None => pending().await,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_count_that_is_full_stays_right() {
+        let count = AtomicUsize::new(0);
+        let two = [0; 2].map(|_| Counted::within(&count, 2).unwrap());
+        for _ in 0..3 {
+            assert!(Counted::within(&count, 2).is_none());
+        }
+        assert_eq!(count.load(Relaxed), 2);
+        drop(two);
+        assert_eq!(count.load(Relaxed), 0);
+        assert!(Counted::within(&count, 2).is_some());
     }
 }
