@@ -3,7 +3,6 @@
 //! all clients have jobs that wait, as many of each must end. `JOBS=N` sets the number of jobs, `SECONDS=N` the time after
 //! which there are no further kills.
 
-#[expect(dead_code, reason = "tests use the rest")]
 #[path = "../service/nats_server.rs"]
 mod nats_server;
 #[expect(dead_code, reason = "tests use the rest")]
