@@ -159,7 +159,7 @@ impl<'a> Observed<'a> {
         let integrands = (of.definitions()..of.names.len()).map(|at| (at, false)).collect();
         Self {
             monitors: Monitors::new(of.monitors.len()),
-            touches: Touches::new(of.monitors.len()),
+            touches: Touches::new(of.monitors.len(), t),
             place,
             integrals: Integrals::new(of.integrals),
             integrands,
@@ -183,13 +183,14 @@ impl<'a> Observed<'a> {
             return None;
         }
         let end = stepper.t();
-        self.touches.follow(stepper, &mut self.place, self.of.names.len(), begin);
         let (mut from, first) = (begin, events.len());
         let mut ended = None;
         let mut along = Along { stepper, place: &mut self.place, first: self.of.names.len(), uncertain: &[] };
         while goes_on(events.len())
-            && let Some(Crossing { t, monitor, is_rising, .. }) = self.monitors.next(&mut along, from, end)
+            && let Some(crossing) = self.monitors.next(&mut along, from, end)
         {
+            self.touches.note(&crossing);
+            let Crossing { t, monitor, is_rising, .. } = crossing;
             from = t;
             let Monitored { label, direction, ends } = &self.of.monitors[monitor];
             let counts = match direction {
@@ -206,6 +207,7 @@ impl<'a> Observed<'a> {
                 break;
             }
         }
+        self.touches.follow(stepper, &mut self.place, self.of.names.len(), begin);
         self.lost = ended.is_none().then(|| self.lost_at(stepper, end)).flatten();
         if events.len() > first {
             events.sort_by(|a, b| a.t.total_cmp(&b.t));

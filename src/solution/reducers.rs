@@ -102,10 +102,13 @@ impl Reducers {
         })
     }
 
-    /// The first column of a complete run that has no finite value of its expression.
-    pub(super) fn lost(&self, collected: &[Collected]) -> Option<&str> {
-        let is_lost = |(reduction, found): (&Reduction, &Collected)| {
-            matches!((reduction, found), (Reduction::Value { .. } | Reduction::Derivative(_), Collected::Number(None)))
+    /// The first column without a finite value of its expression, of a run that is complete or that an event of the user ended
+    /// early: it has no values at later times.
+    pub(super) fn lost(&self, collected: &[Collected], is_early: bool) -> Option<&str> {
+        let is_lost = |(reduction, found): (&Reduction, &Collected)| match reduction {
+            Reduction::Value { over: Over::At(_), .. } if is_early => false,
+            Reduction::Value { .. } | Reduction::Derivative(_) => *found == Collected::Number(None),
+            _ => false,
         };
         let lost = self.reductions.iter().zip(collected).position(is_lost)?;
         self.names.get(lost).map(String::as_str)

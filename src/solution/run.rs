@@ -296,7 +296,7 @@ impl<'a> Run<'a> {
         let is_complete = status == Status::Completed;
         let collected = reducing.map(|reducing| reducing.finish(is_complete, &trajectory.events, &derivatives));
         if let (Some(collected), Some(of)) = (&collected, &self.plan.reducers)
-            && let Some(column) = of.lost(collected).filter(|_| is_complete)
+            && let Some(column) = of.lost(collected, ended_by.is_some()).filter(|_| is_complete)
         {
             self.diagnostics.checks.record(CheckCode::LocalError, f64::INFINITY, NEGLIGIBLE, || {
                 format!("`{column}` is not finite: its expression has a pole on the way, or a value outside its domain")

@@ -7,7 +7,7 @@ use super::method::{Method, out_of_range};
 use super::model::Model;
 use super::ordered::Ordered;
 use super::pointer::Pointer;
-use super::sensitivities::{INITIAL, differentiable, differentiable_motion};
+use super::sensitivities::{INITIAL, WITH_MOTIONS, differentiable, differentiable_motion};
 use super::varied::check_structure;
 use super::wording::{abridged, listed};
 use expression::nearest;
@@ -117,7 +117,7 @@ impl FitRequest {
         }
         let is_differentiable = match model.mechanical() {
             Some(motion) => differentiable_motion(motion, method, &place, &mut found),
-            None => differentiable(model, "fits are made", &place, &mut found).map(|_| ()),
+            None => differentiable(model, ("fits are made", WITH_MOTIONS), &place, &mut found).map(|_| ()),
         };
         let states = model.state_names();
         let fit = is_differentiable.map(|()| Fit {

@@ -7,7 +7,7 @@ use super::lowering::{Lowering, Named, Start};
 use super::method::{Method, out_of_range};
 use super::model::Model;
 use super::pointer::Pointer;
-use super::sensitivities::{differentiable, differentiable_motion};
+use super::sensitivities::{OF_DVI, WITH_MOTIONS, differentiable, differentiable_motion};
 use super::varied::check_structure;
 use super::wording::{abridged, listed};
 use expression::{Tape, nearest};
@@ -189,10 +189,10 @@ impl<'a> Request<'a> {
                 differentiable_motion(motion, method, &place, &mut found);
             }
             (_, Some(_)) => {
-                differentiable(model, "periodic orbits are found", &place, &mut found);
+                differentiable(model, ("periodic orbits are found", WITH_MOTIONS), &place, &mut found);
             }
             (_, None) => {
-                differentiable(model, "steady states are found", &place, &mut found);
+                differentiable(model, ("steady states are found", OF_DVI), &place, &mut found);
             }
         }
         let of = match self.periodic {

@@ -87,7 +87,7 @@ impl SensitivitiesRequest {
         self.check_mode(model, place, errors)?;
         match model.mechanical() {
             Some(motion) => differentiable_motion(motion, method, place, errors)?,
-            None => differentiable(model, "derivatives are computed", place, errors).map(drop)?,
+            None => differentiable(model, ("derivatives are computed", WITH_MOTIONS), place, errors).map(drop)?,
         }
         let states = model.state_names();
         let outputs = model.output_names().len();
@@ -238,17 +238,22 @@ pub(super) fn differentiable_motion(
     None
 }
 
-/// The equations of a differentiable model. Any other is refused; `what` is the purpose, for the message.
+/// The types of problems that have derivatives, without and with motions.
+pub(super) const OF_DVI: &str = "`dvi`, `lcs`, `filippov`, `circuit` or `elastic`";
+pub(super) const WITH_MOTIONS: &str = "`dvi`, `lcs`, `filippov`, `circuit`, `elastic` or `mechanical`";
+
+/// The equations of a differentiable model. Any other is refused; `what` is the purpose, for the message, with the types of
+/// problems that it is for.
 pub(super) fn differentiable<'m>(
     model: &'m dyn Model,
-    what: &str,
+    (what, types): (&str, &str),
     place: &Pointer<'_>,
     errors: &mut Errors,
 ) -> Option<&'m DviModel> {
     let Some(dvi) = model.dvi() else {
         let detail = format!("{what} only for problems that Radau IIA solves with variables in a set");
         let error = SpecificationError::new(place.to_string(), "conflict", detail);
-        errors.push(error.expected("a problem of type `dvi`, `lcs`, `filippov`, `circuit` or `elastic`"));
+        errors.push(error.expected(format!("a problem of type {types}")));
         return None;
     };
     let unknowns = dvi.structure().unknowns();

@@ -405,6 +405,19 @@ fn a_touch_within_the_tolerances_is_told() {
 }
 
 #[test]
+fn rest_at_zero_is_no_touch() {
+    // A pulse train, and a block that sticks twice a period: a force of 1.5 sin t, friction 1.
+    let block = json!({"states": {"v": {"initial": 0, "rate": "1.5*max(0, sin(t)) - F"}}, "variables": {"F": {"inequality": "-v"}},
+        "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}]});
+    let solution = solve(&json!({"problem": {"dvi": block}, "time": {"end": 20}, "stop": [
+        {"when": "v", "label": "speed", "record": true}, {"when": "pwm(t, 3, 0.4)", "label": "pulse", "record": true}]}));
+    let codes: Vec<&str> = solution.verdict.caveats.iter().map(|caveat| caveat.code.as_str()).collect();
+    assert!(!codes.contains(&"touch_uncertain"), "{codes:?}");
+    // Three and a bit periods: it slips and stops in each.
+    assert!(events(&solution, "speed").len() >= 6, "{:?}", events(&solution, "speed"));
+}
+
+#[test]
 fn a_state_that_comes_to_rest_at_zero_has_one_event() {
     // x = max(1 - t, 0), and with the rate z - 1 - t zero is reached at sqrt(3) - 1; a speed that friction stops at t = 1.
     let held = |rate: &str| {

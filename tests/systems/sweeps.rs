@@ -207,6 +207,16 @@ fn what_has_no_finite_value_is_not_trusted() {
 }
 
 #[test]
+fn a_value_at_a_time_after_an_event_that_ends_the_run_is_missing_and_no_fault() {
+    let row =
+        table(&json!({"problem": {"dvi": {"parameters": {"p": 1}, "states": {"x": {"initial": 0, "rate": "p"}}}},
+        "time": {"end": 2}, "stop": [{"when": "x - 1"}],
+        "sweep": {"over": {"p": [1]}, "collect": {"late": {"at": {"t": 1.5, "of": "x"}}, "end": {"final": "x"}}}}));
+    assert!(numbers(&row, "late")[0].is_nan() && (numbers(&row, "end")[0] - 1.0).abs() < 1e-9);
+    assert_eq!(row.column("trusted"), Some(&Values::Flags(vec![true])));
+}
+
+#[test]
 fn jumps_of_a_state_are_counted_by_its_name() {
     let row = table(
         &json!({"problem": {"dvi": {"parameters": {"p": 1}, "states": {"x": {"initial": 0, "rate": "p*z"}},

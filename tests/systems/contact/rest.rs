@@ -58,10 +58,9 @@ fn a_block_rests_on_a_slope_though_half_of_the_friction_is_more_than_its_upper_c
     assert!((last(&solution, "x") - 0.2).abs() < 1e-13, "{}", last(&solution, "x"));
 }
 
-#[test]
-fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
-    // The centre of mass, where the force acts, is not at the centre of the feet, so that each foot has a different
-    // load.
+/// A table of the mass 10 on four feet with friction 0.4. The centre of mass, where the force acts, is not at the centre of the
+/// feet, so that each foot has a different load.
+fn table_on_four_feet(x: &Value, y: &Value) -> Value {
     let feet = [(-0.7, -0.3), (0.3, -0.3), (0.3, 0.5), (-0.7, 0.5)];
     let contacts: Vec<Value> = feet
         .iter()
@@ -77,8 +76,12 @@ fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
         inertia.iter().map(|(name, _)| ((*name).to_owned(), json!({"initial": 0}))).collect();
     let mass: Vec<Vec<f64>> =
         (0..6).map(|i| (0..6).map(|j| if i == j { inertia[i].1 } else { 0.0 }).collect()).collect();
-    let problem = json!({"coordinates": coordinates, "mass": mass, "potential": "98.1*z",
-                         "forces": {"x": "12*t", "y": "5*t"}, "contacts": contacts});
+    json!({"coordinates": coordinates, "mass": mass, "potential": "98.1*z", "forces": {"x": x, "y": y}, "contacts": contacts})
+}
+
+#[test]
+fn a_table_on_four_feet_slides_when_the_push_reaches_the_friction_of_all() {
+    let problem = table_on_four_feet(&json!("12*t"), &json!("5*t"));
     let solution = located(problem, 4.0);
     let starts: Vec<f64> =
         solution.trajectory.events.iter().filter(|event| event.kind == EventKind::Slip).map(|event| event.t).collect();
@@ -144,29 +147,9 @@ fn bodies_on_several_contacts_slip_however_little_a_force_exceeds_friction() {
 #[test]
 fn a_table_slides_when_a_steady_push_exceeds_the_friction_of_all_feet() {
     // Four feet carry what three could; directions of slip in space are known to the root of what the law is solved to.
-    let feet = [(-0.7, -0.3), (0.3, -0.3), (0.3, 0.5), (-0.7, 0.5)];
-    let contacts: Vec<Value> = feet
-        .iter()
-        .enumerate()
-        .map(|(i, (a, b))| {
-            json!({"name": format!("foot_{i}"), "gap": format!("z + ({a})*pitch + ({b})*roll"),
-                   "friction": {"coefficient": 0.4,
-                                "slip": [format!("x_dot - ({b})*yaw_dot"), format!("y_dot + ({a})*yaw_dot")]}})
-        })
-        .collect();
     for excess in [-1e-8, -1e-5, 1e-5, 1e-4] {
         let force = 0.4 * 98.1 * (1.0 + excess);
-        let coordinates: serde_json::Map<String, Value> = ["pitch", "roll", "x", "y", "yaw", "z"]
-            .iter()
-            .map(|name| ((*name).to_owned(), json!({"initial": 0})))
-            .collect();
-        let mass: Vec<Vec<f64>> = [1.1, 0.8, 10.0, 10.0, 1.7, 10.0]
-            .iter()
-            .enumerate()
-            .map(|(i, m)| (0..6).map(|j| if i == j { *m } else { 0.0 }).collect())
-            .collect();
-        let problem = json!({"coordinates": coordinates, "mass": mass, "potential": "98.1*z",
-            "forces": {"x": force * 12.0 / 13.0, "y": force * 5.0 / 13.0}, "contacts": contacts});
+        let problem = table_on_four_feet(&json!(force * 12.0 / 13.0), &json!(force * 5.0 / 13.0));
         let solution = located(problem, 4.0);
         // The acceleration is the excess of the force over the mass.
         let (x, y) = (last(&solution, "x"), last(&solution, "y"));
