@@ -2,6 +2,7 @@
 
 use super::run::Stepper;
 use expression::{IntervalWorkspace, Sight, Tape};
+use hybrid::Followed;
 use numerics::Interval;
 
 /// A program in `t` and the outputs of a problem, with buffers for one evaluation.
@@ -88,8 +89,42 @@ impl EvaluationBuffer {
         self.sight.is_needed()
     }
 
-    /// A bound on what the samples do not show of a value, and its size.
-    pub fn hidden(&mut self, value: usize) -> (f64, f64) {
-        self.sight.hidden(&self.program, value)
+    /// A bound on what the samples do not show at a place among outputs, which are smooth, then values; and its size.
+    pub fn hidden(&mut self, place: usize) -> (f64, f64) {
+        let value = place.checked_sub(self.outputs.len());
+        value.map_or((0.0, 0.0), |value| self.sight.hidden(&self.program, value))
+    }
+
+    /// What was evaluated last, by its place among outputs, then values.
+    pub fn got(&self, place: usize) -> f64 {
+        of_both([&self.outputs, &self.values], place)
+    }
+}
+
+/// What stands at a place among outputs, then values.
+fn of_both<T: Copy>([outputs, values]: [&[T]; 2], place: usize) -> T {
+    place.checked_sub(outputs.len()).map_or_else(|| outputs[place], |value| values[value])
+}
+
+/// Some of the outputs and values along the last step of a method.
+pub(super) struct Along<'a, S> {
+    pub stepper: &'a mut S,
+    pub place: &'a mut EvaluationBuffer,
+    /// Their places among outputs, then values.
+    pub places: &'a [usize],
+    /// By how much the first outputs are uncertain.
+    pub uncertain: &'a [f64],
+}
+
+impl<S: Stepper> Followed for Along<'_, S> {
+    fn monitors(&mut self, t: f64, out: &mut [f64]) {
+        self.place.at(self.stepper, t);
+        out.iter_mut().zip(self.places).for_each(|(out, &place)| *out = self.place.got(place));
+    }
+
+    fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
+        let Some(ranges) = self.place.enclose(self.stepper, (from, to), self.uncertain) else { return false };
+        out.iter_mut().zip(self.places).for_each(|(out, &place)| *out = of_both(ranges, place));
+        true
     }
 }

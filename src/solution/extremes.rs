@@ -4,8 +4,8 @@
 use hybrid::Followed;
 use numerics::{Interval, kronrod};
 
-/// Relative accuracy of the location of an extreme within its bracket, whose value is then accurate to the square of that,
-/// which is rounding; and the part of its size by which an extreme may be exceeded between the samples.
+/// Relative accuracy of the location of a smooth extreme within its bracket, whose value is then accurate to the square of
+/// that, which is rounding; and the part of its size by which an extreme may be exceeded between the samples.
 const KNOWN: f64 = 1e-8;
 /// Reduction of a bracket by a golden-section step.
 const GOLDEN: f64 = 0.618_033_988_749_894_8;
@@ -23,6 +23,8 @@ pub(super) struct Extremes {
     rounding: Vec<f64>,
     /// Parts of a step still to be enclosed, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
+    /// The parts in the middle of which the minimum and the maximum of each function are, if they were found in this step.
+    found: Vec<[Option<[f64; 2]>; 2]>,
     /// The function whose extremes may be exceeded by most, by what part of its size, and when.
     open: Option<(usize, f64, f64)>,
 }
@@ -47,6 +49,7 @@ impl Extremes {
             ranges: vec![Interval::LINE; count],
             rounding: vec![0.0; count],
             left: Vec::new(),
+            found: vec![[None; 2]; count],
             open: None,
         }
     }
@@ -90,10 +93,7 @@ impl Extremes {
                     continue;
                 }
                 let ends = [best.saturating_sub(1), (best + 1).min(order.len() - 1)].map(|at| times[order[at]]);
-                let found = highest(ends, |t| {
-                    of.monitors(t, at_one);
-                    sign * at_one[k]
-                });
+                let found = highest(of, (k, sign), ends, at_one);
                 *extreme = sign * found.max(value(best));
             }
         }
@@ -101,16 +101,19 @@ impl Extremes {
 
     /// Searches a step for larger and smaller values, wherever its enclosures do not exclude them.
     fn search(&mut self, from: f64, to: f64, of: &mut impl Followed) {
+        self.rounding.fill(0.0);
+        if !of.enclose(from, to, &mut self.ranges) || self.exceeded().is_none() {
+            return;
+        }
         if !of.enclose(from, from, &mut self.ranges) {
             return;
         }
         // What cannot be enclosed at one time is not known over any.
         self.rounding.iter_mut().zip(&self.ranges).for_each(|(rounding, range)| *rounding = range.width());
+        self.found.fill([None; 2]);
         self.left.clear();
         self.left.push((from, to));
         let mut parts = 0;
-        // The parts in the middle of which the extremes are, if they were found here.
-        let mut tops: Vec<[Option<(f64, f64)>; 2]> = vec![[None; 2]; self.least.len()];
         while let Some((a, b)) = self.left.pop() {
             parts += 1;
             if !of.enclose(a, b, &mut self.ranges) {
@@ -127,24 +130,19 @@ impl Extremes {
             of.monitors(middle, &mut self.samples.at_one);
             for (k, &value) in self.samples.at_one.iter().enumerate().filter(|(_, value)| value.is_finite()) {
                 if value < self.least[k] {
-                    (self.least[k], tops[k][0]) = (value, Some((a, b)));
+                    (self.least[k], self.found[k][0]) = (value, Some([a, b]));
                 }
                 if value > self.largest[k] {
-                    (self.largest[k], tops[k][1]) = (value, Some((a, b)));
+                    (self.largest[k], self.found[k][1]) = (value, Some([a, b]));
                 }
             }
             self.left.extend([(middle, b), (a, middle)]);
         }
-        let at_one = &mut self.samples.at_one;
-        for (k, [bottom, top]) in tops.into_iter().enumerate() {
-            let of_ends = [(-1.0, &mut self.least[k], bottom), (1.0, &mut self.largest[k], top)];
-            for (sign, extreme, ends) in
-                of_ends.into_iter().filter_map(|(sign, extreme, ends)| Some((sign, extreme, ends?)))
-            {
-                let found = highest([ends.0, ends.1], |t| {
-                    of.monitors(t, at_one);
-                    sign * at_one[k]
-                });
+        for (k, found) in self.found.iter().enumerate() {
+            let extremes = [(-1.0, &mut self.least[k]), (1.0, &mut self.largest[k])];
+            for ((sign, extreme), ends) in extremes.into_iter().zip(found) {
+                let Some(ends) = *ends else { continue };
+                let found = highest(of, (k, sign), ends, &mut self.samples.at_one);
                 *extreme = sign * found.max(sign * *extreme);
             }
         }
@@ -180,12 +178,18 @@ impl Samples {
     }
 }
 
-/// The maximum of a function in an interval where it is unimodal, by golden-section search.
-fn highest([mut a, mut b]: [f64; 2], mut value: impl FnMut(f64) -> f64) -> f64 {
+/// The maximum of a function, times a sign, in an interval where it is unimodal, by golden-section search until two values differ
+/// by rounding, which is later at a kink than at a smooth extreme; `at_one` has room for all functions.
+fn highest(of: &mut impl Followed, (k, sign): (usize, f64), [mut a, mut b]: [f64; 2], at_one: &mut [f64]) -> f64 {
+    let mut value = |t: f64| {
+        of.monitors(t, at_one);
+        sign * at_one[k]
+    };
     let close = KNOWN * (b - a);
     let (mut left, mut right) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));
     let (mut at_left, mut at_right) = (value(left), value(right));
-    while b - a > close && a < left && right < b {
+    let differ = |left: f64, right: f64| (left - right).abs() > f64::EPSILON * left.abs().max(right.abs());
+    while (b - a > close || differ(at_left, at_right)) && a < left && right < b {
         if at_left > at_right {
             (b, right, at_right) = (right, left, at_left);
             left = b - GOLDEN * (b - a);
@@ -221,7 +225,7 @@ mod tests {
         }
     }
 
-    /// `2 + 3 sin t`, and `t^2`, neither of which is enclosed.
+    /// `2 + 3 sin t` and `t^2`, without enclosures.
     struct Smooth;
 
     impl Followed for Smooth {

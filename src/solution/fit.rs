@@ -4,19 +4,18 @@
 //! multiples of the powers of the generalised golden ratio (Roberts 2018, *The unreasonable effectiveness of
 //! quasirandom sequences*), on a logarithmic scale if the bounds are positive and far apart.
 
-mod fittable;
 mod intervals;
 mod least_squares;
 
 pub use least_squares::Loss;
 
+use super::bindable::Bindable;
 use super::contact::ContactPlan;
 use super::observables::Observables;
 use super::run::{Ended, Plan, ending};
 use super::sensitivities::{By, Sensitivities};
 use super::{CheckCode, Failure, Solution, Status};
 use analysis::Analysis;
-use fittable::Fittable;
 use intervals::{Intervals, Stretches, intervals, is_too_large, long_stretches};
 use least_squares::{LeastSquares, Minimum, Residuals};
 use models::{DviModel, MechanicalModel};
@@ -236,7 +235,8 @@ impl Definitions {
 
 /// A search in progress.
 struct Search<'a> {
-    model: Fittable<'a>,
+    model: Bindable<'a>,
+    settings: &'a Settings,
     plan: &'a Plan,
     fit: &'a Fit,
     analysis: &'a Analysis,
@@ -252,7 +252,7 @@ pub fn fit(
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
-    Search { model: Fittable::Dvi(Box::new(model.clone()), settings), plan, fit, analysis, control }.run()
+    Search { model: Bindable::Dvi(Box::new(model.clone())), settings, plan, fit, analysis, control }.run()
 }
 
 /// Fits a motion with located impacts to data, and runs it with the estimates.
@@ -264,7 +264,7 @@ pub fn fit_motion(
     analysis: &Analysis,
     control: &Control,
 ) -> Solution {
-    Search { model: Fittable::Motion(Box::new(model.clone()), contact, settings), plan, fit, analysis, control }.run()
+    Search { model: Bindable::Motion(Box::new(model.clone()), contact), settings, plan, fit, analysis, control }.run()
 }
 
 impl<'a> Search<'a> {
@@ -279,7 +279,7 @@ impl<'a> Search<'a> {
         let bound = self.bound(point, Some(derivatives));
         let (bound, along) = bound.unwrap_or_else(|_| (self.model.clone(), self.plan.clone()));
         let analysis = bound.analyse(self.plan.start);
-        let mut solution = self.control.part(SHARE..1.0, || bound.run(&along, &analysis, self.control));
+        let mut solution = self.control.part(SHARE..1.0, || bound.run(&along, self.settings, &analysis, self.control));
         solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
         match found {
             Ok(minimum) if solution.status == Status::Completed => self.answer(&minimum, starts, &mut solution),
@@ -294,7 +294,7 @@ impl<'a> Search<'a> {
 
     fn problem<'b>(&self, bounds: &'b [Vec<f64>; 2]) -> LeastSquares<'b> {
         let [lower, upper] = bounds;
-        let rank = TOLERANCES * self.model.settings().rtol;
+        let rank = TOLERANCES * self.settings.rtol;
         LeastSquares { lower, upper, loss: self.fit.loss, is_scaled: self.fit.is_scaled, rank }
     }
 
@@ -373,8 +373,8 @@ impl<'a> Search<'a> {
     }
 
     /// Binds the model to the given values, and adapts the plan of its run.
-    fn bound(&self, point: &[f64], sensitivities: Option<Sensitivities>) -> Result<(Fittable<'a>, Plan), Failure> {
-        let mut values = self.model.parameters().to_vec();
+    fn bound(&self, point: &[f64], sensitivities: Option<Sensitivities>) -> Result<(Bindable<'a>, Plan), Failure> {
+        let mut values = self.model.values().to_vec();
         for (fitted, &value) in self.fit.parameters.iter().zip(point) {
             if let By::Parameter(k) = fitted.by {
                 values[k] = value;
@@ -409,13 +409,13 @@ impl<'a> Search<'a> {
         plan.times = Some(fit.t.clone());
         plan.end = fit.t.last().copied().filter(|last| *last > plan.start).unwrap_or(plan.end);
         plan.global_error = false;
-        let Ended { solution, .. } = model.run_once(&plan, self.analysis, self.control);
+        let Ended { solution, .. } = model.run_once(&plan, self.settings, self.analysis, self.control);
         if let Some(failure) = solution.error {
             return Err(failure);
         }
         let fields: Vec<&[f64]> = solution.trajectory.fields.iter().map(|field| field.values.as_slice()).collect();
         let (states, derivatives) = fields.split_at(of.len());
-        let mut definitions = Definitions::new(observables, first, model.parameters());
+        let mut definitions = Definitions::new(observables, first, model.values());
         let m = fit.observations();
         let mut values = DVector::zeros(m);
         let mut jacobian = DMatrix::zeros(m, p);
@@ -432,7 +432,7 @@ impl<'a> Search<'a> {
                             .enumerate()
                             .for_each(|(k, by)| jacobian[(row, k)] = by[i] / sd);
                         let found = states[at][i];
-                        (found, self.model.settings().atol[state] + self.model.settings().rtol * found.abs())
+                        (found, self.settings.atol[state] + self.settings.rtol * found.abs())
                     }
                     Quantity::Definition(definition) => {
                         let x: Vec<f64> = states.iter().map(|state| state[i]).collect();
@@ -446,7 +446,7 @@ impl<'a> Search<'a> {
                             let difference = definitions.difference(definition, fit.t[i], (&x, &dx), (parameter, step));
                             jacobian[(row, k)] = difference / (2.0 * step * sd);
                         }
-                        (found, self.model.settings().rtol * found.abs())
+                        (found, self.settings.rtol * found.abs())
                     }
                 };
                 values[row] = (found - value) / sd;

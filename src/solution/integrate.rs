@@ -256,8 +256,9 @@ impl Stepper for RadauRun<'_> {
 
     fn take_events(&mut self, events: &mut Vec<Event>) {
         let (plan, n) = (self.plan, self.plan.initial.len());
-        let before = self.switches.len();
+        self.has_switched = !self.jumps.is_empty();
         for switch in self.radau.take_switches() {
+            self.has_switched = true;
             // Where a face is left as soon as it is entered, rounding has chosen it.
             let is_undone = |last: &Switch| {
                 last.t == switch.t
@@ -270,7 +271,6 @@ impl Stepper for RadauRun<'_> {
                 None => self.switches.push(switch),
             }
         }
-        self.has_switched = self.switches.len() > before;
         let (now, is_last) = (self.radau.t(), self.radau.is_done());
         events.extend(
             self.switches.extract_if(.., |switch| is_last || switch.t < now).map(|switch| event(plan, &switch)),

@@ -2,6 +2,7 @@
 
 mod astray;
 mod audit;
+mod bindable;
 mod branch;
 pub mod columnar;
 mod compared_columns;

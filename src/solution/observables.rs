@@ -2,15 +2,14 @@
 //! definitions, which are further columns; integrals of expressions over time; and monitors, whose sign changes are
 //! located and recorded, or end the run.
 
-use super::evaluation::EvaluationBuffer;
+use super::evaluation::{Along, EvaluationBuffer};
 use super::impulse::Impulse;
 use super::quadrature::{self, Integrals};
 use super::run::Stepper;
 use super::touches::Touches;
 use super::{Event, EventKind};
 use expression::Tape;
-use hybrid::{Crossing, Followed, Monitors};
-use numerics::Interval;
+use hybrid::{Crossing, Monitors};
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use utoipa::ToSchema;
@@ -116,9 +115,11 @@ pub(super) struct Observed<'a> {
     monitors: Monitors,
     touches: Touches,
     place: EvaluationBuffer,
+    /// The places of the monitors among the outputs of the problem, then the values of the program.
+    watched: Vec<usize>,
     /// The integrals up to the time `reached`.
     integrals: Integrals,
-    /// The places of the integrands among the values, none of which is squared.
+    /// The places of the integrands there, none of which is squared.
     integrands: Vec<(usize, bool)>,
     reached: f64,
     /// Impulses that the integrals have not passed, in the order of time.
@@ -127,40 +128,17 @@ pub(super) struct Observed<'a> {
     lost: Option<usize>,
 }
 
-/// The monitors along the last step of a method.
-pub(super) struct Along<'a, S> {
-    pub stepper: &'a mut S,
-    pub place: &'a mut EvaluationBuffer,
-    /// Index of the first monitor among the values.
-    pub first: usize,
-    /// What is uncertain of the first outputs.
-    pub uncertain: &'a [f64],
-}
-
-impl<S: Stepper> Followed for Along<'_, S> {
-    fn monitors(&mut self, t: f64, out: &mut [f64]) {
-        out.copy_from_slice(&self.place.at(self.stepper, t)[self.first..]);
-    }
-
-    fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
-        let ranges = self.place.enclose(self.stepper, (from, to), self.uncertain);
-        ranges.is_some_and(|[_, ranges]| {
-            out.copy_from_slice(&ranges[self.first..]);
-            true
-        })
-    }
-}
-
 impl<'a> Observed<'a> {
     /// Begins at the start of a run; `outputs` is the number of outputs of the problem.
     pub fn new(of: &'a Observables, outputs: usize, stepper: &mut impl Stepper) -> Self {
         let place = EvaluationBuffer::new(&of.program, [outputs, of.values()], of.integrals > 0);
         let t = stepper.t();
-        let integrands = (of.definitions()..of.names.len()).map(|at| (at, false)).collect();
+        let integrands = (of.definitions()..of.names.len()).map(|at| (outputs + at, false)).collect();
         Self {
             monitors: Monitors::new(of.monitors.len()),
             touches: Touches::new(of.monitors.len(), t),
             place,
+            watched: (outputs + of.names.len()..outputs + of.values()).collect(),
             integrals: Integrals::new(of.integrals),
             integrands,
             reached: t,
@@ -185,7 +163,7 @@ impl<'a> Observed<'a> {
         let end = stepper.t();
         let (mut from, first) = (begin, events.len());
         let mut ended = None;
-        let mut along = Along { stepper, place: &mut self.place, first: self.of.names.len(), uncertain: &[] };
+        let mut along = Along { stepper, place: &mut self.place, places: &self.watched, uncertain: &[] };
         while goes_on(events.len())
             && let Some(crossing) = self.monitors.next(&mut along, from, end)
         {
@@ -207,7 +185,7 @@ impl<'a> Observed<'a> {
                 break;
             }
         }
-        self.touches.follow(stepper, &mut self.place, self.of.names.len(), begin);
+        self.touches.follow(stepper, &mut self.place, &self.watched, begin);
         self.lost = ended.is_none().then(|| self.lost_at(stepper, end)).flatten();
         if events.len() > first {
             events.sort_by(|a, b| a.t.total_cmp(&b.t));
@@ -258,18 +236,9 @@ impl<'a> Observed<'a> {
         }
         while let Some(impulse) = self.impulses.pop_front_if(|impulse| impulse.at <= t) {
             self.integrate_smooth(stepper, impulse.t.min(t));
-            self.pass(&impulse);
+            self.integrals.pass(&impulse, &mut self.place, &self.integrands);
         }
         self.integrate_smooth(stepper, t);
-    }
-
-    /// Adds the integrals over an impulse.
-    fn pass(&mut self, impulse: &Impulse) {
-        let (first, count) = (self.of.definitions(), self.of.integrals);
-        self.integrals.pass(impulse, |t, outputs, out| {
-            self.place.take(t, outputs);
-            out.copy_from_slice(&self.place.values[first..first + count]);
-        });
     }
 
     fn integrate_smooth(&mut self, stepper: &mut impl Stepper, t: f64) {

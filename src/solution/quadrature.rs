@@ -44,11 +44,11 @@ impl<F: FnMut(f64, &mut [f64])> Integrand for F {
     }
 }
 
-/// The values of a program along the last step of a method.
+/// Integrands along the last step of a method.
 pub(super) struct Along<'a, S> {
     pub stepper: &'a mut S,
     pub place: &'a mut EvaluationBuffer,
-    /// The values that are integrated, and whether they are squared.
+    /// What is integrated, by its place among outputs, then values, and whether it is squared.
     pub integrands: &'a [(usize, bool)],
 }
 
@@ -56,7 +56,7 @@ impl<S: Stepper> Integrand for Along<'_, S> {
     fn at(&mut self, t: f64, out: &mut [f64]) {
         self.place.at(self.stepper, t);
         self.place.sample();
-        select(self.integrands, &self.place.values, out);
+        select(self.integrands, self.place, out);
     }
 
     fn begin(&mut self) {
@@ -74,10 +74,11 @@ impl<S: Stepper> Integrand for Along<'_, S> {
     }
 }
 
-/// Selects the values that are integrated, or their squares.
-pub(super) fn select(integrands: &[(usize, bool)], values: &[f64], out: &mut [f64]) {
+/// Selects the integrands from what was evaluated last.
+fn select(integrands: &[(usize, bool)], place: &EvaluationBuffer, out: &mut [f64]) {
     for (out, &(at, squared)) in out.iter_mut().zip(integrands) {
-        *out = if squared { values[at] * values[at] } else { values[at] };
+        let value = place.got(at);
+        *out = if squared { value * value } else { value };
     }
 }
 
@@ -101,8 +102,12 @@ impl Integrals {
         Self { values: zeros(), uncertain: zeros(), sizes: zeros(), undefined: None }
     }
 
-    /// Adds the integrals over an impulse; `evaluate` writes the functions for a time and outputs of the problem.
-    pub fn pass(&mut self, impulse: &Impulse, evaluate: impl FnMut(f64, &[f64], &mut [f64])) {
+    /// Adds the integrals over an impulse.
+    pub fn pass(&mut self, impulse: &Impulse, place: &mut EvaluationBuffer, integrands: &[(usize, bool)]) {
+        let evaluate = |t: f64, outputs: &[f64], out: &mut [f64]| {
+            place.take(t, outputs);
+            select(integrands, place, out);
+        };
         for (k, over) in impulse.integrals(self.values.len(), evaluate).enumerate() {
             if let Some(over) = over {
                 self.values[k] += over;

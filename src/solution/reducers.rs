@@ -2,15 +2,13 @@
 //! along the dense output, counts and times of located events, and the mode word. Output times have no influence.
 
 use super::columnar::checksum;
-use super::evaluation::EvaluationBuffer;
+use super::evaluation::{Along, EvaluationBuffer};
 use super::extremes::Extremes;
 use super::impulse::Impulse;
-use super::quadrature::{Along, Integrals, integrate, select};
+use super::quadrature::{self, Integrals, integrate};
 use super::run::Stepper;
 use super::{Event, EventKind};
 use expression::Tape;
-use hybrid::Followed;
-use numerics::Interval;
 
 /// Length in bytes at which a mode word is cut.
 const LONGEST_WORD: usize = 4 << 10;
@@ -146,37 +144,14 @@ pub(super) struct Reducing<'a> {
     at_end: Vec<f64>,
     /// The values at requested times, one per reduction.
     at_times: Vec<Option<f64>>,
-    /// Indices of the values to integrate, and whether to square them.
+    /// What to integrate, by its place among the outputs of the problem, then the values; and whether to square it.
     integrands: Vec<(usize, bool)>,
     integrals: Integrals,
-    /// Indices of the values whose extremes are needed.
+    /// The places of the values whose extremes are needed.
     extremes: Vec<usize>,
     found: Extremes,
     word: Option<Word>,
     has_times: bool,
-}
-
-/// Values along the last step of a method.
-struct Extending<'a, S> {
-    stepper: &'a mut S,
-    place: &'a mut EvaluationBuffer,
-    /// The values whose extremes are needed.
-    extremes: &'a [usize],
-}
-
-impl<S: Stepper> Followed for Extending<'_, S> {
-    fn monitors(&mut self, t: f64, out: &mut [f64]) {
-        let values = self.place.at(self.stepper, t);
-        out.iter_mut().zip(self.extremes).for_each(|(out, &at)| *out = values[at]);
-    }
-
-    fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
-        let ranges = self.place.enclose(self.stepper, (from, to), &[]);
-        ranges.is_some_and(|[_, ranges]| {
-            out.iter_mut().zip(self.extremes).for_each(|(out, &at)| *out = ranges[at]);
-            true
-        })
-    }
 }
 
 impl<'a> Reducing<'a> {
@@ -190,9 +165,9 @@ impl<'a> Reducing<'a> {
             let Reduction::Value { at, over } = reduction else { continue };
             count = count.max(at + 1);
             match over {
-                Over::Mean | Over::Integral => integrands.push((*at, false)),
-                Over::Rms => integrands.push((*at, true)),
-                Over::Min | Over::Max | Over::Ripple => extremes.push(*at),
+                Over::Mean | Over::Integral => integrands.push((outputs + at, false)),
+                Over::Rms => integrands.push((outputs + at, true)),
+                Over::Min | Over::Max | Over::Ripple => extremes.push(outputs + at),
                 Over::At(_) => has_times = true,
                 Over::Final | Over::Initial => {}
             }
@@ -240,24 +215,24 @@ impl<'a> Reducing<'a> {
     /// The first column whose integral or mean an impulse leaves undefined, and the time of that.
     pub fn undefined(&self) -> Option<(&str, f64)> {
         let (integral, t) = self.integrals.undefined()?;
-        let (of, squared) = self.integrands[integral];
-        let is_one = |reduction: &Reduction| {
-            matches!(reduction, Reduction::Value { at, over }
-                if *at == of && if squared { *over == Over::Rms } else { matches!(over, Over::Mean | Over::Integral) })
-        };
-        let column = self.of.reductions.iter().position(is_one)?;
-        Some((self.of.names.get(column)?, t))
+        let (place, squared) = self.integrands[integral];
+        let is_one = |over| if squared { over == Over::Rms } else { matches!(over, Over::Mean | Over::Integral) };
+        Some((self.column(place, is_one)?, t))
     }
 
     /// The column whose extreme may be exceeded by most, by what part of its size, and when.
     pub fn open(&self) -> Option<(&str, f64, f64)> {
         let (extreme, by, t) = self.found.open()?;
-        let is_one = |reduction: &Reduction| {
-            matches!(reduction, Reduction::Value { at, over: Over::Min | Over::Max | Over::Ripple }
-                if *at == self.extremes[extreme])
-        };
+        let is_one = |over| matches!(over, Over::Min | Over::Max | Over::Ripple);
+        Some((self.column(self.extremes[extreme], is_one)?, by, t))
+    }
+
+    /// The first column of what stands at a place, by such a functional.
+    fn column(&self, place: usize, is_one: impl Fn(Over) -> bool) -> Option<&str> {
+        let outputs = self.place.outputs.len();
+        let is_one = |reduction: &Reduction| matches!(*reduction, Reduction::Value { at, over } if outputs + at == place && is_one(over));
         let column = self.of.reductions.iter().position(is_one)?;
-        Some((self.of.names.get(column)?, by, t))
+        self.of.names.get(column).map(String::as_str)
     }
 
     /// Adds the last step, from `begin` to `end`, with its events and impulses.
@@ -275,14 +250,14 @@ impl<'a> Reducing<'a> {
                 None => events.iter().for_each(|event| word.push(&told(event))),
             }
         }
-        let Self { place, extremes, integrands: of, integrals, found, .. } = self;
-        if !of.is_empty() {
-            integrate(begin, end, integrals, Along { stepper, place, integrands: of });
+        let Self { place, extremes, integrands, integrals, found, .. } = self;
+        if !integrands.is_empty() {
+            integrate(begin, end, integrals, quadrature::Along { stepper, place, integrands });
             for impulse in impulses.iter().filter(|impulse| impulse.at <= end) {
-                integrals.pass(impulse, |t, outputs, out| select(of, place.take(t, outputs), out));
+                integrals.pass(impulse, place, integrands);
             }
         }
-        found.step(begin, end, &mut Extending { stepper, place, extremes });
+        found.step(begin, end, &mut Along { stepper, place, places: extremes, uncertain: &[] });
         self.look_at(stepper, begin, end);
     }
 
@@ -312,13 +287,13 @@ impl<'a> Reducing<'a> {
     /// Returns the results. Those of a run that did not reach its end are missing, except values at times that it
     /// reached.
     pub fn finish(self, is_complete: bool, events: &[Event], derivatives: &[f64]) -> Vec<Collected> {
-        let time = self.end - self.start;
+        let (time, outputs) = (self.end - self.start, self.place.outputs.len());
         let integral = |at: usize, squared: bool| {
-            let place = self.integrands.iter().position(|known| *known == (at, squared));
+            let place = self.integrands.iter().position(|known| *known == (outputs + at, squared));
             place.map_or(f64::NAN, |place| self.integrals.values[place])
         };
         let extremes = |at: usize| {
-            let place = self.extremes.iter().position(|known| *known == at);
+            let place = self.extremes.iter().position(|known| *known == outputs + at);
             place.map_or((f64::NAN, f64::NAN), |place| self.found.of(place))
         };
         let number = |value: f64| Collected::Number(Some(value).filter(|value| value.is_finite()));

@@ -6,8 +6,7 @@
 //! The monitors are followed a second time, with enclosures widened by the tolerances of the states. The search for events
 //! then takes zero for a band, which a monitor reaches once, and leaves to one side or the other.
 
-use super::evaluation::EvaluationBuffer;
-use super::observables::Along;
+use super::evaluation::{Along, EvaluationBuffer};
 use super::run::Stepper;
 use hybrid::{Crossing, Monitors};
 
@@ -52,16 +51,16 @@ impl Touches {
         }
     }
 
-    /// Follows the monitors, the values of a program from `first` on, over the last step, from `begin` on, until one touches
-    /// zero; the crossings of the step have been noted.
-    pub fn follow(&mut self, stepper: &mut impl Stepper, place: &mut EvaluationBuffer, first: usize, begin: f64) {
+    /// Follows the monitors at these places over the last step, from `begin` on, until one touches zero; the crossings of the
+    /// step have been noted.
+    pub fn follow(&mut self, stepper: &mut impl Stepper, place: &mut EvaluationBuffer, places: &[usize], begin: f64) {
         let end = stepper.t();
         let Some((rtol, atol)) = stepper.tolerances().filter(|_| self.found.is_none()) else { return };
         self.largest.resize(atol.len(), 0.0);
         self.largest.iter_mut().zip(stepper.states()).for_each(|(largest, x)| *largest = largest.max(x.abs()));
         self.uncertain.clear();
         self.uncertain.extend(self.largest.iter().zip(atol).map(|(largest, atol)| atol + rtol * largest));
-        let mut along = Along { stepper, place, first, uncertain: &self.uncertain };
+        let mut along = Along { stepper, place, places, uncertain: &self.uncertain };
         let mut from = begin;
         while let Some(crossing) = self.monitors.next(&mut along, from, end) {
             let Crossing { t, monitor, returns, .. } = crossing;

@@ -174,7 +174,8 @@ impl<'f, F: Family> Continuation<'f, F> {
             let made = if is_last { self.last_step(&last, step, end) } else { self.step(&last, step) };
             match made {
                 Ok((next, corrections)) if next.word == last.word => {
-                    let chord = self.chord(&last, &next);
+                    let way = self.way(&last, &next);
+                    let chord = &way / way.norm();
                     let cosines = [next.tangent.dot(&last.tangent), chord.dot(&last.tangent), chord.dot(&next.tangent)];
                     if cosines.iter().any(|cosine| *cosine < LEAST_COSINE) && step > 1e3 * SHORTEST {
                         (ds, streak) = (0.5 * step, 0);
@@ -236,15 +237,12 @@ impl<'f, F: Family> Continuation<'f, F> {
         Ok((point, corrections))
     }
 
-    /// The direction from one point to another, in the units of tangents.
-    fn chord(&self, last: &Solved<F::Word>, next: &Solved<F::Word>) -> DVector<f64> {
+    /// The way from one point to another, in the units of tangents.
+    fn way(&self, last: &Solved<F::Word>, next: &Solved<F::Word>) -> DVector<f64> {
         let n = last.w.len();
-        let change = |i: usize| match i {
-            i if i == n => (next.p - last.p) / self.scales.of(n) * self.direction(),
-            i => (next.w[i] - last.w[i]) / self.scales.of(i),
-        };
-        let chord = DVector::from_fn(n + 1, |i, _| change(i));
-        &chord / chord.norm()
+        let along = (next.p - last.p) / self.scales.of(n) * self.direction();
+        let changes = (0..n).map(|i| (next.w[i] - last.w[i]) / self.scales.of(i));
+        DVector::from_iterator(n + 1, changes.chain([along]))
     }
 
     /// The sign of the parameter in units of its interval.
@@ -369,9 +367,7 @@ impl<F: Family> Continuation<'_, F> {
         let mut at_fixed = DVector::zeros(n + 1);
         at_fixed[n] = 1.0;
         let (mut point, _) = self.correct((w, p), (w, p), &at_fixed, 0.0, Some(word)).ok()?;
-        let away: f64 = (0..n).map(|i| point.tangent[i] * (point.w[i] - last.w[i]) / self.scales.of(i)).sum::<f64>()
-            + point.tangent[n] * (point.p - last.p) / self.scales.of(n) * self.direction();
-        if away < 0.0 {
+        if self.way(last, &point).dot(&point.tangent) < 0.0 {
             point.tangent = -point.tangent;
         }
         // The branch goes to the side on which it is a solution.

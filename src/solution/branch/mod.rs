@@ -89,9 +89,7 @@ impl Branch {
         }
         solution.branch = Some(self);
     }
-}
 
-impl Branch {
     /// The first point behind which the stability changes although nothing happens.
     fn unexplained(&self) -> Option<usize> {
         let changes = |pair: &[Option<bool>]| matches!(pair, [Some(before), Some(after)] if before != after);

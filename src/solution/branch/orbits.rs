@@ -3,12 +3,12 @@
 use super::arclength::{Continuation, Curve, Evaluation, Family, Found, Scales, Solved, Test, What};
 use super::test_functions::{OF_ORBITS, is_confirmed};
 use super::{Branch, BranchEvent, BranchEventKind, BranchPlan};
-use crate::contact::{ContactPlan, integrate_contact_once};
-use crate::integrate::integrate_once;
+use crate::bindable::Bindable;
+use crate::contact::ContactPlan;
 use crate::multipliers;
 use crate::orbit::{Missed, Periodic, is_stable, run_along, search_from_start};
-use crate::run::{Ended, ending};
-use crate::shooting::{Passed, Shot, Subject};
+use crate::run::ending;
+use crate::shooting::{Passed, Shot};
 use crate::verdict::Checks;
 use crate::{Failure, Plan, Solution, Status};
 use analysis::Analysis;
@@ -25,54 +25,12 @@ const NEAR: f64 = 0.1;
 /// The most corrections of an orbit behind a border.
 const CORRECTIONS: usize = 12;
 
-/// A model whose parameters can be bound, of a motion with how it meets impacts.
-#[derive(Clone)]
-enum Model<'a> {
-    Dvi(Box<DviModel>),
-    Motion(Box<MechanicalModel>, &'a ContactPlan),
-}
-
-impl<'a> Model<'a> {
-    fn values(&self) -> Vec<f64> {
-        let parameters = match self {
-            Self::Dvi(model) => model.parameters.as_ref(),
-            Self::Motion(model, _) => model.parameters.as_ref().map(|(parameters, _)| parameters),
-        };
-        parameters.map_or_else(Vec::new, |parameters| parameters.values().to_vec())
-    }
-
-    fn bound(&self, values: &[f64]) -> Result<Self, String> {
-        match self {
-            Self::Dvi(model) => model.with_parameters(values).map(|model| Self::Dvi(Box::new(model))),
-            Self::Motion(model, contact) => {
-                model.with_parameters(values).map(|model| Self::Motion(Box::new(model), contact))
-            }
-        }
-        .map_err(|why| why.to_string())
-    }
-
-    fn initial(&self) -> &[f64] {
-        match self {
-            Self::Dvi(model) => &model.initial,
-            Self::Motion(model, _) => &model.initial,
-        }
-    }
-
-    /// What is shot with.
-    fn subject<'m>(&'m self, settings: &'m Settings) -> Subject<'m> {
-        match self {
-            Self::Dvi(model) => Subject::Dvi(model, settings),
-            Self::Motion(model, contact) => Subject::Motion(model, contact, settings),
-        }
-    }
-
-    /// The name of what an event is of.
-    fn name(&self, of: &Passed) -> Option<String> {
-        match (self, of) {
-            (Self::Dvi(model), Passed::Switch(variable, ..)) => model.variable_names.get(*variable).cloned(),
-            (Self::Motion(model, _), Passed::Contact(contact, _)) => model.contacts.get(*contact).cloned(),
-            _ => None,
-        }
+/// The name of what an event is of.
+fn name(model: &Bindable<'_>, of: &Passed) -> Option<String> {
+    match (model, of) {
+        (Bindable::Dvi(model), Passed::Switch(variable, ..)) => model.variable_names.get(*variable).cloned(),
+        (Bindable::Motion(model, _), Passed::Contact(contact, _)) => model.contacts.get(*contact).cloned(),
+        _ => None,
     }
 }
 
@@ -93,7 +51,7 @@ pub fn follow_orbits(
     control: &Control,
 ) -> Solution {
     let how = How { settings, analysis };
-    follow(&Model::Dvi(Box::new(model.clone())), plan, (asked, periodic, program), how, control)
+    follow(&Bindable::Dvi(Box::new(model.clone())), plan, (asked, periodic, program), how, control)
 }
 
 /// Follows orbits of a motion with located impacts.
@@ -106,12 +64,12 @@ pub fn follow_orbits_of_motion(
     control: &Control,
 ) -> Solution {
     let how = How { settings, analysis };
-    follow(&Model::Motion(Box::new(model.clone()), contact), plan, (asked, periodic, program), how, control)
+    follow(&Bindable::Motion(Box::new(model.clone()), contact), plan, (asked, periodic, program), how, control)
 }
 
 /// The orbits over the parameter.
 struct Orbits<'a> {
-    model: &'a Model<'a>,
+    model: &'a Bindable<'a>,
     how: How<'a>,
     plan: &'a Plan,
     parameter: usize,
@@ -235,7 +193,7 @@ impl Family for Orbits<'_> {
 }
 
 fn follow(
-    model: &Model<'_>,
+    model: &Bindable<'_>,
     plan: &Plan,
     (asked, periodic, program): (&BranchPlan, Periodic, Option<&Tape>),
     how: How<'_>,
@@ -247,7 +205,7 @@ fn follow(
         how,
         plan,
         parameter: asked.parameter,
-        values: model.values(),
+        values: model.values().to_vec(),
         periodic,
         anchor: 0.0,
         program: program.cloned(),
@@ -325,12 +283,7 @@ fn along_last(
         times.iter().map(at).collect()
     });
     let How { analysis, settings } = orbits.how;
-    let along = |plan: &Plan| -> Ended {
-        match &model {
-            Model::Motion(model, contact) => integrate_contact_once(model, plan, contact, analysis, control),
-            Model::Dvi(model) => integrate_once(model, plan, settings, analysis, control),
-        }
-    };
+    let along = |plan: &Plan| model.run_once(plan, settings, analysis, control);
     let asked = Periodic { period, ..orbits.periodic };
     run_along(model.subject(settings), &plan, asked, (found, orbits.shots), along, control)
 }
@@ -371,7 +324,7 @@ fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<Vec<Passed>>) 
             continue;
         }
         let (point, period) = place(at);
-        let of = of.and_then(|of| model.name(&of));
+        let of = of.and_then(|of| name(model, &of));
         branch.events.push(BranchEvent { at: at.p, kind, after: *after as u64, point, period: Some(period), of });
     }
     branch.ended = curve.ended.map(|failure| failure.message);

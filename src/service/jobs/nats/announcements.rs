@@ -33,8 +33,8 @@ const REMIND: Duration = Duration::from_millis(250);
 /// before them have had theirs.
 const MOST_NAMED: usize = 256;
 
-/// The number of clients of running jobs that a worker is told that has nothing to do: one of these jobs may have lost its
-/// worker, so that its message comes again, which nobody announces. Each answer names the next.
+/// The number of clients of running jobs in an answer to an idle worker: one of these jobs may have lost its worker, and nobody
+/// announces the message that then comes again. Each answer names the next.
 const MOST_AGAIN: usize = 2;
 
 /// The time that a gateway has to answer.

@@ -26,9 +26,10 @@
 //! 1. A gateway writes specification and entry, and then the message, which is what a job in the queue is; then it answers
 //!    202. It holds all entries in memory, as a mirror of the bucket, so that what reads a job does not know of NATS
 //!    (see `mirror`); nothing in it is not in NATS.
-//! 2. A worker takes a message of the next client in turn (`lines`), of which it is told if it has nothing to do (`announcements`), and claims the job by a compare-and-set of the entry.
-//!    As long as it has the job it tells JetStream, which gives the message to another otherwise (`worker`). A small job is
-//!    solved before it would be claimed, and its end is then the only change of its entry.
+//! 2. A worker takes a message of the next client in turn (`lines`; announcements tell an idle worker of messages, see
+//!    `announcements`), and claims the job by a compare-and-set of the entry. As long as it has the job it tells JetStream,
+//!    which gives the message to another otherwise (`worker`). A small job is solved before it would be claimed, and its end
+//!    is then the only change of its entry.
 //! 3. The results are complete before the entry says that the job has ended, or stand in it; by a compare-and-set that fails
 //!    if another worker has claimed the job since. The message is acknowledged last. So a message that comes twice, at whatever
 //!    moment its worker died, does no harm: its job has ended, or begins again.

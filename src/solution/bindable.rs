@@ -1,0 +1,86 @@
+//! Problems that are solved for many values of their parameters, with derivatives: those that are fitted, and orbits along a
+//! branch.
+
+use super::Solution;
+use super::contact::{ContactPlan, integrate_contact, integrate_contact_once};
+use super::integrate::{integrate, integrate_once};
+use super::run::{Ended, Plan};
+use super::shooting::Subject;
+use analysis::Analysis;
+use models::{DviModel, MechanicalModel};
+use problem::Control;
+use radau::Settings;
+
+/// A model whose parameters can be bound, of a motion with how it meets impacts.
+#[derive(Clone)]
+pub(super) enum Bindable<'a> {
+    /// A differential variational inequality.
+    Dvi(Box<DviModel>),
+    /// A motion with located impacts.
+    Motion(Box<MechanicalModel>, &'a ContactPlan),
+}
+
+impl<'a> Bindable<'a> {
+    /// The values of its parameters.
+    pub fn values(&self) -> &[f64] {
+        let parameters = match self {
+            Self::Dvi(model) => model.parameters.as_ref(),
+            Self::Motion(model, _) => model.parameters.as_ref().map(|(parameters, _)| parameters),
+        };
+        parameters.map_or(&[][..], |parameters| parameters.values())
+    }
+
+    /// The initial states.
+    pub fn initial(&self) -> &[f64] {
+        match self {
+            Self::Dvi(model) => &model.initial,
+            Self::Motion(model, _) => &model.initial,
+        }
+    }
+
+    /// The same problem with other values of its parameters; or why these have no meaning.
+    pub fn bound(&self, values: &[f64]) -> Result<Self, String> {
+        if values.is_empty() {
+            return Ok(self.clone());
+        }
+        match self {
+            Self::Dvi(model) => model.with_parameters(values).map(|model| Self::Dvi(Box::new(model))),
+            Self::Motion(model, contact) => {
+                model.with_parameters(values).map(|model| Self::Motion(Box::new(model), contact))
+            }
+        }
+        .map_err(|why| why.to_string())
+    }
+
+    /// The structural analysis at the start.
+    pub fn analyse(&self, start: f64) -> Analysis {
+        match self {
+            Self::Dvi(model) => model.analyse(start),
+            Self::Motion(model, _) => model.analyse(),
+        }
+    }
+
+    /// What is shot with.
+    pub fn subject<'m>(&'m self, settings: &'m Settings) -> Subject<'m> {
+        match self {
+            Self::Dvi(model) => Subject::Dvi(model, settings),
+            Self::Motion(model, contact) => Subject::Motion(model, contact, settings),
+        }
+    }
+
+    /// A run with all evidence.
+    pub fn run(&self, plan: &Plan, settings: &Settings, analysis: &Analysis, control: &Control) -> Solution {
+        match self {
+            Self::Dvi(model) => integrate(model, plan, settings, analysis, control),
+            Self::Motion(model, contact) => integrate_contact(model, plan, contact, analysis, control),
+        }
+    }
+
+    /// A run without the checks that need other runs.
+    pub fn run_once(&self, plan: &Plan, settings: &Settings, analysis: &Analysis, control: &Control) -> Ended {
+        match self {
+            Self::Dvi(model) => integrate_once(model, plan, settings, analysis, control),
+            Self::Motion(model, contact) => integrate_contact_once(model, plan, contact, analysis, control),
+        }
+    }
+}
