@@ -137,6 +137,37 @@ fn rows_that_the_disk_has_changed_are_made_again() {
 }
 
 #[test]
+fn rows_from_before_the_job_was_accepted_survive_a_kill() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    // The first chunk is finished while the client waits, and the job is in memory until then.
+    let answer = server.send("POST", "/solve", "prefer: wait=1\r\n", &oscillators(100_000, 60));
+    assert_eq!(answer.status, 202, "{}", answer.body);
+    let path = answer.header("location");
+    let known = server.rows(&path, 1);
+    server.kill();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let done = server.get(&path).json()["members"]["done"].as_u64().unwrap();
+    assert!(done >= known, "{done} of {known}");
+    server.send("POST", &format!("{path}/cancel"), "", "");
+}
+
+#[test]
+fn a_sweep_cancelled_while_it_waits_again_has_its_rows() {
+    let folder = Folder::new();
+    let server = Server::start(&folder, &["--workers", "1"]);
+    let path = server.accept(&oscillators(100_000, 60));
+    let known = server.rows(&path, 100);
+    server.kill();
+    // One of the sweeps of the client waits while the other has the worker.
+    let server = Server::start(&folder, &["--workers", "1"]);
+    server.accept(&oscillators(100_000, 60));
+    server.send("POST", &format!("{path}/cancel"), "", "");
+    let status = server.reaches(&path, &["dismissed"]);
+    assert!(status["members"]["done"].as_u64().unwrap() >= known, "{status}");
+}
+
+#[test]
 fn a_sweep_cancelled_before_a_kill_has_its_rows_after_it() {
     let folder = Folder::new();
     let server = Server::start(&folder, &["--workers", "1"]);

@@ -157,10 +157,10 @@ impl Jobs {
         if let ChunkSolved::Rows { rows, steps, .. } = &solved
             && *rows > 0
         {
-            let path = self.store.rows(job).await;
             let members = chunk.members.start..chunk.members.start + rows;
             let was_suspect = job.crashes_alone > 0 && !chunks.has_progressed();
-            chunks.keep(members, *steps, bytes, path.as_deref());
+            chunks.keep(members, *steps, bytes);
+            self.store.save_rows(job).await;
             if was_suspect {
                 self.store.note_progress(job).await;
             }
@@ -268,8 +268,7 @@ impl Jobs {
         let mut counted = None;
         let ended = match settled {
             Settled::Parked => {
-                let path = self.store.rows(job).await;
-                chunks.log().save(path.as_deref());
+                self.store.save_rows(job).await;
                 return self.store.park(job).await;
             }
             Settled::Broken(fault) => job.ended(Ending::Broken(fault)),

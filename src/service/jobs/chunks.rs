@@ -81,8 +81,8 @@ pub enum Settled {
 pub struct Chunks {
     /// What is known of the sweep.
     pub facts: SweepFacts,
-    /// The client dismissed the job before this process began.
-    is_dismissed: bool,
+    /// The client dismissed the job while no worker was at it, maybe before this process began.
+    is_dismissed: AtomicBool,
     /// This is a chunk of a sweep whose other chunks are elsewhere.
     is_part: bool,
     /// Rows have been added by this process.
@@ -137,7 +137,7 @@ impl Chunks {
         }
         Self {
             facts,
-            is_dismissed,
+            is_dismissed: AtomicBool::new(is_dismissed),
             is_part: false,
             has_progressed: AtomicBool::new(false),
             division: Mutex::new(division),
@@ -162,7 +162,7 @@ impl Chunks {
     pub fn take(&self, workers: usize) -> Option<Chunk> {
         let mut division = self.division();
         division.is_queued = false;
-        if division.is_over() || self.is_dismissed || self.is_part && !division.begins_part() {
+        if division.is_over() || self.is_dismissed() || self.is_part && !division.begins_part() {
             return None;
         }
         let share = division.open.iter().map(|(first, open)| open.end - first).sum::<usize>().div_ceil(2 * workers);
@@ -187,7 +187,7 @@ impl Chunks {
         let mut division = self.division();
         let begins = !self.is_part || division.begins_part();
         let queues =
-            !division.is_queued && !division.is_over() && !self.is_dismissed && begins && !division.open.is_empty();
+            !division.is_queued && !division.is_over() && !self.is_dismissed() && begins && !division.open.is_empty();
         division.is_queued |= queues;
         queues
     }
@@ -214,10 +214,15 @@ impl Chunks {
         self.division().running.push(Arc::clone(chunk));
     }
 
-    /// Adds the rows of a chunk to the log; on the disk, if there is a `path`.
-    pub fn keep(&self, members: Range<usize>, steps: u64, bytes: Vec<u8>, path: Option<&Path>) {
-        self.log().append(members, steps, bytes, path);
+    /// Adds the rows of a chunk to the log, in memory.
+    pub fn keep(&self, members: Range<usize>, steps: u64, bytes: Vec<u8>) {
+        self.log().append(members, steps, bytes);
         self.has_progressed.store(true, Relaxed);
+    }
+
+    /// Writes the rows that are in memory to the disk, if there is a `path`.
+    pub fn save(&self, path: Option<&Path>) {
+        self.log().save(path);
     }
 
     /// Counts a chunk out, after `time`, which is zero if it was not measured, as what became of it. Its rows are in the log
@@ -335,9 +340,16 @@ impl Chunks {
         self.has_progressed.load(Relaxed)
     }
 
-    /// Whether the client dismissed the job before this process began.
+    /// Whether the client dismissed the job while no worker was at it.
     pub fn is_dismissed(&self) -> bool {
-        self.is_dismissed
+        self.is_dismissed.load(Relaxed)
+    }
+
+    /// Has the sweep end with the rows that it has when it is begun again; returns whether it has any.
+    pub fn dismiss(&self) -> bool {
+        let has_rows = self.rows() > 0;
+        self.is_dismissed.fetch_or(has_rows, Relaxed);
+        has_rows
     }
 
     /// The rows.
@@ -517,7 +529,7 @@ mod tests {
     fn restored_members_are_closed_and_the_rest_is_open() {
         let mut log = RowLog::default();
         for members in [10..20, 0..5, 95..100, 20..21] {
-            log.append(members, 2, Vec::new(), None);
+            log.append(members, 2, Vec::new());
         }
         let sweep = Chunks::restored(SweepFacts { members: 100, seconds: None, kept: 0 }, log, false);
         assert_eq!((sweep.rows(), sweep.progress()), (21, (0.21, 8)));

@@ -144,6 +144,8 @@ pub(super) struct Lifecycle {
     pub persistence: Persistence,
     /// The job is left to the next process.
     pub parked: bool,
+    /// The end of the running job is on its way to the disk: no other change may be written after it.
+    pub is_ending: bool,
 }
 
 /// A job: a specification to be solved, its state and its bookkeeping.
@@ -248,7 +250,12 @@ impl Job {
             context: Context::current(),
             solve_inline: Mutex::new(known.map(|known| (known, anew))),
             sliced: AtomicBool::new(false),
-            lifecycle: Mutex::new(Lifecycle { state: State::Accepted(Some(document)), persistence, parked: false }),
+            lifecycle: Mutex::new(Lifecycle {
+                state: State::Accepted(Some(document)),
+                persistence,
+                parked: false,
+                is_ending: false,
+            }),
             settled: Notify::new(),
             halted: Notify::new(),
         }
@@ -257,7 +264,8 @@ impl Job {
     /// A job admitted now under an id that has been issued, to be solved and kept elsewhere.
     pub(super) fn elsewhere(id: JobId, order: Order) -> Self {
         let job = Self::named(id, Order { known: None, ..order }, true);
-        *job.lock() = Lifecycle { state: State::Accepted(None), persistence: Persistence::Disk, parked: false };
+        *job.lock() =
+            Lifecycle { state: State::Accepted(None), persistence: Persistence::Disk, parked: false, is_ending: false };
         Self { chunks: None, ..job }
     }
 
@@ -265,7 +273,7 @@ impl Job {
     pub(super) fn taken_on(id: JobId, record: Record, chunks: Option<Chunks>, document: Arc<[u8]>) -> Self {
         let job = Self::recovered(id, Record { ended: None, ..record }, chunks);
         let state = State::Accepted(Some(Arc::clone(&document)));
-        *job.lock() = Lifecycle { state, persistence: Persistence::Memory, parked: false };
+        *job.lock() = Lifecycle { state, persistence: Persistence::Memory, parked: false, is_ending: false };
         Self { document: Some(document), ..job }
     }
 
@@ -275,6 +283,7 @@ impl Job {
             state: State::Accepted(Some(Arc::clone(document))),
             persistence: Persistence::Memory,
             parked: false,
+            is_ending: false,
         };
         Self {
             id: self.id,
@@ -323,7 +332,7 @@ impl Job {
             context: Context::default(),
             solve_inline: Mutex::default(),
             sliced: AtomicBool::new(false),
-            lifecycle: Mutex::new(Lifecycle { state, persistence: Persistence::Disk, parked: false }),
+            lifecycle: Mutex::new(Lifecycle { state, persistence: Persistence::Disk, parked: false, is_ending: false }),
             settled: Notify::new(),
             halted: Notify::new(),
         }

@@ -78,7 +78,7 @@ pub use super::worker::Solver;
 
 use super::metrics::Metrics;
 use super::worker::Limits;
-use intake::Intake;
+use intake::{Intake, Lane};
 use jiff::Timestamp;
 use job::Persistence;
 use nats::Far;
@@ -336,6 +336,10 @@ impl Jobs {
         }
         self.take_out(job);
         let cancelled = self.store.cancel(job).await;
+        if let Some(chunks) = job.chunks.as_ref().filter(|chunks| chunks.is_dismissed()) {
+            // It waited with rows: no worker is needed to end it.
+            self.begin_sweep(job, chunks, Lane::Long);
+        }
         self.stop_chunks(job, Halt::Dismiss).await;
         cancelled
     }

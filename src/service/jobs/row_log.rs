@@ -84,14 +84,12 @@ impl RowLog {
         Ok(Self { file: Some(file), ..log })
     }
 
-    /// Adds a chunk, with its rows as bytes: on the disk if the job has a `path` for them there and the disk accepts
-    /// them, and otherwise in memory.
-    pub fn append(&mut self, members: Range<usize>, steps: u64, rows: Vec<u8>, path: Option<&Path>) {
+    /// Adds a chunk, with its rows as bytes, in memory.
+    pub fn append(&mut self, members: Range<usize>, steps: u64, rows: Vec<u8>) {
         self.records.push(Record { members, steps, place: Place::Memory(rows) });
-        self.save(path);
     }
 
-    /// Writes the chunks that are in memory to the disk, if there is a `path` for them.
+    /// Writes the chunks that are in memory to the disk, if the job has a `path` for them there and the disk accepts them.
     pub fn save(&mut self, path: Option<&Path>) {
         let Some(path) = path else { return };
         if let Err(error) = self.write(path) {
@@ -273,10 +271,12 @@ mod tests {
     fn chunks_read_back_in_the_order_of_members_and_a_cut_end_is_made_again() {
         let path = Temporary::new("cut");
         let mut log = RowLog::default();
-        log.append(10..20, 7, vec![1; 100], None);
+        log.append(10..20, 7, vec![1; 100]);
         assert!(log.is_in_memory() && !path.0.exists());
-        log.append(0..10, 5, vec![2; 1000], Some(&path.0));
-        log.append(20..21, 1, vec![], Some(&path.0));
+        log.append(0..10, 5, vec![2; 1000]);
+        log.save(Some(&path.0));
+        log.append(20..21, 1, vec![]);
+        log.save(Some(&path.0));
         let whole = all(&log);
         assert!(!log.is_in_memory() && whole[0] == (0..10, 5, Some(vec![2; 1000])), "{whole:?}");
         drop(log);
@@ -288,7 +288,8 @@ mod tests {
             let mut log = RowLog::open(&path.0).unwrap();
             let kept = if length >= bytes.len() - HEAD { 2 } else { 1 };
             assert_eq!(log.records().len(), kept, "{length}");
-            log.append(30..40, 1, vec![3; 50], Some(&path.0));
+            log.append(30..40, 1, vec![3; 50]);
+            log.save(Some(&path.0));
             drop(log);
             assert_eq!(RowLog::open(&path.0).unwrap().records().len(), kept + 1, "{length}");
         }
@@ -298,7 +299,8 @@ mod tests {
     fn a_flipped_bit_is_found_at_the_start_and_on_the_way() {
         let path = Temporary::new("flipped");
         let mut log = RowLog::default();
-        (0..3).for_each(|k| log.append(10 * k..10 * k + 10, 1, vec![k as u8; 100], Some(&path.0)));
+        (0..3).for_each(|k| log.append(10 * k..10 * k + 10, 1, vec![k as u8; 100]));
+        log.save(Some(&path.0));
         let bytes = fs::read(&path.0).unwrap();
         for place in 0..bytes.len() {
             let mut flipped = bytes.clone();

@@ -26,7 +26,7 @@ use jiff::Timestamp;
 use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use tokio::sync::mpsc::UnboundedSender;
 use tokio::task::spawn_blocking;
@@ -166,11 +166,18 @@ impl Store {
         })
     }
 
-    /// Writes a job that is kept in memory to the disk, unless it has ended, and waits until it is written.
+    /// Writes a job that is kept in memory to the disk, with the rows that it has if it is a sweep, unless it has ended, and
+    /// waits until it is written.
     ///
     /// # Errors
     /// The disk did not accept the job.
     pub async fn outlive(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        self.write_job(job).await?;
+        self.save_rows(job).await;
+        Ok(())
+    }
+
+    async fn write_job(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
         if job.lock().persistence == Persistence::Disk {
             return Ok(());
         }
@@ -256,7 +263,7 @@ impl Store {
         let is_forgotten = job.lock().persistence == Persistence::Forgotten;
         let put_away = if is_forgotten { Ok((ended, None)) } else { disk.put_away(job.id, ended) };
         let place = disk.place().await;
-        let lifecycle = job.lock();
+        let mut lifecycle = job.lock();
         if lifecycle.persistence == Persistence::Forgotten {
             drop(lifecycle);
             disk.discard(job.id);
@@ -269,6 +276,7 @@ impl Store {
             return self.unsaved.keep(job, kept);
         };
         let record = Record::of(job, &lifecycle).ended(&ended);
+        lifecycle.is_ending = true;
         let (concluded, unsaved) = (Arc::clone(job), Arc::clone(&self.unsaved));
         place.take(Change { results, ..Change::record(job.id, &record) }, move |written| match written {
             Ok(()) => {
@@ -279,17 +287,28 @@ impl Store {
         });
     }
 
-    /// Dismisses a waiting job, asks a running job to stop at its next step, and leaves an ended job unchanged.
+    /// Dismisses a waiting job, but a sweep with rows is only marked so, and is to be ended with them; asks a running job to stop
+    /// at its next step, and leaves an ended job unchanged.
     ///
     /// # Errors
     /// The disk did not accept the change, so a later process may start the job again.
     pub async fn cancel(&self, job: &Arc<Job>) -> Result<(), Unwritable> {
+        if job.lock().is_ending {
+            // If its end is refused, the job may be solved again.
+            self.flush().await;
+        }
         let place = if job.is_durable() { self.passage().await } else { Ok(None) };
         let (answer, forgotten) = {
             let mut lifecycle = job.lock();
             let mut record = Record::of(job, &lifecycle);
             let mut forgotten = Vec::new();
+            if lifecycle.is_ending {
+                return Ok(());
+            }
             match &mut lifecycle.state {
+                State::Accepted(_) if job.chunks.as_ref().is_some_and(|chunks| chunks.dismiss()) => {
+                    record.dismissed = true
+                }
                 State::Accepted(_) => {
                     let ended = Ended::unsolved(Ending::Dismissed);
                     forgotten = self.keep(job, &ended, 0);
@@ -330,7 +349,8 @@ impl Store {
         let Ok(place) = self.passage().await else { return };
         {
             let mut lifecycle = job.lock();
-            if lifecycle.is_durable() != place.is_some() || matches!(lifecycle.state, State::Ended(_)) {
+            let is_over = lifecycle.is_ending || matches!(lifecycle.state, State::Ended(_));
+            if lifecycle.is_durable() != place.is_some() || is_over {
                 return;
             }
             lifecycle.parked = true;
@@ -383,14 +403,16 @@ impl Store {
         Spool::new(self.disk.as_ref().map(|disk| disk.scratch(id)))
     }
 
-    /// The path of the rows of a sweep, once its job is on the disk; `None` if it is in memory.
-    pub async fn rows(&self, job: &Job) -> Option<PathBuf> {
-        let disk = self.disk.as_ref()?;
+    /// Writes the rows of a sweep that are in memory to the disk, if its job is there.
+    pub async fn save_rows(&self, job: &Job) {
+        let (Some(disk), Some(chunks)) = (&self.disk, &job.chunks) else { return };
         // The row before the file: a kill in between would leave a file without a row.
         if job.lock().persistence == Persistence::Storing {
             self.flush().await;
         }
-        (job.lock().persistence == Persistence::Disk).then(|| disk.rows(job.id))
+        if job.lock().persistence == Persistence::Disk {
+            chunks.save(Some(&disk.rows(job.id)));
+        }
     }
 
     /// Removes the rows of a sweep that has ended.
@@ -404,7 +426,7 @@ impl Store {
     pub async fn note_progress(&self, job: &Job) {
         let Ok(Some(place)) = self.passage().await else { return };
         let lifecycle = job.lock();
-        if lifecycle.is_durable() && !matches!(lifecycle.state, State::Ended(_)) {
+        if lifecycle.is_durable() && !lifecycle.is_ending && !matches!(lifecycle.state, State::Ended(_)) {
             place.take(Change::record(job.id, &Record::of(job, &lifecycle)), drop);
         }
     }

@@ -37,6 +37,7 @@ impl Unsaved {
         }
         let bytes = ended.bytes();
         let mut lifecycle = job.lock();
+        lifecycle.is_ending = false;
         if jobs.bytes > 0 && jobs.bytes.saturating_add(bytes) > self.bound {
             jobs.again.push(Arc::clone(job));
             lifecycle.state = State::Accepted(None);

@@ -412,7 +412,8 @@ impl Sweep<'_> {
                 };
                 match fetched.filter(|fetched| are_rows(fetched, first, rows)) {
                     Some(fetched) => {
-                        self.chunks.keep(first..first + rows, steps, fetched, Some(&self.rows.0));
+                        self.chunks.keep(first..first + rows, steps, fetched);
+                        self.chunks.save(Some(&self.rows.0));
                         self.note_progress().await;
                         (Solved::Rows { rows, steps, bytes }, Duration::try_from_secs_f64(seconds).unwrap_or_default())
                     }

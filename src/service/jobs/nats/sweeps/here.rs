@@ -46,7 +46,7 @@ impl Sweep<'_> {
                 self.chunks.lose(lost);
                 let members = chunk.members.start..chunk.members.start + rows;
                 // In memory as long as no other worker needs them.
-                self.chunks.keep(members, steps, made.clone(), None);
+                self.chunks.keep(members, steps, made.clone());
                 let time = Duration::try_from_secs_f64(seconds).unwrap_or_default();
                 self.chunks.end(&chunk, None, &Solved::Rows { rows, steps, bytes }, time);
                 let done = Done::Rows { rows, lost, steps, bytes, digest, seconds, attempt };
