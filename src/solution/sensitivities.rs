@@ -496,7 +496,8 @@ fn compare(
     };
     let is_between: Vec<bool> = compared.iter().map(|at| is_between_events(&events, at.t)).collect();
     let mut worst: Option<(f64, f64, Checked)> = None;
-    let mut shown = 0.0_f64;
+    // By how much each parameter and initial value alone moves the results, in units of what runs tell apart.
+    let mut shown = vec![0.0_f64; asked.by.len()];
     for (k, &of) in asked.of.iter().enumerate() {
         let largest = here[k].iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
         let along = |row: &[f64]| row.iter().zip(&direction).map(|(slope, change)| slope * change).sum::<f64>();
@@ -531,7 +532,9 @@ fn compare(
                     .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), side| (least.min(side), most.max(side)));
                 if derivative.is_nan() { derivative } else { (least - derivative).max(derivative - most).max(0.0) }
             };
-            shown = shown.max(derivative.abs().max(near.abs()) / uncertainty);
+            for ((shown, slope), change) in shown.iter_mut().zip(row).zip(&direction) {
+                *shown = shown.max((slope * change).abs() / (SLACK * known));
+            }
             let off = if distance == 0.0 { 0.0 } else { distance / uncertainty };
             if worst.as_ref().is_none_or(|(worst, ..)| off > *worst || off.is_nan()) {
                 let name = plan.names.get(of).or_else(|| observables.names.get(of - plan.names.len()));
@@ -541,10 +544,17 @@ fn compare(
             }
         }
     }
-    if shown < 1.0 {
-        let message = "what is varied moves the results by less than differences of runs tell apart; make the parameters larger, \
-                       or tighten `rtol` and `atol`";
-        checks.caveat("derivatives_not_checked", message.to_owned());
+    let hidden: Vec<String> =
+        asked.to.iter().zip(&shown).filter(|(_, shown)| **shown < 1.0).map(|(name, _)| format!("`{name}`")).collect();
+    if let Some(first) = hidden.first() {
+        let others = if hidden.len() > 1 { format!(" and {} others", hidden.len() - 1) } else { String::new() };
+        checks.caveat(
+            "derivatives_not_checked",
+            format!(
+                "{first}{others}, varied by a small part of its size, moves the results by less than runs tell apart: these \
+                 derivatives may lack what the run did not resolve; give larger values, or tighten `rtol` and `atol`"
+            ),
+        );
     }
     if let Some((off, t, checked)) = worst {
         checks.record(CheckCode::Derivatives, off, 1.0, || {
