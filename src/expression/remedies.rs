@@ -37,6 +37,10 @@ pub(super) fn found(rest: &str) -> String {
 
 /// The remedy where an operand was expected.
 pub(super) fn of_operand(before: &str, rest: &str) -> Option<&'static str> {
+    let word = rest.split(|c: char| !c.is_ascii_alphanumeric() && c != '_').next();
+    if matches!(word, Some("and" | "or")) {
+        return Some("`and` and `or` stand between two conditions: `a and b`");
+    }
     Some(match rest.as_bytes().first()? {
         b'|' => "a magnitude is written `abs(v)`",
         b'!' | b'~' => "a condition is negated by `not`",

@@ -95,6 +95,12 @@ pub(super) fn instead(path: &[Step], found: &Json, expected: &str) -> Option<Str
             let [a, b] = [0, 1].map(|place| quoted(text.split_whitespace().nth(place).unwrap_or_default()));
             return Some(format!("`[{a}, {b}]`"));
         }
+        // Other sets have their names under `of`.
+        (Json::Object(members), Some(_))
+            if is_member && (expected == "a string" || expected.contains("list")) && names_in(members).is_some() =>
+        {
+            return names_in(members).map(|names| format!("the names alone: `{}`", abridged(&names.to_string())));
+        }
         (Json::Number(_), Some("time")) => return Some(format!("`{{\"end\": {shown}}}`")),
         (Json::List(items), Some("time")) if items.len() == 2 => {
             return Some(format!("`{{\"start\": {}, \"end\": {}}}`", items[0], items[1]));
@@ -203,6 +209,14 @@ fn listed_objects(key: &str, members: &[(String, Json)]) -> String {
     };
     let entries: Vec<String> = members.iter().map(entry).collect();
     format!("[{}]", entries.join(", "))
+}
+
+/// The first list of names in an object.
+fn names_in(members: &[(String, Json)]) -> Option<&Json> {
+    members.iter().map(|(_, value)| value).find(|value| match value {
+        Json::List(items) => !items.is_empty() && items.iter().all(|item| matches!(item, Json::Text(_))),
+        _ => false,
+    })
 }
 
 /// How to write a choice with contents, where only its name is given.

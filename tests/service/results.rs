@@ -68,6 +68,25 @@ async fn an_arrow_stream_has_the_columns() {
     assert_eq!(rows, 5000);
 }
 
+#[cfg(feature = "parquet")]
+#[tokio::test]
+async fn a_file_of_parquet_is_that_of_the_program() {
+    use dvi::solution::encodings::Form;
+    use dvi::solution::{Solution, Trajectory};
+
+    let (site, path) = squares(5000).await;
+    let reply = get(&site, &format!("{path}?fields=x"), "application/vnd.apache.parquet").await;
+    assert_eq!(reply.header("content-type"), "application/vnd.apache.parquet");
+    let whole = dvi::solution::encodings::read_json(&get(&site, &path, "application/json").await.body).unwrap();
+    let t: Vec<f64> = (0..5000).map(f64::from).collect();
+    let fields = vec![Field { name: "x".to_owned(), values: t.iter().map(|t| t * t).collect() }];
+    let mut file = Vec::new();
+    Form::Parquet
+        .write(&Solution { trajectory: Trajectory { t, fields, events: vec![] }, ..whole }, None, &mut file)
+        .unwrap();
+    assert!(reply.body == file, "{} of {} bytes", reply.body.len(), file.len());
+}
+
 async fn a_part_has_the_fields_and_the_times_asked_for_in_every_form() {
     let (site, path) = squares(10).await;
     let part = format!("{path}?fields=i(R1%2Ca)&from=1.5&to=8&every=3");

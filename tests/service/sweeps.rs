@@ -109,6 +109,11 @@ async fn it_comes_in_every_form_and_is_the_same_again() {
     let arrow = form("application/vnd.apache.arrow.stream").await;
     let batch = StreamReader::try_new(arrow.body.as_slice(), None).unwrap().next().unwrap().unwrap();
     assert!(batch.num_rows() == 4 && batch.column_by_name("x").unwrap().null_count() > 0);
+    #[cfg(feature = "parquet")]
+    {
+        let file = form("application/vnd.apache.parquet").await.body;
+        assert!(file.starts_with(b"PAR1") && file.ends_with(b"PAR1"));
+    }
     assert!(form("image/svg+xml").await.text().contains("<svg"));
     let path = site.accept(1).await;
     site.ended(&path).await;

@@ -181,6 +181,15 @@ fn values_of_the_wrong_kind_say_what_was_found_and_expected() {
     }
 }
 
+#[test]
+fn a_set_of_names_that_is_written_like_a_box_is_shown_with_the_names_alone() {
+    for set in ["nonnegative", "simplex", "second_order_cone"] {
+        let document = with(block(), "/problem/dvi/set/0", json!({set: {"of": ["F"]}}));
+        let errors = errors_of(document.to_string());
+        assert_eq!(errors[0].expected.as_deref(), Some("the names alone: `[\"F\"]`"), "{errors:?}");
+    }
+}
+
 /// MATLAB, Octave and R write a list of one element as the element itself, and a column as a flat list.
 #[test]
 fn one_value_stands_for_a_list_of_it_alone() {

@@ -46,6 +46,7 @@ fn what_other_languages_write_is_told_what_is_written_here() {
         ("100 x", "a product is written with `*`"),
         ("if(t > 1 && t < 2, 1, 0)", "conditions are joined by `and`"),
         ("if(t > 1 || t < 2, 1, 0)", "conditions are joined by `or`"),
+        ("if(and(t > 1, t < 2), 1, 0)", "`and` and `or` stand between two conditions: `a and b`"),
         ("if(!(t > 1), 1, 0)", "a condition is negated by `not`"),
         ("if(t ~= 1, 1, 0)", "the comparison for not equal is written `a != b`"),
         ("if(t <> 1, 1, 0)", "the comparison for not equal is written `a != b`"),

@@ -49,12 +49,12 @@ mod tests {
     fn assert_chosen(accept: &str, chosen: Option<Representation>) {
         let mut headers = HeaderMap::new();
         headers.insert(header::ACCEPT, accept.parse().unwrap());
-        assert_eq!(choose(&headers, &Representation::OFFERED), chosen, "{accept}");
+        assert_eq!(choose(&headers, Representation::OFFERED), chosen, "{accept}");
     }
 
     #[test]
     fn json_is_given_to_who_takes_anything() {
-        assert_eq!(choose(&HeaderMap::new(), &Representation::OFFERED), Some(Json));
+        assert_eq!(choose(&HeaderMap::new(), Representation::OFFERED), Some(Json));
         assert_chosen("*/*", Some(Json));
         assert_chosen("text/csv, application/json", Some(Json));
         assert_chosen("application/*", Some(Json));

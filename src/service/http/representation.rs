@@ -13,6 +13,8 @@ use axum::http::HeaderValue;
 use axum::http::request::Parts;
 use solution::Excerpt;
 use solution::columnar::{JsonPieces, TablePieces};
+#[cfg(feature = "parquet")]
+use solution::encodings::Parquet;
 use solution::encodings::{Arrow, Csv, Lines, MembersForm, MembersPieces, Table, write_members};
 use solution::pictures::write_svg;
 use std::io;
@@ -30,17 +32,22 @@ pub enum Representation {
     Lines,
     /// The trajectory as columns for programs.
     Arrow,
+    /// The trajectory as a file of Parquet.
+    #[cfg(feature = "parquet")]
+    Parquet,
     /// The trajectory as a picture.
     Svg,
 }
 
 impl Representation {
     /// All representations with their media types, in the service's order of preference.
-    pub const OFFERED: [(Self, MediaType); 5] = [
+    pub const OFFERED: &[(Self, MediaType)] = &[
         (Self::Json, ("application", "json")),
         (Self::Csv, ("text", "csv")),
         (Self::Lines, ("application", "x-ndjson")),
         (Self::Arrow, ("application", "vnd.apache.arrow.stream")),
+        #[cfg(feature = "parquet")]
+        (Self::Parquet, ("application", "vnd.apache.parquet")),
         (Self::Svg, ("image", "svg+xml")),
     ];
 
@@ -51,6 +58,8 @@ impl Representation {
             Self::Csv => "text/csv; charset=utf-8; header=present",
             Self::Lines => "application/x-ndjson",
             Self::Arrow => "application/vnd.apache.arrow.stream",
+            #[cfg(feature = "parquet")]
+            Self::Parquet => "application/vnd.apache.parquet",
             Self::Svg => "image/svg+xml",
         })
     }
@@ -61,6 +70,8 @@ impl Representation {
             Self::Csv => Some(MembersForm::Csv),
             Self::Lines => Some(MembersForm::Lines),
             Self::Arrow => Some(MembersForm::Arrow),
+            #[cfg(feature = "parquet")]
+            Self::Parquet => Some(MembersForm::Parquet),
             Self::Json | Self::Svg => None,
         }
     }
@@ -122,11 +133,9 @@ impl Representation {
             }
             Self::Csv => Box::new(Csv),
             Self::Lines => Box::new(Lines),
-            Self::Arrow => {
-                let verdict = part.skeleton.verdict().map_err(|error| unreadable(id, &error))?;
-                let provenance = part.skeleton.provenance().map_err(|error| unreadable(id, &error))?;
-                Box::new(Arrow::with(&verdict).of(provenance.as_ref()))
-            }
+            Self::Arrow => Box::new(arrow(&part).map_err(|error| unreadable(id, &error))?),
+            #[cfg(feature = "parquet")]
+            Self::Parquet => Box::new(Parquet::like(arrow(&part).map_err(|error| unreadable(id, &error))?)),
         };
         let making = Making::Table(TablePieces::new(part.selection.clone(), table));
         pieces(Unwritten { part, making }, numbers, id, shared)
@@ -153,7 +162,7 @@ impl<S: Send + Sync> FromRequestParts<S> for Representation {
     type Rejection = Box<Problem>;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Self::Rejection> {
-        choose(&parts.headers, &Self::OFFERED).ok_or_else(|| Problem::plain(Kind::NotAcceptable))
+        choose(&parts.headers, Self::OFFERED).ok_or_else(|| Problem::plain(Kind::NotAcceptable))
     }
 }
 
@@ -175,6 +184,12 @@ pub async fn run_blocking<T: Send + 'static>(
     };
     // The work is not expected to panic.
     spawn_blocking(work).await.map_err(|_| Problem::plain(Kind::Internal))
+}
+
+/// An Arrow stream with the verdict and the provenance of a solution.
+fn arrow(part: &Part) -> io::Result<Arrow> {
+    let (verdict, provenance) = (part.skeleton.verdict()?, part.skeleton.provenance()?);
+    Ok(Arrow::with(&verdict).of(provenance.as_ref()))
 }
 
 fn picture(part: &Part, label: Option<&str>) -> io::Result<Vec<u8>> {

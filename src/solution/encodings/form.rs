@@ -1,5 +1,7 @@
 //! A whole answer in any of its forms, of a run or of a sweep.
 
+#[cfg(feature = "parquet")]
+use super::Parquet;
 use super::{Arrow, Csv, Lines, MembersForm, write_json, write_members, write_table};
 use crate::Solution;
 use crate::pictures::write_svg;
@@ -43,6 +45,7 @@ impl Form {
     /// # Errors
     /// Those of `out`.
     pub fn write(self, solution: &Solution, label: Option<&str>, out: &mut impl Write) -> io::Result<()> {
+        let arrow = || Arrow::with(&solution.verdict).of(solution.provenance.as_ref());
         match (self, solution.table.is_some()) {
             (Self::Json, _) => write_json(solution, out),
             (Self::Svg, _) => write_svg(solution, label, out),
@@ -54,11 +57,8 @@ impl Form {
             #[cfg(feature = "parquet")]
             (Self::Parquet, true) => write_members(solution, MembersForm::Parquet, out),
             #[cfg(feature = "parquet")]
-            (Self::Parquet, false) => super::parquet::write_trajectory(solution, out),
-            (Self::Arrow, false) => {
-                let mut table = Arrow::with(&solution.verdict).of(solution.provenance.as_ref());
-                write_table(&mut table, &solution.trajectory, out)
-            }
+            (Self::Parquet, false) => write_table(&mut Parquet::like(arrow()), &solution.trajectory, out),
+            (Self::Arrow, false) => write_table(&mut arrow(), &solution.trajectory, out),
         }
     }
 }

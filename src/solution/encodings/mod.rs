@@ -3,7 +3,7 @@
 //!
 //! - JSON: one object, with columns as arrays. Only this format contains events and diagnostics.
 //! - Tables, written some rows at a time: [CSV](Csv), [JSON lines](Lines), [Arrow].
-//! - With the feature `parquet`, files of Parquet.
+//! - With the feature `parquet`, files of Parquet, written some groups of rows at a time.
 //!
 //! The answer of a sweep is a separate table, which may have texts and missing values ([`write_members`]).
 //!
@@ -24,6 +24,8 @@ pub use csv::Csv;
 pub use form::Form;
 pub use lines::Lines;
 pub use members::{MembersForm, MembersPieces, array, schema_of_members, write_members};
+#[cfg(feature = "parquet")]
+pub use parquet::Parquet;
 
 use super::{Solution, Trajectory};
 use std::io::{self, Write};

@@ -1,8 +1,9 @@
 //! Files of Parquet: groups of rows, compressed by Snappy, and their places at the end of the file. The metadata are those of
 //! the schema in Arrow, with the verdict.
 
+use super::Table;
 use super::arrow::{Arrow, batch_of};
-use crate::Solution;
+use crate::Trajectory;
 use arrow_array::RecordBatch;
 use arrow_schema::Schema;
 use parquet::arrow::ArrowWriter;
@@ -11,6 +12,7 @@ use parquet::errors::ParquetError;
 use parquet::file::metadata::KeyValue;
 use parquet::file::properties::WriterProperties;
 use std::io::{self, Write};
+use std::ops::Range;
 use std::sync::Arc;
 
 /// Rows that are in memory before they are written.
@@ -65,19 +67,36 @@ impl ParquetFile {
     }
 }
 
-/// Writes the trajectory of an answer.
-///
-/// # Errors
-/// Those of `out`.
-pub fn write_trajectory(solution: &Solution, out: &mut dyn Write) -> io::Result<()> {
-    let trajectory = &solution.trajectory;
-    let schema = Arrow::with(&solution.verdict).of(solution.provenance.as_ref()).schema(trajectory);
-    let mut file = ParquetFile::new(&schema)?;
-    for begin in (0..trajectory.t.len()).step_by(ROWS) {
-        let rows = begin..trajectory.t.len().min(begin + ROWS);
-        file.write(&batch_of(&schema, trajectory, rows)?, out)?;
+/// Writes a file of Parquet.
+#[derive(Default)]
+pub struct Parquet {
+    like: Arrow,
+    begun: Option<(Arc<Schema>, ParquetFile)>,
+}
+
+impl Parquet {
+    /// A file with the columns and the metadata of an Arrow stream.
+    pub fn like(arrow: Arrow) -> Self {
+        Self { like: arrow, begun: None }
     }
-    file.finish(out)
+}
+
+impl Table for Parquet {
+    fn begin(&mut self, trajectory: &Trajectory, _: &mut dyn Write) -> io::Result<()> {
+        let schema = self.like.schema(trajectory);
+        let file = ParquetFile::new(&schema)?;
+        self.begun = Some((schema, file));
+        Ok(())
+    }
+
+    fn rows(&mut self, trajectory: &Trajectory, times: Range<usize>, out: &mut dyn Write) -> io::Result<()> {
+        let Some((schema, file)) = &mut self.begun else { return Ok(()) };
+        file.write(&batch_of(schema, trajectory, times)?, out)
+    }
+
+    fn end(&mut self, out: &mut dyn Write) -> io::Result<()> {
+        self.begun.as_mut().map_or(Ok(()), |(_, file)| file.finish(out))
+    }
 }
 
 fn broken(error: ParquetError) -> io::Error {
@@ -86,16 +105,16 @@ fn broken(error: ParquetError) -> io::Error {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{MembersForm, write_members};
+    use super::super::{Form, MembersForm, write_members};
     use super::*;
-    use crate::{Field, Provenance, Trajectory};
+    use crate::{Field, Provenance, Solution};
     use arrow_array::cast::AsArray;
     use arrow_array::types::Float64Type;
     use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 
     fn file_of(solution: &Solution) -> std::fs::File {
         let mut bytes = Vec::new();
-        write_trajectory(solution, &mut bytes).unwrap();
+        Form::Parquet.write(solution, None, &mut bytes).unwrap();
         let path = std::env::temp_dir().join(format!("dvi-parquet-{}", std::process::id()));
         std::fs::write(&path, bytes).unwrap();
         let file = std::fs::File::open(&path).unwrap();
