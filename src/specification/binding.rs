@@ -39,6 +39,10 @@ impl Specification {
         if !errors.is_empty() {
             return Err(errors.into_list());
         }
+        if self.search().is_some_and(|search| search.changes_period(&values)) {
+            let detail = "these values change the period, which is the horizon";
+            return Err(vec![SpecificationError::new(place.to_string(), "structure_changes", detail)]);
+        }
         let model = self.model().with_parameters(&values).map_err(|error| {
             let code = match error {
                 Unbindable::Structure { .. } => "structure_changes",

@@ -50,7 +50,7 @@ impl Specification {
         let of_search = self.search().map_or(0, |search| match search {
             Search::Fit(fit) => fit.parameters.len(),
             Search::Branch(_) => self.model().initial().len() + 1,
-            Search::Periodic(_) | Search::SteadyState => self.model().initial().len(),
+            Search::Periodic(..) | Search::SteadyState => self.model().initial().len(),
         });
         let basis = if self.is_adjoint() { self.model().initial().len() } else { 0 };
         self.sensitivities().map_or(of_search, |sensitivities| sensitivities.by.len() + basis)

@@ -84,14 +84,25 @@ pub struct SteadyStateRequest {
 /// The object of a search.
 #[derive(Clone, Debug)]
 pub enum Search {
-    /// A periodic orbit.
-    Periodic(Periodic),
+    /// A periodic orbit, and the function of the parameters that its period is, if it depends on them.
+    Periodic(Periodic, Option<Tape>),
     /// A steady state.
     SteadyState,
     /// A branch of orbits or steady states.
     Branch(Arc<BranchPlan>),
     /// Parameters that fit data.
     Fit(Arc<Fit>),
+}
+
+impl Search {
+    /// Whether values of the parameters give another period.
+    pub(super) fn changes_period(&self, parameters: &[f64]) -> bool {
+        let Self::Periodic(periodic, Some(program)) = self else { return false };
+        let (mut program, mut period) = (program.clone(), [0.0]);
+        program.bind(parameters);
+        program.evaluate(0.0, &[], &mut period);
+        period[0] != periodic.period
+    }
 }
 
 /// The search in the document, before it is checked.
@@ -225,7 +236,7 @@ impl<'a> Request<'a> {
             Some(asked) => asked.check(model, of, &place.key("continue"), &mut found),
             None => Some(match of {
                 BranchOf::Rests => Search::SteadyState,
-                BranchOf::Orbits(periodic, _) => Search::Periodic(periodic),
+                BranchOf::Orbits(periodic, program) => Search::Periodic(periodic, program),
             }),
         });
         let search = search.filter(|_| found.is_empty());

@@ -453,3 +453,18 @@ fn states_of_rest_are_swept() {
     assert!(numbers(&table, "x").iter().zip([0.5, 2.0]).all(|(x, a)| (x - a).abs() < 1e-6));
     assert_eq!(words(&table, "stable"), ["yes", "yes"]);
 }
+
+#[test]
+fn a_period_that_depends_on_what_is_varied_is_that_of_each_member() {
+    // x' = cos(wt) - x: the integral of x^2 over the period is pi/(w (1 + w^2)).
+    let speeds = [0.5, 1.0, 2.0, 4.0];
+    let table = table(
+        &json!({"problem": {"dvi": {"parameters": {"w": 1}, "states": {"x": {"initial": 0, "rate": "cos(w*t) - x"}}}},
+        "periodic": {"period": "2*pi/w"}, "method": {"rtol": 1e-9},
+        "sweep": {"over": {"w": speeds}, "collect": {"power": {"integral": "x^2"}}}}),
+    );
+    for (w, found) in speeds.into_iter().zip(numbers(&table, "power")) {
+        let exact = PI / (w * (1.0 + w * w));
+        assert!((found / exact - 1.0).abs() < 1e-7, "{w}: {found}, not {exact}");
+    }
+}

@@ -119,7 +119,7 @@ impl Model for DviModel {
         let (settings, analysis) = (specification.settings(), specification.analysis());
         match specification.search() {
             None => solution::integrate(self, plan, &settings, analysis, control),
-            Some(Search::Periodic(asked)) => solution::find_orbit(self, plan, *asked, &settings, analysis, control),
+            Some(Search::Periodic(asked, _)) => solution::find_orbit(self, plan, *asked, &settings, analysis, control),
             Some(Search::Fit(fit)) => solution::fit(self, plan, fit, &settings, analysis, control),
             Some(Search::SteadyState) => solution::find_steady_state(self, plan, &settings, analysis, control),
             Some(Search::Branch(asked)) => match &asked.of {

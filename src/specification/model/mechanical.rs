@@ -107,7 +107,7 @@ impl Model for MechanicalModel {
     fn run(&self, specification: &Specification, plan: &Plan, control: &Control) -> Solution {
         let (contact, analysis) = (plan_of(specification), specification.analysis());
         match (specification.search(), &contact.located) {
-            (Some(Search::Periodic(asked)), Some(radau)) => {
+            (Some(Search::Periodic(asked, _)), Some(radau)) => {
                 solution::find_orbit_of_motion(self, plan, *asked, (&contact, radau), analysis, control)
             }
             (Some(Search::Fit(fit)), Some(radau)) => {

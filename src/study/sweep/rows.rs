@@ -272,7 +272,7 @@ fn empty(specification: &Specification, plan: &SweepPlan, reducers: &Reducers) -
         columns.push((name, values));
     }
     match specification.search() {
-        Some(Search::Periodic(_)) => {
+        Some(Search::Periodic(..)) => {
             columns.extend([("period", Values::Numbers(Vec::new())), ("stable", words())]);
         }
         Some(Search::SteadyState) => columns.push(("stable", words())),
