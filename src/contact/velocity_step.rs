@@ -16,7 +16,7 @@ mod friction;
 mod probe;
 
 pub use contacted::Contacted;
-pub use probe::Probed;
+pub use probe::{Probed, Scales};
 
 use super::active_contacts::{ActiveContacts, rows};
 use super::delassus::{Delassus, dot};

@@ -8,7 +8,7 @@ use super::sensitivities::{Followed, Gradient};
 use super::uniqueness::{FaceWatch, LipschitzWatch, analysis_of_face, uniqueness_caveat};
 use super::{
     CheckCode, Contraction, Diagnostics, Evaluations, Event, EventKind, Face, Failure, Solution, Status, Steps, Tried,
-    ViCounts, Warning, global_error, sensitivities,
+    ViCounts, Warning, global_error, runaway, sensitivities,
 };
 use analysis::Analysis;
 use hybrid::OneStep;
@@ -316,6 +316,10 @@ impl Stepper for RadauRun<'_> {
     fn finish(&mut self, diagnostics: &mut Diagnostics) {
         count(&mut self.radau, self.plan, diagnostics);
         warn_of_small_states(self.plan, self.atol, &self.radau, diagnostics);
+        if let Some(rtol) = self.rtol.filter(|_| self.radau.is_done()) {
+            let accepted = diagnostics.steps.accepted;
+            runaway::check(&self.radau, self.plan, (rtol, self.atol), accepted, &mut diagnostics.checks);
+        }
         diagnostics.screening = self.audit.finish(&self.radau, self.atol, &mut diagnostics.checks);
         if let Some(balance) = &self.balance {
             diagnostics.energy = Some(balance.energy);

@@ -149,8 +149,8 @@ pub(super) fn check_screening(screening: Screening, checks: &mut Checks) {
     let Screening { proven, undecided, missed } = screening;
     checks.record(CheckCode::EventsUnproven, missed as f64, 0.0, || {
         format!(
-            "in {missed} steps a gap closes or a closed contact detaches between the points examined, and the \
-             time could not be located; a smaller `max_step` may help"
+            "in {missed} steps a gap closes between the points examined, or a closed contact pulls or is held beyond \
+             its friction, and the time at which that begins could not be located; a smaller `max_step` may help"
         )
     });
     if undecided > 0 {

@@ -46,8 +46,9 @@ const ON_CIRCLE: f64 = 1e-6;
 pub(super) const CHANGED: f64 = 0.5;
 /// Most states that a message gives.
 const TOLD: usize = 3;
-/// Number of times in a period at which the rows of a problem are compared with those one period later. Their distances are not
-/// simple fractions of the period, so that they meet edges of pulses by chance only.
+/// Number of times in a period at which the rows of a problem are compared with those one period later. They, and their
+/// distances, are not simple fractions of the period, so that they meet edges of pulses by chance only; the beginning of the
+/// period, where pulses often have an edge, is none of them.
 const COMPARED: u32 = 16;
 /// Number of periods that are compared with the next one: what repeats once may change later, as by a pulse.
 const PERIODS: u32 = 64;
@@ -177,6 +178,8 @@ pub(super) fn run_along(
             let (_, failure) = *missed;
             let (status, failure) = ending(control, failure);
             (solution.status, solution.error) = (status, Some(failure));
+            // The run goes from where the search ended, which is no orbit.
+            solution.collected = plan.reducers.as_ref().map_or_else(Vec::new, |reducers| reducers.nothing());
             return solution;
         }
     };
@@ -280,7 +283,7 @@ pub(super) fn check_forcing(subject: Subject<'_>, plan: &Plan, period: f64, is_f
     let mut rows_at = rows_at(subject, plan);
     let mut largest: Vec<f64> = Vec::new();
     for number in 0..if is_free { 1 } else { PERIODS } {
-        let pairs: Vec<_> = (0..COMPARED)
+        let pairs: Vec<_> = (1..=COMPARED)
             .map(|k| {
                 let part = (f64::from(k) * 0.618_033_988_749_894_8).fract();
                 let t = plan.start + (f64::from(number) + part) * period;

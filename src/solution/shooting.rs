@@ -3,14 +3,15 @@
 
 use super::contact::{ContactPlan, failure_of};
 use super::integrate::failure;
+use super::passages::{Passages, Passed};
 use super::sensitivities::{By, directions, directions_of_motion};
 use super::{Failure, Plan};
 use contact::{Elapsed, EventDriven, ModeEvaluators, SmoothPhase, State, tangents};
 use hybrid::OneStep;
 use models::{DviModel, MechanicalModel};
 use nalgebra::{DMatrix, DVector};
-use problem::{Control, EventKind};
-use radau::{Activity, Radau, Settings, Switch, Tangents};
+use problem::Control;
+use radau::{Radau, Settings, Switch, Tangents};
 
 /// Singular values of `S - I` below this fraction of the largest count as zero: the square root of the accuracy of its
 /// entries, which is close to that of doubles. So do those below the relative tolerance, to which `S` is the derivative of
@@ -41,17 +42,8 @@ pub(super) struct Shot {
     pub by_parameters: DMatrix<f64>,
     /// The tolerances of the states.
     pub scale: Vec<f64>,
-    /// The events on the way, without their times.
-    pub word: Vec<Passed>,
-}
-
-/// An event, without its time.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Passed {
-    /// A variable went from one place to another.
-    Switch(usize, Activity, Activity),
-    /// An event of a contact.
-    Contact(usize, EventKind),
+    /// The events on the way.
+    pub passages: Passages,
 }
 
 impl Shot {
@@ -248,7 +240,7 @@ fn shoot_dvi(
     let end = plan.start + period;
     let mut radau = Radau::new(&mut *problem, settings.clone(), plan.start, from, end, control)
         .map_err(|error| failed(error, plan.start, from))?;
-    let mut word = Vec::new();
+    let mut passages = Passages::default();
     // Where the run begins is no switch.
     radau.take_switches();
     let mut tangents = if by.is_empty() {
@@ -271,7 +263,9 @@ fn shoot_dvi(
             Ok(Err(why)) => tangents = Err(why.to_string()),
             Err(error) => return Err(failed(error, at, &radau.y()[..n])),
         }
-        word.extend(radau.take_switches().map(|Switch { variable, from, to, .. }| Passed::Switch(variable, from, to)));
+        for Switch { t, variable, from, to } in radau.take_switches() {
+            passages.push(Passed::Switch(variable, from, to), (t - plan.start) / period);
+        }
     }
     let slopes = tangents.map(|tangents| {
         let mut matrix = DMatrix::zeros(n, by.len());
@@ -284,7 +278,7 @@ fn shoot_dvi(
     });
     let scale = settings.tolerances(0, &radau.largest()[..n]);
     let (to, slope) = (radau.y()[..n].to_vec(), radau.slopes_at(end));
-    Ok(shot((from, period), (to, slope), slopes, scale, word))
+    Ok(shot((from, period), (to, slope), slopes, scale, passages))
 }
 
 fn shoot_motion(
@@ -311,7 +305,7 @@ fn shoot_motion(
     };
     located.new_events.clear();
     let mut largest: Vec<f64> = from.iter().map(|x| x.abs()).collect();
-    let mut word = Vec::new();
+    let mut passages = Passages::default();
     let mut slope = vec![0.0; 2 * n];
     while !located.is_done() {
         let mut phase = SmoothPhase::new(&mut located, &mut evaluators, control);
@@ -331,8 +325,9 @@ fn shoot_motion(
             }
             let x = state(&phase);
             largest.iter_mut().zip(&x).for_each(|(largest, x)| *largest = largest.max(x.abs()));
-            let events = phase.located.new_events.drain(..);
-            word.extend(events.map(|event| Passed::Contact(event.contact, event.kind)));
+            for event in phase.located.new_events.drain(..) {
+                passages.push(Passed::Contact(event.contact, event.kind), event.t / period);
+            }
             if let Ok(followed) = &mut tangents {
                 match followed.follow(&mut phase) {
                     Ok(_) => slope = followed.rates(&x),
@@ -345,7 +340,7 @@ fn shoot_motion(
     let to = [q.as_slice(), v].concat();
     let slopes = tangents.map(|tangents| tangents.at(period));
     let scale = settings.tolerances(0, &largest);
-    Ok(shot((from, period), (to, slope), slopes, scale, word))
+    Ok(shot((from, period), (to, slope), slopes, scale, passages))
 }
 
 fn shot(
@@ -353,12 +348,12 @@ fn shot(
     (to, slope): (Vec<f64>, Vec<f64>),
     slopes: Result<DMatrix<f64>, String>,
     scale: Vec<f64>,
-    word: Vec<Passed>,
+    passages: Passages,
 ) -> Shot {
     let n = from.len();
     let by_parameters = slopes
         .as_ref()
         .map_or_else(|_| DMatrix::zeros(n, 0), |slopes| slopes.columns(n, slopes.ncols() - n).into_owned());
     let monodromy = slopes.map(|slopes| slopes.columns(0, n).into_owned());
-    Shot { from: from.to_vec(), period, to, slope, monodromy, by_parameters, scale, word }
+    Shot { from: from.to_vec(), period, to, slope, monodromy, by_parameters, scale, passages }
 }

@@ -113,7 +113,7 @@ impl CheckCode {
             }
             Self::GlobalError => {
                 "Estimate of the error at the end in units of `atol + rtol |x|`; measured if `output.global_error` is \
-                 set."
+                 set, or if a state changes by its own size within less than the tolerance of time at the end."
             }
             Self::Derivatives => {
                 "Difference of the derivatives from the difference quotient of two runs, in units of the uncertainty of \

@@ -144,6 +144,25 @@ fn a_diode_that_charges_a_capacitor_has_the_gradient_of_its_closed_form() {
     }
 }
 
+#[test]
+fn a_variable_that_rests_at_its_bound_does_not_hide_the_switch_of_another() {
+    // x = 1 - a t down to zero, and y = 0 all along: the integral of x is 1/(2 a).
+    let problem = json!({"dvi": {"parameters": {"a": 1},
+        "states": {"x": {"initial": 1, "rate": "z - a"}, "y": {"initial": 0, "rate": "u - a"}},
+        "variables": {"z": {"inequality": "x"}, "u": {"inequality": "y"}}, "set": [{"nonnegative": ["z", "u"]}]}});
+    let solution = gradient(&problem, 2.0, &["a", "x.initial"], &json!({"integral": "x"}));
+    assert_near(solution.gradient["a"], -0.5, 1e-9, "a");
+    assert_near(solution.gradient["x.initial"], 1.0, 1e-9, "x.initial");
+    // A block that friction holds, beside one that it stops: v = (v0 - mu t) up to v0/mu.
+    let problem = json!({"dvi": {"parameters": {"mu": 1, "v0": 1.5},
+        "states": {"v": {"initial": "v0", "rate": "-mu*p"}, "w": {"initial": 0, "rate": "0.5*mu - mu*r"}},
+        "variables": {"p": {"inequality": "-v"}, "r": {"inequality": "-w"}},
+        "set": [{"box": {"of": ["p", "r"], "lower": -1, "upper": 1}}]}});
+    let solution = gradient(&problem, 3.0, &["mu", "v0"], &json!({"integral": "v"}));
+    assert_near(solution.gradient["mu"], -0.5 * 1.5 * 1.5, 1e-9, "mu");
+    assert_near(solution.gradient["v0"], 1.5, 1e-9, "v0");
+}
+
 /// A ball that falls from a height and bounces.
 fn ball() -> Value {
     json!({"mechanical": {"parameters": {"h": 1, "g": 9.81, "e": 0.6},

@@ -123,6 +123,20 @@ fn a_relay_that_a_drive_begins_to_switch_is_touched_at_a_known_drive() {
 }
 
 #[test]
+fn a_switch_that_passes_the_beginning_of_the_period_is_no_border() {
+    // x' = A cos t - x - f, with f pushing from x = 1 on: touched at A = sqrt 2, and at A = 2.002 the orbit begins at x = 1.
+    let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"A": 1},
+            "states": {"x": {"initial": 0.5, "rate": "A*cos(t) - x - f"}},
+            "variables": {"f": {"inequality": "f - x + 1"}}, "set": [{"nonnegative": ["f"]}]}},
+        "method": {"rtol": 1e-10, "atol": 1e-12},
+        "periodic": {"period": "2*pi", "continue": {"parameter": "A", "to": 4}}}));
+    assert_eq!(kinds(&branch), [BranchEventKind::Grazing]);
+    assert_at(&branch, BranchEventKind::Grazing, 2.0_f64.sqrt(), 1e-6);
+    let starts = branch.points.iter().map(|point| point["x"]);
+    assert!(branch.ended.is_none() && starts.fold(0.0, f64::max) > 1.2, "{branch:?}");
+}
+
+#[test]
 fn a_torus_begins_where_two_multipliers_cross_the_unit_circle() {
     // x and y turn at 0.3 and grow at m; a drive beside them makes all periodic: multipliers exp(2 pi (m +- 0.3 i)).
     let branch = branch_of(json!({"problem": {"dvi": {"parameters": {"m": -0.4}, "states": {

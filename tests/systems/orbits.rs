@@ -416,3 +416,24 @@ fn means_over_a_period_take_impulses_and_see_pulses() {
         assert!((over.max - 1.0).abs() < 1e-8 && over.min.abs() < 1e-12, "{d}: {over:?}");
     }
 }
+
+#[test]
+fn a_period_may_begin_at_an_edge_of_its_drive() {
+    // x' = u - x where u is 1 over the first 40 % of each period: exponentials.
+    for period in [0.1_f64, 1e-6, 0.3, 7.0] {
+        let (on, off) = (0.4 * period, 0.6 * period);
+        let exact = (-off).exp() * (-on).exp_m1() / (-period).exp_m1();
+        for (drive, start) in [
+            (format!("pwm(t, {period}, 0.4)"), 0.0),
+            (format!("pulse(mod(t, {period}), 0, {on})"), period),
+            (format!("if(mod(t, {period}) < {on}, 1, 0)"), 0.0),
+            (format!("if(sawtooth(t, {period}) < 0.4, 1, 0)"), 3.0 * period),
+        ] {
+            let orbit =
+                orbit_of(json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": format!("{drive} - x")}}}},
+                "time": {"start": start, "end": start + period}, "periodic": {"period": period},
+                "method": {"rtol": 1e-10, "atol": 1e-12}}));
+            assert_near(orbit.start["x"], exact, 1e-8);
+        }
+    }
+}

@@ -468,3 +468,20 @@ fn a_period_that_depends_on_what_is_varied_is_that_of_each_member() {
         assert!((found / exact - 1.0).abs() < 1e-7, "{w}: {found}, not {exact}");
     }
 }
+
+#[test]
+fn a_member_without_an_orbit_collects_nothing() {
+    // x' = 1 + cos t - b x drifts without b, and has the mean 1/b with it.
+    let table = table(
+        &json!({"problem": {"dvi": {"parameters": {"b": 1}, "states": {"x": {"initial": 0, "rate": "1 + cos(t) - b*x"}}}},
+        "periodic": {"period": "2*pi"}, "method": {"rtol": 1e-9},
+        "sweep": {"over": {"b": [0, 1, 2]}, "collect": {"mean": {"mean": "x"}, "end": {"final": "x"}, "begin": {"initial": "x"}}}}),
+    );
+    assert_eq!(words(&table, "status"), ["failed", "completed", "completed"]);
+    let mean = numbers(&table, "mean");
+    assert!((mean[1] - 1.0).abs() < 1e-7 && (mean[2] - 0.5).abs() < 1e-7, "{mean:?}");
+    for column in ["mean", "end", "begin"] {
+        let found = numbers(&table, column);
+        assert!(found[0].is_nan() && found[1].is_finite(), "{column}: {found:?}");
+    }
+}

@@ -4,6 +4,8 @@
 //! Gauss-Legendre rule with five nodes, of order ten, agrees with the rule on three of its nodes, of order four: if the
 //! latter has an error of `d`, the former has one of about `d^(10/4)`.
 
+use super::EventDriven;
+use super::mode::Status;
 use super::smooth_phase::SmoothPhase;
 use crate::delassus::dot;
 use nalgebra::Vector3;
@@ -34,6 +36,8 @@ const MOST_PARTS: usize = 4096;
 #[derive(Clone, Debug)]
 pub(super) struct Integrals {
     pub impulses: Vec<Vector3<f64>>,
+    /// The parts of impulses that the law of contact excludes: by normal forces that pull, and by friction beyond its bound.
+    unlawful: Vec<[f64; 2]>,
     pub friction: f64,
     pub forces: f64,
     pub drives: f64,
@@ -41,11 +45,14 @@ pub(super) struct Integrals {
 
 impl Integrals {
     pub fn none(contacts: usize) -> Self {
-        Self { impulses: vec![Vector3::zeros(); contacts], friction: 0.0, forces: 0.0, drives: 0.0 }
+        let (impulses, unlawful) = (vec![Vector3::zeros(); contacts], vec![[0.0; 2]; contacts]);
+        Self { impulses, unlawful, friction: 0.0, forces: 0.0, drives: 0.0 }
     }
 
     pub fn add(&mut self, weight: f64, other: &Self) {
         self.impulses.iter_mut().zip(&other.impulses).for_each(|(sum, r)| *sum += r * weight);
+        let unlawful = self.unlawful.iter_mut().zip(&other.unlawful);
+        unlawful.for_each(|(sum, part)| sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += weight * part));
         self.friction += weight * other.friction;
         self.forces += weight * other.forces;
         self.drives += weight * other.drives;
@@ -92,6 +99,20 @@ impl SmoothPhase<'_, '_> {
         sum
     }
 
+    /// Whether impulses that the law of contact excludes change a velocity by more than the tolerances allow. The
+    /// equations of the mode were evaluated in the last step.
+    pub(super) fn is_unlawful(&self, integrals: &Integrals, v: &[f64]) -> bool {
+        let EventDriven { structure, radau, .. } = &*self.located;
+        let tolerances = radau.tolerances(v.len(), v);
+        let is_large = |row: usize, impulse: f64| {
+            let allowed = self.watch.constraints().size(row, &tolerances);
+            impulse > 0.0 && self.watch.change_of_row(row, impulse).is_none_or(|change| change > allowed)
+        };
+        integrals.unlawful.iter().enumerate().any(|(k, [pull, beyond])| {
+            is_large(structure.normal(k), *pull) || structure.tangents(k).any(|row| is_large(row, *beyond))
+        })
+    }
+
     /// The forces of contacts, and powers, at a time within the last step.
     fn rates(&mut self, t: f64) -> Integrals {
         let n = self.located.structure.coordinates;
@@ -108,6 +129,9 @@ impl SmoothPhase<'_, '_> {
                 force[1 + i] = self.watch.lambda[row];
                 rates.friction -= self.watch.lambda[row] * slip[i];
             }
+            let excess = force.y.hypot(force.z) - self.watch.mu[k] * force.x;
+            let beyond = if self.mode[k] == Status::Stick { excess.max(0.0) } else { 0.0 };
+            rates.unlawful[k] = [(-force.x).max(0.0), beyond];
         }
         let energies = self.watch.problem().energies(t, &x[..n], &x[n..]);
         rates.forces = energies.power;

@@ -37,7 +37,7 @@ pub(crate) use transition::{Impact, Transition};
 use super::contact_event::ContactEvent;
 use super::energy::Energy;
 use super::settings::{ContactError, Settings};
-use super::velocity_step::{Forces, Probed, State, VelocityStep};
+use super::velocity_step::{Forces, Probed, Scales, State, VelocityStep};
 use super::violations::Violations;
 use grazing::Opening;
 use nalgebra::{Vector2, Vector3};
@@ -141,7 +141,7 @@ pub struct Screening {
     pub proven: u64,
     /// Steps that are neither proven free of events nor found to have one.
     pub undecided: u64,
-    /// Steps with a violation that could not be located.
+    /// Steps with a violation that could not be located, or with forces that the law of contact excludes.
     pub missed: u64,
 }
 
@@ -462,8 +462,14 @@ impl<'p> EventDriven<'p> {
         self.loads = vec![Vector3::zeros(); contacts];
         if !candidates.is_empty() {
             let (_, of_v) = self.radau.atol.split_at(self.structure.coordinates);
-            let (h, probed) = match self.step.probe(&self.state, (of_v, self.end - self.state.t), &candidates, control)
-            {
+            let sizes = |v: &[f64]| v.iter().map(|v| v.abs()).collect::<Vec<_>>();
+            let mut reached = sizes(&self.state.v);
+            if let Some(transition) = &self.transition {
+                let before = sizes(&transition.before.v);
+                reached.iter_mut().zip(before).for_each(|(size, before)| *size = size.max(before));
+            }
+            let scales = Scales { atol: of_v, reached: &reached, left: self.end - self.state.t };
+            let (h, probed) = match self.step.probe(&self.state, scales, &candidates, control) {
                 Ok(Some(found)) => found,
                 // Painleve's paradox, or a law without a solution at this scale.
                 Ok(None) | Err(ContactError::Unsolved { .. }) => return Ok(()),

@@ -259,6 +259,12 @@ impl ModeEquations {
         (0..self.shape.coordinates).map(|i| self.mass[(i, i)])
     }
 
+    /// The change of the velocity of a row of `J` by an impulse along it, without constraints; at the last evaluation.
+    pub fn change_of_row(&self, row: usize, impulse: f64) -> Option<f64> {
+        let j = self.constraints.transposed.column(row).into_owned();
+        self.last.as_ref().map(|solved| solved.mass.solve(&j).dot(&j) * impulse)
+    }
+
     /// The system.
     pub fn problem(&mut self) -> &mut dyn Mechanical {
         &mut *self.problem

@@ -259,8 +259,12 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
     pub(super) fn travel(&mut self, begin: f64, t: f64) {
         let n = self.located.structure.coordinates;
         let mut x = vec![0.0; 2 * n];
-        let Integrals { impulses, friction, forces, drives } = self.integrals(begin, t);
+        let integrals = self.integrals(begin, t);
         self.at(t, &mut x);
+        if self.is_unlawful(&integrals, &x[n..]) {
+            self.located.screening.missed += 1;
+        }
+        let Integrals { impulses, friction, forces, drives, .. } = integrals;
         self.located.impulses.iter_mut().zip(&impulses).for_each(|(sum, r)| *sum += r);
         let state = &mut self.located.state;
         state.t = t;
@@ -313,7 +317,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         }
         self.acted.0 = t;
         self.acted.1.add(1.0, &part);
-        let Integrals { impulses, friction, forces, drives } = &self.acted.1;
+        let Integrals { impulses, friction, forces, drives, .. } = &self.acted.1;
         let impulses = impulses.iter().zip(&self.located.impulses_before).map(|(r, before)| r + before).collect();
         let mut energy = self.located.energy_before;
         energy.dissipate(*friction, 0.0, 0.0);

@@ -19,6 +19,7 @@
 mod adjoint;
 mod arc;
 mod event;
+mod forced;
 mod impact;
 mod linearised;
 mod no_derivative;
@@ -32,7 +33,7 @@ use super::locate::{EventDriven, ModeEquations, SmoothPhase, Transition};
 use super::velocity_step::State;
 use arc::Arc;
 use event::Flights;
-use hybrid::{OneStep, Shift, break_slopes};
+use hybrid::OneStep;
 use nalgebra::DMatrix;
 use problem::{Mechanical, MechanicalStructure};
 use radau::DirectionSize;
@@ -221,10 +222,11 @@ impl Tangents {
             return Err(NoDerivative::Grazing);
         }
         let Some(transition) = phase.located.transition.clone() else { return Ok(None) };
-        if transition.ending.is_none() && end > begin {
-            return Err(NoDerivative::AtBreak);
-        }
-        let times = self.pass(phase.located, &transition)?;
+        let times = match self.pass_forced(phase.located, &transition)? {
+            Some(times) => times,
+            None if transition.ending.is_none() && end > begin => return Err(NoDerivative::AtBreak),
+            None => self.pass(phase.located, &transition)?,
+        };
         self.keep_largest();
         let (State { t, q, v }, after) = (transition.before, &phase.located.state);
         let n = self.structure.coordinates;
@@ -274,16 +276,8 @@ impl Tangents {
         if jump.iter().all(|jump| jump.abs() <= CONTINUOUS * size) {
             return Ok(());
         }
-        let shifts = self.directions.shifted.iter_mut().map(|shifted| {
-            let shifted = shifted.as_mut()?;
-            self.differences += 1;
-            Some((shifted.by, shifted.systems.each_mut().map(|system| system.break_courses(before).to_vec())))
-        });
-        let shifts: Vec<Option<Shift>> = shifts.collect();
-        let problem = self.equations.problem();
-        let at = |t: f64| [problem.breaks(t).to_vec(), problem.break_courses(t).to_vec()];
-        let Some(slopes) = break_slopes([before, after], at, &shifts) else { return Ok(()) };
-        let slopes = slopes.map_err(|cause| NoDerivative::Smooth(cause.into()))?;
+        let Some(slopes) = self.break_slopes([before, after]) else { return Ok(()) };
+        let slopes = slopes?;
         for (direction, time) in slopes.into_iter().enumerate() {
             jump.iter().enumerate().for_each(|(i, jump)| self.now[(n + i, direction)] += jump * time);
         }

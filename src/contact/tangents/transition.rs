@@ -16,7 +16,7 @@ const OFF: f64 = 1e3;
 const MOST_OFF: f64 = 0.1;
 
 /// A monitor is on its bound within this fraction of what it is made of.
-const ON_BOUND: f64 = 1e-6;
+pub(super) const ON_BOUND: f64 = 1e-6;
 
 /// Coordinates that one event moves together: bodies that masses, joints, or contacts with an impulse couple.
 struct Islands {
@@ -349,7 +349,7 @@ impl Tangents {
     ///
     /// # Errors
     /// If they are off them by more than errors of the run explain.
-    fn keep_to_constraints(
+    pub(super) fn keep_to_constraints(
         &mut self,
         mode: &[Status],
         located: &EventDriven<'_>,

@@ -55,6 +55,17 @@ pub struct Probed {
     pub residual: f64,
 }
 
+/// The scales of a probe.
+#[derive(Clone, Copy)]
+pub struct Scales<'a> {
+    /// The absolute tolerances of velocities.
+    pub atol: &'a [f64],
+    /// The sizes of velocities, before an impact at this time too: its rounding is in those after it.
+    pub reached: &'a [f64],
+    /// The remaining time.
+    pub left: f64,
+}
+
 /// The longest probe that was too short and the shortest that was too long.
 #[derive(Default)]
 struct Lengths {
@@ -84,18 +95,19 @@ impl VelocityStep<'_> {
     /// Applies the law of contact without restitution to closed contacts that do not separate, in a step so short that
     /// only directions count. Returns the length of the step and the result at each of these contacts. Constraints are
     /// evaluated where free motion leads, so that curved paths count too. `None` in Painleve's paradox, where friction
-    /// drives a contact into the surface it slides on. Velocities have the tolerance `atol`. Where no scale of time is
-    /// known, the length is a fraction of the remaining time `left`, which no probe exceeds.
+    /// drives a contact into the surface it slides on. Where no scale of time is known, the length is a fraction of the
+    /// remaining time, which no probe exceeds.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
     pub fn probe(
         &mut self,
         state: &State,
-        (atol, left): (&[f64], f64),
+        scales: Scales<'_>,
         closed: &[usize],
         control: &Control,
     ) -> Result<Option<(f64, Vec<Probed>)>, ContactError> {
+        let Scales { atol, left, .. } = scales;
         let mut h = match self.instant {
             Some(h) => h,
             None => self.first_instant(state, atol)?.filter(|h| *h <= left).unwrap_or(CHANGE * left),
@@ -110,7 +122,7 @@ impl VelocityStep<'_> {
                 Err(_) if lengths.short.is_some() && attempt < MOST_ATTEMPTS => None,
                 free => Some(free?),
             };
-            let factor = free.as_ref().map_or(0.0, |free| self.pace(free, state, closed, atol));
+            let factor = free.as_ref().map_or(0.0, |free| self.pace(free, state, closed, scales));
             let fits = (factor * TOO_LONG >= 1.0 && factor <= TOO_SHORT) || (factor < 1.0 && h <= ticks);
             let next = lengths.after(h, factor, left);
             match free {
@@ -119,7 +131,7 @@ impl VelocityStep<'_> {
             }
         };
         self.instant = Some(h);
-        Ok(self.touch_free(state, h, (now, v), closed, control)?.map(|probed| (h, probed)))
+        Ok(self.touch_free(state, h, (now, v), (closed, scales.reached), control)?.map(|probed| (h, probed)))
     }
 
     /// An initial length of the probe: forces change no velocity by more than its tolerance.
@@ -138,13 +150,19 @@ impl VelocityStep<'_> {
 
     /// The factor by which the probe should be longer, for forces to change the velocities of these contacts by the
     /// intended fraction of their terms: none by much more, and the one with the largest terms by more than rounding.
-    fn pace(&self, (now, v): &(Constraints, Vec<f64>), state: &State, closed: &[usize], atol: &[f64]) -> f64 {
+    fn pace(
+        &self,
+        (now, v): &(Constraints, Vec<f64>),
+        state: &State,
+        closed: &[usize],
+        Scales { atol, reached, .. }: Scales<'_>,
+    ) -> f64 {
         let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
         let (mut least, mut largest) = (f64::INFINITY, (0.0, 0.0));
         for &k in closed {
             for row in rows(&self.structure, k) {
                 let terms = now.terms(row, &state.v);
-                let due = CHANGE * terms + now.size(row, atol);
+                let due = (CHANGE * terms).max(ROUNDING * now.size(row, reached)) + now.size(row, atol);
                 let change = (self.constraints.velocity(row, v) - now.velocity(row, &state.v)).abs();
                 let change = change.max(now.size(row, &gained));
                 if due > 0.0 && change > 0.0 {
@@ -187,17 +205,18 @@ impl VelocityStep<'_> {
         state: &State,
         h: f64,
         (now, v): (Constraints, Vec<f64>),
-        closed: &[usize],
+        (closed, reached): (&[usize], &[f64]),
         control: &Control,
     ) -> Result<Option<Vec<Probed>>, ContactError> {
         let lost = ContactError::Singular { t: state.t };
         // Forces may change the velocities of both sides of a contact alike, as at rest in a stack.
         let gained: Vec<f64> = v.iter().zip(&state.v).map(|(free, before)| free - before).collect();
+        let rounding_of_row = |row: usize| ROUNDING * now.terms(row, reached);
         let parts = |&k: &usize| {
             let row = self.structure.normal(k);
             let (before, free) = (now.velocity(row, &state.v), self.constraints.velocity(row, &v));
             let apart = now.size(row, &gained);
-            let rounding = (ROUNDING * now.terms(row, &state.v)).max(self.open_velocity(row));
+            let rounding = rounding_of_row(row).max(self.open_velocity(row));
             before > (SMALL * (free - before).abs().max(apart)).max(rounding)
         };
         let contacts: Vec<usize> = closed.iter().copied().filter(|k| !parts(k)).collect();
@@ -208,8 +227,14 @@ impl VelocityStep<'_> {
             ActiveContacts::new(&self.structure, &self.constraints, &mut self.delassus, &contacts).ok_or(lost)?;
         self.factorised = None;
         let before = near.velocities(&self.structure, &now, &state.v);
-        let free = near.velocities(&self.structure, &self.constraints, &v);
-        let rounding = self.rounding_of_slips(&contacts, &state.v, &before, &free);
+        let mut free = near.velocities(&self.structure, &self.constraints, &v);
+        // A contact at rest has no normal velocity but rounding, which forces alone change.
+        for ((free, before), &k) in free.iter_mut().zip(&before).zip(&contacts) {
+            if before.x.abs() <= rounding_of_row(self.structure.normal(k)) {
+                free.x -= before.x;
+            }
+        }
+        let rounding = self.rounding_of_slips(&contacts, reached, &before, &free);
         // A contact that sticks has no slip but rounding.
         let at_rest = |(u, least): (&Vector3<f64>, &f64)| {
             if u.y.hypot(u.z) > *least { *u } else { Vector3::new(u.x, 0.0, 0.0) }

@@ -3,6 +3,7 @@
 use super::stages::Rows;
 use super::{NoDerivative, Tangents, changed};
 use crate::face::{ActiveFace, Activity};
+use crate::settings::Settings;
 use crate::stepper::Radau;
 use hybrid::{OneStep, Shift, break_slopes};
 use nalgebra::DMatrix;
@@ -42,7 +43,7 @@ impl Tangents {
         let mut states = self.now.clone().insert_column(self.count(), 0.0);
         states.column_mut(self.count()).copy_from_slice(&rates);
         let by_time = self.rows_by_time(t, before);
-        let sizes: Vec<f64> = before.iter().zip(radau.largest()).map(|(y, largest)| y.abs().max(*largest)).collect();
+        let sizes = sizes(radau, before);
         let span = t.abs().max(radau.last.h);
         let slopes = self.variables_along((t, span, before), &face, &rows, (&states, &by_time), &sizes)?;
         let mut found: Option<Vec<f64>> = None;
@@ -180,7 +181,7 @@ impl Tangents {
         let mut states = self.now.clone().insert_column(count, 0.0);
         states.column_mut(count).copy_from_slice(&rates);
         let by_time = self.rows_by_time(t, &y);
-        let sizes: Vec<f64> = y.iter().zip(radau.largest()).map(|(y, largest)| y.abs().max(*largest)).collect();
+        let sizes = sizes(radau, &y);
         let span = t.abs().max(radau.last.h);
         let variables = self.variables_along((t, span, &y), &face, &rows, (&states, &by_time), &sizes).ok()?;
         let mut right = rows.by_y.view((0, 0), (n, n)) * &self.now
@@ -269,6 +270,18 @@ impl Tangents {
         let slopes = break_slopes(ends, at, &shifts)?;
         Some(slopes.map_err(NoDerivative::from))
     }
+}
+
+/// The sizes of the unknowns of a run, for differences: a state below its absolute tolerance is at zero, and has the size at
+/// which the relative tolerance begins to count.
+fn sizes(radau: &Radau<'_>, y: &[f64]) -> Vec<f64> {
+    let Settings { rtol, atol, .. } = &radau.settings;
+    let met = y.iter().zip(radau.largest()).map(|(y, largest)| y.abs().max(*largest));
+    let size = |(k, size): (usize, f64)| match atol.get(k) {
+        Some(atol) if size <= *atol => atol / rtol,
+        _ => size,
+    };
+    met.enumerate().map(size).collect()
 }
 
 /// A combination of the equations of the free variables.

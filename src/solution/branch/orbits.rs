@@ -7,8 +7,9 @@ use crate::bindable::Bindable;
 use crate::contact::ContactPlan;
 use crate::multipliers;
 use crate::orbit::{Missed, Periodic, is_stable, run_along, search_from_start};
+use crate::passages::{Passages, Passed};
 use crate::run::ending;
-use crate::shooting::{Passed, Shot};
+use crate::shooting::Shot;
 use crate::verdict::Checks;
 use crate::{Failure, Plan, Solution, Status};
 use analysis::Analysis;
@@ -136,7 +137,7 @@ impl Orbits<'_> {
 }
 
 impl Family for Orbits<'_> {
-    type Word = Vec<Passed>;
+    type Word = Passages;
 
     fn evaluate(&mut self, w: &[f64], p: f64, _: Option<&Self::Word>) -> Result<Evaluation<Self::Word>, Failure> {
         let shot = self.shoot(w, p)?;
@@ -166,7 +167,7 @@ impl Family for Orbits<'_> {
             let nearest = (0..spectrum.len()).min_by(|a, b| off(&spectrum[*a]).total_cmp(&off(&spectrum[*b])));
             nearest.map(|nearest| spectrum.remove(nearest));
         }
-        Ok(Evaluation { residual, jacobian, word: shot.word, spectrum, is_admissible: true })
+        Ok(Evaluation { residual, jacobian, word: shot.passages, spectrum, is_admissible: true })
     }
 
     fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)> {
@@ -267,7 +268,7 @@ fn first(orbits: &mut Orbits<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f
 /// A run along the last orbit of the branch, or from the start where there is none.
 fn along_last(
     orbits: &mut Orbits<'_>,
-    (curve, at): (&Result<Curve<Vec<Passed>>, Failure>, f64),
+    (curve, at): (&Result<Curve<Passages>, Failure>, f64),
     control: &Control,
 ) -> Solution {
     let model = orbits.model.bound(&orbits.values_at(at)).unwrap_or_else(|_| orbits.model.clone());
@@ -290,7 +291,7 @@ fn along_last(
 
 /// Holds the multipliers of the first orbit, of the last, and of those where they say that something happens, to differences of
 /// runs. On a border an orbit has derivatives on one side only.
-fn check(orbits: &mut Orbits<'_>, curve: &Curve<Vec<Passed>>, checks: &mut Checks) {
+fn check(orbits: &mut Orbits<'_>, curve: &Curve<Passages>, checks: &mut Checks) {
     let tested = curve.events.iter().filter(|found| matches!(found.what, What::Test(_)));
     for point in curve.points.first().into_iter().chain(curve.points.last()).chain(tested.map(|found| &found.at)) {
         let Ok(shot) = orbits.shoot(&point.w, point.p) else { continue };
@@ -300,10 +301,10 @@ fn check(orbits: &mut Orbits<'_>, curve: &Curve<Vec<Passed>>, checks: &mut Check
 }
 
 /// The branch by names.
-fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<Vec<Passed>>) -> Branch {
+fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<Passages>) -> Branch {
     let (names, model) = (orbits.plan.names.clone(), orbits.model);
     let mut branch = Branch { name: asked.name.clone(), shots: orbits.shots, ..Branch::default() };
-    let mut place = |point: &Solved<Vec<Passed>>| {
+    let mut place = |point: &Solved<Passages>| {
         let (from, period) = orbits.start(&point.w, point.p);
         (names.iter().cloned().zip(from).collect(), period)
     };
@@ -332,11 +333,10 @@ fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<Vec<Passed>>) 
 }
 
 /// What a border is: where the number of events changes, something is touched.
-fn border(before: &[Passed], after: Option<&Vec<Passed>>) -> (BranchEventKind, Option<Passed>) {
+fn border(before: &Passages, after: Option<&Passages>) -> (BranchEventKind, Option<Passed>) {
     let Some(after) = after else { return (BranchEventKind::Grazing, None) };
-    let first = before.iter().zip(after).position(|(a, b)| a != b).unwrap_or(before.len().min(after.len()));
-    let longer = if after.len() > before.len() { after.as_slice() } else { before };
-    let of = longer.get(first).cloned();
+    let longer = if after.len() > before.len() { after } else { before };
+    let of = longer.get(before.first_difference(after)).cloned();
     let kind = if before.len() == after.len() { BranchEventKind::Border } else { BranchEventKind::Grazing };
     (kind, of)
 }

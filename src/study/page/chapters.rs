@@ -121,7 +121,16 @@ fn reference(chapter: &Chapter) -> String {
                 methods agree, not that they are right. "
             );
         }
-        (None, ..) => text += "No run of reference reached the end, so that errors over time are left out. ",
+        (None, ..) => match reference.agreement {
+            Some(distance) => {
+                let _ = write!(
+                    text,
+                    "The best run of this program differs from it by {distance:.1e} at the end and is no reference, so that errors \
+                     over time are left out. "
+                );
+            }
+            None => text += "No run of reference reached the end, so that errors over time are left out. ",
+        },
     }
     let switches = match (reference.switches.len(), reference.switches_outside) {
         (0, _) => "There are no switches.".to_owned(),

@@ -24,6 +24,9 @@ const TOLERANCES: [(f64, u64); 3] = [(1e-13, 30), (1e-11, 60), (1e-9, 120)];
 const SECOND_ORDER: [(f64, u64); 2] = [(1e-11, 120), (1e-10, 120)];
 /// Where steps have one size: the step as a part of the finest that is measured, and the seconds.
 const FINER: (f64, u64) = (16.0, 120);
+/// A run that is further than this from the values from outside at the end, relative to their sizes, has no three digits of
+/// them: it is another solution, and no reference between them.
+const REFUTED: f64 = 1e-3;
 /// Outputs that describe the discretisation and not the solution.
 const OF_DISCRETISATION: [&str; 2] = ["contacts", "penetration"];
 /// A column this much smaller than the largest is what rounding leaves of zero.
@@ -50,9 +53,10 @@ pub struct Reference {
     pub switches: Vec<f64>,
     /// Whether these are from outside.
     pub switches_outside: bool,
-    /// How the run of reference was asked for, in words; absent where none reached the end.
+    /// How the run of reference was asked for, in words; absent where none reached the end, or the outside refutes all.
     pub run: Option<String>,
-    /// The distance of the run of reference from the outside values at the end, in the norm of the errors.
+    /// The distance of the run of reference from the outside values at the end, in the norm of the errors; without such a run
+    /// that of the best run.
     pub agreement: Option<f64>,
     /// The span of time from start to end.
     pub horizon: f64,
@@ -67,24 +71,26 @@ impl Reference {
         let even: Vec<f64> = (1..=TIMES).map(|k| time.start + horizon * (k as f64 / TIMES as f64)).collect();
         let model = specification.model();
         let names = model.output_names();
-        let found = run(specification, &even, names.len(), finest);
+        let outside = OutsideValues::new(specification, known);
+        let mut agreement: Option<f64> = None;
+        let found = runs(specification, &even, names.len(), finest).find(|(_, solution)| {
+            let Some(distance) = outside.distance(time.end, &columns_of(solution)) else { return true };
+            let is_refuted = distance > REFUTED && !known.mesh;
+            agreement = Some(if is_refuted { agreement.unwrap_or(f64::INFINITY).min(distance) } else { distance });
+            !is_refuted
+        });
         let events: Vec<f64> = found.iter().flat_map(|(_, solution)| switch_times(solution)).collect();
         let switches_outside = !known.switches.is_empty();
         let switches = if switches_outside { known.switches.clone() } else { events };
         let keep = kept(&even, &switches, horizon);
-        let outside = OutsideValues::new(specification, known);
-        let mut columns: Vec<Vec<f64>> = match &found {
-            Some((_, solution)) => solution.trajectory.fields.iter().map(|field| field.values.clone()).collect(),
+        let mut columns = match &found {
+            Some((_, solution)) => columns_of(solution),
             None => vec![vec![f64::NAN; even.len()]; names.len()],
         };
         if columns.iter().any(|column| column.len() != even.len()) {
             return None;
         }
         let run = found.map(|(words, _)| words);
-        let agreement = (run.is_some() && !outside.is_empty()).then(|| {
-            let ends: Vec<f64> = columns.iter().filter_map(|column| column.last().copied()).collect();
-            outside.at_end(time.end).map(|(k, exact)| relative(&columns, k, ends[k] - exact)).fold(0.0, f64::max)
-        });
         if run.is_none() && outside.is_empty() {
             return None;
         }
@@ -174,8 +180,18 @@ fn kept(times: &[f64], switches: &[f64], horizon: f64) -> Vec<bool> {
     times.iter().enumerate().map(|(k, &t)| k == last || !near(t)).collect()
 }
 
-/// The run of reference, and what it is.
-fn run(specification: &Specification, times: &[f64], outputs: usize, finest: f64) -> Option<(String, Solution)> {
+/// The values of all outputs of a run.
+fn columns_of(solution: &Solution) -> Vec<Vec<f64>> {
+    solution.trajectory.fields.iter().map(|field| field.values.clone()).collect()
+}
+
+/// The runs that may be the reference and reach the end, the most accurate first, and what they are.
+fn runs(
+    specification: &Specification,
+    times: &[f64],
+    outputs: usize,
+    finest: f64,
+) -> impl Iterator<Item = (String, Solution)> {
     let varied = specification.model().varied();
     let to = |(rtol, seconds): (f64, u64)| (Rung::Tolerance(rtol), format!("the tolerance {rtol:e}"), seconds);
     let rungs: Vec<(Rung, String, u64)> = match (varied.tolerance, varied.reference) {
@@ -186,7 +202,7 @@ fn run(specification: &Specification, times: &[f64], outputs: usize, finest: f64
             vec![(Rung::Step(step), format!("steps of {step:.3e}"), FINER.1)]
         }
     };
-    rungs.into_iter().find_map(|(rung, words, seconds)| {
+    rungs.into_iter().filter_map(move |(rung, words, seconds)| {
         let variant = specification.variant(rung, Stages::Auto, times.to_vec(), (0..outputs).collect());
         let control = Control::with_deadline(Instant::now() + Duration::from_secs(seconds));
         let solution = solve_once(&variant.within_steps(MOST_STEPS), &control);
@@ -226,6 +242,12 @@ impl OutsideValues {
             exact.values.clone().evaluate(t, &[], &mut row);
         }
         row
+    }
+
+    /// The distance of the columns of a run from them at the end; `None` if there are none.
+    fn distance(&self, end: f64, columns: &[Vec<f64>]) -> Option<f64> {
+        let last = |k: usize| columns.get(k).and_then(|column| column.last().copied()).unwrap_or(f64::NAN);
+        self.at_end(end).map(|(k, exact)| relative(columns, k, last(k) - exact)).reduce(f64::max)
     }
 
     fn at_end(&self, end: f64) -> impl Iterator<Item = (usize, f64)> {

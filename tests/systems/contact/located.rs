@@ -263,3 +263,24 @@ fn stages_beside_a_step_are_those_of_radau() {
         assert!(coarse > least * fine && coarse < 0.3, "{stages}: {coarse} {fine}");
     }
 }
+
+#[test]
+fn a_body_whose_impact_leaves_no_force_lets_go_at_every_tolerance() {
+    // The sleeve strikes at t = 0.0779 and lets go at once: motion by exponentials of matrices in thirty digits, with all modes
+    // tried at each event (tests/peers/answers/woodpecker.py).
+    let exact = [("height", -0.007380055945847309), ("sleeve", 0.1015509159402271), ("woodpecker", 0.1156130217801562)];
+    for rtol in [1e-6_f64, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12, 1e-13] {
+        let mut toy = example("woodpecker");
+        toy["time"] = json!({"end": 0.0815});
+        toy["output"] = json!({});
+        toy["method"] = json!({"rtol": rtol, "atol": rtol});
+        let solution = solve(&toy);
+        for (name, exact) in exact {
+            let found = last(&solution, name);
+            assert!((found - exact).abs() <= 1e2 * rtol.max(1e-12), "{name} at rtol {rtol}: {found} for {exact}");
+        }
+        toy["time"] = json!({"end": 1});
+        let found = last(&solve(&toy), "height");
+        assert!((found + 0.12816782368).abs() <= 1e3 * rtol.max(1e-12), "rtol {rtol}: {found}");
+    }
+}

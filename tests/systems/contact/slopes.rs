@@ -543,3 +543,28 @@ fn differentiated_time_stepping_is_off_by_a_part_that_no_step_makes_smaller() {
         assert!((slope - exact).abs() > 0.5 * exact, "with {steps} steps the slope is {slope}, exactly {exact}");
     }
 }
+
+#[test]
+fn a_push_that_sets_in_has_the_derivatives_of_its_time() {
+    // A block on a rough floor, pushed from a time on: at rest, then evenly faster.
+    let (to, values) = (["F", "mu", "t0"], [8.0, 0.5, 1.03]);
+    let block = json!({"parameters": {"F": values[0], "mu": values[1], "t0": values[2]},
+        "coordinates": {"x": {"initial": 0}, "y": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
+        "potential": "9.81*y", "forces": {"x": "F*heaviside(t - t0)"},
+        "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": "mu", "slip": ["x_dot"]}}]});
+    let solution = derived(block, 3.0, json!({"to": to}));
+    assert_slopes(&solution, "x", to, values, |t, [force, mu, t0]| {
+        let since = C::from(t) - t0;
+        if since.re > 0.0 { (force - mu * 9.81) * since * since * 0.5 } else { C::from(0.0) }
+    });
+    // A force that lifts it off.
+    let (to, values) = (["F", "t0"], [15.0, 0.97]);
+    let lifted = json!({"parameters": {"F": values[0], "t0": values[1]},
+        "coordinates": {"y": {"initial": 0}}, "mass": [[1]], "potential": "9.81*y", "forces": {"y": "F*heaviside(t - t0)"},
+        "contacts": [{"name": "floor", "gap": "y"}]});
+    let solution = derived(lifted, 2.0, json!({"to": to}));
+    assert_slopes(&solution, "y", to, values, |t, [force, t0]| {
+        let since = C::from(t) - t0;
+        if since.re > 0.0 { (force - 9.81) * since * since * 0.5 } else { C::from(0.0) }
+    });
+}

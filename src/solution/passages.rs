@@ -1,0 +1,98 @@
+//! The events of a run over one period, in their order around it: where a period begins is a convention, and an event that
+//! passes that place changes nothing.
+
+use problem::EventKind;
+use radau::Activity;
+
+/// An event, without its time.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) enum Passed {
+    /// A variable went from one place to another.
+    Switch(usize, Activity, Activity),
+    /// An event of a contact.
+    Contact(usize, EventKind),
+}
+
+/// The events of a run over one period.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Passages {
+    events: Vec<Passed>,
+    /// Their times, as parts of the period.
+    phases: Vec<f64>,
+}
+
+impl Passages {
+    /// Adds an event at a part of the period.
+    pub fn push(&mut self, event: Passed, phase: f64) {
+        self.events.push(event);
+        self.phases.push(phase);
+    }
+
+    /// The number of events.
+    pub fn len(&self) -> usize {
+        self.events.len()
+    }
+
+    /// An event by its number.
+    pub fn get(&self, number: usize) -> Option<&Passed> {
+        self.events.get(number)
+    }
+
+    /// The first event that is not that of the same number in `other`.
+    pub fn first_difference(&self, other: &Self) -> usize {
+        let shorter = self.len().min(other.len());
+        self.events.iter().zip(&other.events).position(|(a, b)| a != b).unwrap_or(shorter)
+    }
+
+    /// Whether the events of `other` are these from the event `first` on, when each goes the shorter way around the period
+    /// and none overtakes another.
+    fn are_turned(&self, other: &Self, first: usize) -> bool {
+        let n = self.len();
+        let pairs = (0..n).map(|k| (k, (first + k) % n));
+        if !pairs.clone().all(|(k, ahead)| other.events[k] == self.events[ahead]) {
+            return false;
+        }
+        let places: Vec<f64> = pairs
+            .map(|(k, ahead)| {
+                let moved = other.phases[k] - self.phases[ahead];
+                let turn = if ahead < first { 1.0 } else { 0.0 };
+                turn + self.phases[ahead] + moved - moved.round()
+            })
+            .collect();
+        places.is_sorted() && places.iter().all(|place| *place <= places[0] + 1.0)
+    }
+}
+
+impl PartialEq for Passages {
+    /// Whether the events are the same, up to where the period begins.
+    fn eq(&self, other: &Self) -> bool {
+        self.events == other.events
+            || (self.len() == other.len() && (1..self.len()).any(|first| self.are_turned(other, first)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn passages(events: &[(usize, f64)]) -> Passages {
+        let mut passages = Passages::default();
+        events.iter().for_each(|&(contact, phase)| passages.push(Passed::Contact(contact, EventKind::Impact), phase));
+        passages
+    }
+
+    #[test]
+    fn an_event_that_passes_the_beginning_of_the_period_changes_nothing() {
+        let before = passages(&[(0, 0.01), (1, 0.4), (2, 0.7)]);
+        assert_eq!(before, passages(&[(1, 0.39), (2, 0.71), (0, 0.99)]));
+        assert_eq!(passages(&[(0, 0.01), (1, 0.5)]), passages(&[(1, 0.5), (0, 0.99)]));
+        assert_eq!(passages(&[(1, 0.5), (0, 0.99)]), passages(&[(0, 0.01), (1, 0.5)]));
+    }
+
+    #[test]
+    fn events_that_change_places_within_the_period_are_others() {
+        assert_ne!(passages(&[(0, 0.49), (1, 0.5)]), passages(&[(1, 0.49), (0, 0.5)]));
+        assert_ne!(passages(&[(0, 0.1), (1, 0.2), (2, 0.5)]), passages(&[(1, 0.15), (0, 0.16), (2, 0.5)]));
+        assert_ne!(passages(&[(0, 0.1)]), passages(&[(0, 0.1), (0, 0.9)]));
+    }
+}
