@@ -173,7 +173,8 @@ fn solve_confined(
     eprint!("{}", verdict::lines(&solved.verdict));
     let written = destination(arguments.output.as_deref()).and_then(|mut out| match format {
         Format::Json => out.write_all(&json).and_then(|()| out.write_all(b"\n")).and_then(|()| out.flush()),
-        Format::Csv | Format::Ndjson | Format::Arrow | Format::Svg => {
+        // The others are made of it.
+        _ => {
             let label = serde_json::from_slice::<Labelled>(document).ok().and_then(|document| document.label);
             encodings::read_json(&json).and_then(|solution| write(&solution, label.as_deref(), format, &mut out))
         }

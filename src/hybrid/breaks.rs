@@ -122,9 +122,11 @@ impl Breaks {
         }
     }
 
-    /// The size of a step from `t` to `end`; if the run continued at `end` behind the last breakpoint, of one to before it.
+    /// The size of a step from `t` to `end`; if `end` is at the last breakpoint, or where the run continued behind it, of one
+    /// to before it.
     pub fn size_up_to(&self, t: f64, end: f64) -> f64 {
-        if end == self.last && self.before < end && t < self.before { length(t, self.before) } else { end - t }
+        let is_at_break = self.before < end && end <= self.last;
+        if is_at_break && t < self.before { length(t, self.before) } else { end - t }
     }
 
     /// Records that the run continues at time `after`, behind a breakpoint.

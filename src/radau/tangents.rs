@@ -18,6 +18,7 @@
 //! one time, or if a switch was not located.
 
 mod adjoint;
+mod independent;
 mod monitors;
 mod stages;
 mod steps;
@@ -31,6 +32,7 @@ use super::settings::StepError;
 use super::stepper::Radau;
 use super::tableau::Tableau;
 use hybrid::{NoSlope, OneStep};
+use independent::Jump;
 use nalgebra::{DMatrix, Dyn, LU};
 use problem::{Dvi, Mass, MovingBound};
 
@@ -79,10 +81,10 @@ pub enum NoDerivative {
     /// Switches were stepped over.
     #[error("a switch could not be located, and was stepped over")]
     Unlocated,
-    /// A block of variables is on the boundary of its set.
+    /// A block of variables changes its face.
     #[error(
-        "variables are on the boundary of a ball, a cone, a simplex or a polyhedron, where derivatives are not \
-         available"
+        "variables come to the boundary of a ball, a cone, a simplex or a polyhedron, or leave it, and rates jump: of that switch \
+         derivatives are not available"
     )]
     Block,
     /// Several monitors vanish at one time.
@@ -307,7 +309,7 @@ impl Tangents {
 
     /// Continues the derivatives across the end of a step that the next step does not continue.
     fn pass_switch(&mut self, radau: &mut Radau<'_>) -> Result<(), NoDerivative> {
-        if let Some(Saltation { jump, times }) = self.saltation(radau)? {
+        for Saltation { jump, times } in self.saltations(radau)? {
             for (direction, time) in times.iter().enumerate() {
                 for (i, jump) in jump.iter().enumerate() {
                     let now = &mut self.now[(i, direction)];
@@ -322,19 +324,19 @@ impl Tangents {
         Ok(())
     }
 
-    /// What changes the derivatives at the end of a step that the next step does not continue; `None` if the rates do
-    /// not jump there.
-    fn saltation(&mut self, radau: &mut Radau<'_>) -> Result<Option<Saltation>, NoDerivative> {
+    /// What changes the derivatives at the end of a step that the next step does not continue: one change for each
+    /// switch of its own; none if the rates do not jump there.
+    fn saltations(&mut self, radau: &mut Radau<'_>) -> Result<Vec<Saltation>, NoDerivative> {
         let (before, after) = (radau.before_switch(), radau.y().to_vec());
         let ends = [radau.last.t + radau.last.h, radau.t()];
         let [(left, terms), (right, _)] = [self.rates(ends[0], &before), self.rates(ends[1], &after)];
         let jump: Vec<f64> = left.iter().zip(&right).map(|(left, right)| left - right).collect();
-        let size = |i: usize| CONTINUOUS * terms[i].max(left[i].abs()).max(right[i].abs());
-        if jump.iter().enumerate().all(|(i, jump)| jump.abs() <= size(i)) {
-            return Ok(None);
+        let none = |i: usize| CONTINUOUS * terms[i].max(left[i].abs()).max(right[i].abs());
+        let none: Vec<f64> = (0..jump.len()).map(none).collect();
+        if jump.iter().zip(&none).all(|(jump, none)| jump.abs() <= *none) {
+            return Ok(Vec::new());
         }
-        let times = self.switch_times(radau, ends, &before)?;
-        Ok(Some(Saltation { jump, times }))
+        self.switches(radau, ends, Jump { ends: [&before, &after], by: &jump, none: &none })
     }
 
     /// `M^-1 F` at a point, and the largest term of each row.

@@ -35,7 +35,7 @@ pub(super) fn check(radau: &Radau<'_>, plan: &Plan, (rtol, atol): (f64, &[f64]),
     checks.record(CheckCode::GlobalError, kappa, allowed, || {
         let name = plan.names.get(state).map_or("a state", String::as_str);
         format!(
-            "`{name}` changes by its own size within {:.1e} of the end, {:.0e} of the run: its value there has no digit, as near a \
+            "`{name}` changes by its own size within {:.1e} of the end, {:.0e} of the run: hardly a digit of its value there is known, as near a \
              pole, which may lie before the end; end the run earlier",
             length / kappa,
             kappa.recip()

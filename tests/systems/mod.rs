@@ -36,6 +36,7 @@ mod sensitivities;
 mod sets;
 mod size;
 mod sliding;
+mod slopes_on_sets;
 mod static_problems;
 mod stiff;
 mod study;

@@ -12,7 +12,7 @@
 //!
 //! so that the gradient is the derivative of the same steps, to rounding (the discrete adjoint; Hairer, Lubich and Wanner
 //! 2006, VI.10.2; at events Hiskens and Pai 2000). The rows `a` and `c` of a switch are found along a basis of the
-//! states and the directions, by [`Tangents::saltation`].
+//! states and the directions, by [`Tangents::saltations`].
 //!
 //! Steps are stored in segments. Where all of them would take more memory than allowed, the oldest segments are dropped but
 //! for the point at which they begin, from which the run makes them a second time (checkpointing; Griewank and Walther
@@ -287,9 +287,9 @@ impl Adjoint {
         }
         let basis = &mut self.basis;
         basis.now.copy_from(&basis.directions.initial);
-        let saltation = basis.saltation(radau)?;
+        let saltations = basis.saltations(radau)?;
         self.work.differences = basis.differences;
-        if let Some(saltation) = saltation {
+        for saltation in saltations {
             let numbers = saltation.jump.len() + saltation.times.len();
             bytes += size_of::<Record>() + numbers * size_of::<f64>();
             records.push(Record::Switch(saltation));
@@ -345,7 +345,7 @@ impl Adjoint {
             for record in records.into_iter().rev() {
                 match record {
                     Record::Switch(saltation) => {
-                        behind = Some(costate.states.clone());
+                        behind.get_or_insert_with(|| costate.states.clone());
                         costate.pass_switch(&saltation);
                     }
                     Record::Step { mut step, terms } => {

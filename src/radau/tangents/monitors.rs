@@ -1,63 +1,74 @@
 //! Derivatives of the time of a switch, or of a breakpoint of the rows, with respect to the directions.
 
+use super::independent::{Jump, TimesOfVariables, agree};
 use super::stages::Rows;
-use super::{NoDerivative, Tangents, changed};
+use super::{NoDerivative, Saltation, Tangents, changed};
 use crate::face::{ActiveFace, Activity};
 use crate::settings::Settings;
 use crate::stepper::Radau;
 use hybrid::{OneStep, Shift, break_slopes};
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
-use problem::{Dvi, Side};
+use problem::{Dvi, Shape, Side, Structure};
 
 /// A monitor whose rate is below this fraction of its terms touches zero (grazing).
 const TOUCHES: f64 = 1e-9;
 /// Derivatives of the times of simultaneous switches that agree to this fraction belong to one switch, seen in several
 /// variables.
-const AGREE: f64 = 1e-6;
+pub(super) const AGREE: f64 = 1e-6;
 /// Singular values below this fraction of the largest count as zero.
 const SINGULAR: f64 = 1e-10;
 
 impl Tangents {
-    /// The derivatives of the time at which a step ended with respect to the directions; `before` are the unknowns on
-    /// its face.
-    pub(super) fn switch_times(
+    /// What the switches at the end of a step, at which the rates jump, change of the derivatives.
+    pub(super) fn switches(
         &mut self,
         radau: &mut Radau<'_>,
         ends: [f64; 2],
-        before: &[f64],
-    ) -> Result<Vec<f64>, NoDerivative> {
+        jump: Jump<'_>,
+    ) -> Result<Vec<Saltation>, NoDerivative> {
         let face = radau.last.face.clone();
+        let whole = |times: Vec<f64>| vec![Saltation { jump: jump.by.to_vec(), times }];
         // At a breakpoint the rows jump, and variables with them: the monitors of variables do not determine its time.
         if let Some(times) = self.break_times(ends) {
-            return times;
+            return times.map(whole);
         }
         let variables = changed(&face.places, &radau.face().places);
         if variables.is_empty() {
-            return Ok(vec![0.0; self.count()]);
+            return Ok(Vec::new());
         }
-        let t = ends[0];
-        let rows = self.rows_at(t, before);
-        // The last column is that of time.
-        let (rates, _) = self.rates(t, before);
-        let mut states = self.now.clone().insert_column(self.count(), 0.0);
-        states.column_mut(self.count()).copy_from_slice(&rates);
-        let by_time = self.rows_by_time(t, before);
+        let (t, before) = (ends[0], jump.ends[0]);
+        let (rows, states) = self.rows_with_time(t, before);
         let sizes = sizes(radau, before);
         let span = t.abs().max(radau.last.h);
-        let slopes = self.variables_along((t, span, before), &face, &rows, (&states, &by_time), &sizes)?;
-        let mut found: Option<Vec<f64>> = None;
-        for k in variables {
-            let times = self.times_of(k, (&face, radau.face()), &rows, (&states, &slopes, &by_time))?;
-            if let Some(found) = found.as_ref().filter(|_| !self.is_basis) {
-                let differ = |(a, b): (&f64, &f64)| (a - b).abs() > AGREE * a.abs().max(b.abs());
-                if found.iter().zip(&times).any(differ) {
-                    return Err(NoDerivative::Several);
-                }
+        let slopes = self.variables_along((t, span, before), &face, &rows, &states, &sizes)?;
+        let of_variable = |k: usize| Ok((k, self.times_of(k, (&face, radau.face()), &rows, (&states, &slopes))?));
+        let times: TimesOfVariables = variables.into_iter().map(of_variable).collect::<Result<_, NoDerivative>>()?;
+        let is_one = times.iter().all(|(_, other)| agree(&times[0].1, other));
+        // Along a basis, which leads off constraints, monitors of one switch need not agree.
+        let apart = (!is_one).then(|| self.independent(&rows, &times, jump)).flatten();
+        match apart {
+            Some(saltations) => Ok(saltations),
+            None if is_one || self.is_basis => {
+                Ok(times.into_iter().next().map_or(Vec::new(), |(_, times)| whole(times)))
             }
-            found.get_or_insert(times);
+            None => Err(NoDerivative::Several),
         }
-        found.ok_or(NoDerivative::Several)
+    }
+
+    /// The derivatives of the rows, and those of the states, with time as a further direction.
+    fn rows_with_time(&mut self, t: f64, y: &[f64]) -> (Rows, DMatrix<f64>) {
+        let (rates, _) = self.rates(t, y);
+        let by_time = self.rows_by_time(t, y);
+        let with = |matrix: DMatrix<f64>, column: &[f64]| {
+            let last = matrix.ncols();
+            let mut matrix = matrix.insert_column(last, 0.0);
+            matrix.column_mut(last).copy_from_slice(column);
+            matrix
+        };
+        let rows = self.rows_at(t, y);
+        let states = with(self.now.clone(), &rates);
+        (Rows { by_directions: with(rows.by_directions, &by_time), ..rows }, states)
     }
 
     /// The derivatives of the time at which the monitor of variable `k` vanishes with respect to the directions.
@@ -66,15 +77,20 @@ impl Tangents {
         k: usize,
         (face, next): (&ActiveFace, &ActiveFace),
         rows: &Rows,
-        (states, variables, by_time): (&DMatrix<f64>, &DMatrix<f64>, &[f64]),
+        (states, variables): (&DMatrix<f64>, &DMatrix<f64>),
     ) -> Result<Vec<f64>, NoDerivative> {
         let (n, count) = (states.nrows(), self.count());
         let structure = self.problem.structure();
         let side = match (face.places[k], next.places[k]) {
             (Activity::Inactive, Activity::AtLower) => Some(Side::Lower),
             (Activity::Inactive, Activity::AtUpper) => Some(Side::Upper),
-            (Activity::AtLower | Activity::AtUpper, _) => None,
+            (Activity::AtLower | Activity::AtUpper | Activity::Boundary(_), _) => None,
             _ => return Err(NoDerivative::Block),
+        };
+        // The multiplier of a bound is a row of `G`, up to its sign; that of a sphere, what `G` has along its ray.
+        let multiplier = match face.places[k] {
+            Activity::Boundary(_) => ray(structure, k, rows).ok_or(NoDerivative::Block)?,
+            _ => vec![(k, 1.0)],
         };
         // The derivative of a row along a column, and the largest of its terms.
         let along = |row: usize, column: usize| -> (f64, f64) {
@@ -82,12 +98,18 @@ impl Tangents {
                 states.column(column).iter().chain(variables.column(column).iter()).copied().collect::<Vec<_>>();
             let products =
                 rows.by_y.row(row).iter().zip(&unknowns).map(|(slope, change)| slope * change).collect::<Vec<_>>();
-            let own = if column == count { by_time[row] } else { rows.by_directions[(row, column)] };
+            let own = rows.by_directions[(row, column)];
             let largest = products.iter().fold(own.abs(), |most, product| most.max(product.abs()));
             (products.iter().sum::<f64>() + own, largest)
         };
         let of_monitor = |column: usize| -> (f64, f64) {
-            let Some(side) = side else { return along(n + k, column) };
+            let Some(side) = side else {
+                let parts = multiplier.iter().map(|&(l, weight)| {
+                    let (value, terms) = along(n + l, column);
+                    (weight * value, weight.abs() * terms)
+                });
+                return parts.fold((0.0, 0.0), |(sum, most), (value, terms)| (sum + value, terms.max(most)));
+            };
             let own = variables[(k, column)];
             let moving = structure.moving.iter().position(|moving| moving.variable == k && moving.side == side);
             let moved = moving.map_or((0.0, 0.0), |p| along(structure.unknowns() + p, column));
@@ -115,30 +137,15 @@ impl Tangents {
         (t, span, y): (f64, f64, &[f64]),
         face: &ActiveFace,
         rows: &Rows,
-        (states, by_time): (&DMatrix<f64>, &[f64]),
+        states: &DMatrix<f64>,
         sizes: &[f64],
     ) -> Result<DMatrix<f64>, NoDerivative> {
         let (n, columns) = (states.nrows(), states.ncols());
         let m = y.len() - n;
-        let (mut matrix, mut right) = (DMatrix::zeros(m, m), DMatrix::zeros(m, columns));
-        let mut inside = Vec::new();
-        for k in 0..m {
-            let (by_y, by_directions) = self.equation(face, k, rows)?;
-            if face.places[k] == Activity::Inactive {
-                inside.push(k);
-            }
-            for column in 0..columns {
-                let own = match column == self.count() {
-                    false => by_directions[column],
-                    true if face.places[k] == Activity::Inactive => by_time[n + k],
-                    true => -self.bound_by_time(face, k, by_time),
-                };
-                let way = states.column(column);
-                let moved: f64 = by_y[..n].iter().zip(way.iter()).map(|(slope, change)| slope * change).sum();
-                right[(k, column)] = -own - moved;
-            }
-            by_y[n..].iter().enumerate().for_each(|(column, value)| matrix[(k, column)] = *value);
-        }
+        let [by_y, by_directions] = self.equations(face, rows)?;
+        let mut matrix = by_y.columns(n, m).into_owned();
+        let mut right = -(by_directions + by_y.columns(0, n) * states);
+        let inside: Vec<usize> = (0..m).filter(|&k| face.places[k] == Activity::Inactive).collect();
         if let Some(hidden) = hidden_combinations(&matrix, &inside) {
             // Variables on bounds first: the others depend on them.
             let mut fixed = DMatrix::zeros(m, columns);
@@ -177,18 +184,15 @@ impl Tangents {
     pub(super) fn slopes_on_face(&mut self, radau: &Radau<'_>) -> Option<DMatrix<f64>> {
         let (t, y, face) = (radau.t(), radau.y().to_vec(), radau.face().clone());
         let (n, count) = (self.mass.nrows(), self.count());
-        let (rows, (rates, _)) = (self.rows_at(t, &y), self.rates(t, &y));
-        let mut states = self.now.clone().insert_column(count, 0.0);
-        states.column_mut(count).copy_from_slice(&rates);
-        let by_time = self.rows_by_time(t, &y);
+        let (rows, states) = self.rows_with_time(t, &y);
         let sizes = sizes(radau, &y);
         let span = t.abs().max(radau.last.h);
-        let variables = self.variables_along((t, span, &y), &face, &rows, (&states, &by_time), &sizes).ok()?;
+        let variables = self.variables_along((t, span, &y), &face, &rows, &states, &sizes).ok()?;
         let mut right = rows.by_y.view((0, 0), (n, n)) * &self.now
             + rows.by_y.view((0, n), (n, y.len() - n)) * variables.columns(0, count)
-            + rows.by_directions.rows(0, n);
+            + rows.by_directions.view((0, 0), (n, count));
         for &((row, column), direction, value) in &self.directions.mass {
-            right[(row, direction)] -= value * rates[column];
+            right[(row, direction)] -= value * states[(column, count)];
         }
         self.inverse_mass.solve(&right)
     }
@@ -251,13 +255,6 @@ impl Tangents {
         by_time
     }
 
-    fn bound_by_time(&self, face: &ActiveFace, k: usize, by_time: &[f64]) -> f64 {
-        let structure = self.problem.structure();
-        let side = if face.places[k] == Activity::AtLower { Side::Lower } else { Side::Upper };
-        let moving = structure.moving.iter().position(|moving| moving.variable == k && moving.side == side);
-        moving.map_or(0.0, |p| by_time[structure.unknowns() + p])
-    }
-
     /// Derivatives of the time of a breakpoint with respect to the directions; `None` if nothing changes sign there.
     fn break_times(&mut self, ends: [f64; 2]) -> Option<Result<Vec<f64>, NoDerivative>> {
         let shifts = self.directions.shifted.iter_mut().map(|shifted| {
@@ -282,6 +279,14 @@ fn sizes(radau: &Radau<'_>, y: &[f64]) -> Vec<f64> {
         _ => size,
     };
     met.enumerate().map(size).collect()
+}
+
+/// The direction of a variable that is on a sphere with the other members of its block; `None` of other boundaries.
+fn ray(structure: &Structure, k: usize, rows: &Rows) -> Option<Vec<(usize, f64)>> {
+    let block = &structure.set.blocks()[structure.set.block_of(k)?];
+    let (z, _) = rows.point.as_ref()?;
+    let is_sphere = matches!(block.shape, Shape::Ball { .. });
+    is_sphere.then(|| block.members.iter().map(|&l| (l, z[l])).collect())
 }
 
 /// A combination of the equations of the free variables.

@@ -5,7 +5,7 @@ use crate::dense_output::Step;
 use crate::face::{ActiveFace, Activity};
 use crate::tableau::Tableau;
 use nalgebra::DMatrix;
-use problem::{Face, Side};
+use problem::{FaceEquations, Side};
 
 /// The derivatives of the rows at one point.
 pub(super) struct Rows {
@@ -13,79 +13,122 @@ pub(super) struct Rows {
     pub by_y: DMatrix<f64>,
     /// With respect to the directions.
     pub by_directions: DMatrix<f64>,
+    /// The variables and `G`, on which the equations of blocks depend; `None` without blocks.
+    pub point: Option<(Vec<f64>, Vec<f64>)>,
 }
 
 impl Tangents {
     /// The derivatives of the rows at `(t, y)`.
     pub(super) fn rows_at(&mut self, t: f64, y: &[f64]) -> Rows {
         let structure = self.problem.structure();
-        let (rows, unknowns) = (structure.rows(), structure.unknowns());
-        let pattern = structure.pattern.clone();
+        let (n, rows, unknowns) = (structure.states, structure.rows(), structure.unknowns());
+        let (pattern, has_blocks) = (structure.pattern.clone(), structure.set.has_blocks());
         let mut values = vec![0.0; pattern.len()];
         self.problem.jacobian(t, y, &mut values);
         let mut by_y = DMatrix::zeros(rows, unknowns);
         pattern.iter().zip(values).for_each(|(&place, value)| by_y[place] = value);
         let mut by_directions = DMatrix::zeros(rows, self.count());
         (self.directions.rows)(t, y, &mut by_directions);
-        Rows { by_y, by_directions }
+        let point = has_blocks.then(|| {
+            let mut values = vec![0.0; rows];
+            self.problem.evaluate(t, y, &mut values);
+            (y[n..].to_vec(), values[n..unknowns].to_vec())
+        });
+        Rows { by_y, by_directions, point }
     }
 
-    /// The derivatives of the equation of variable `k` on a face, with respect to `y` and with respect to the
-    /// directions.
-    pub(super) fn equation(
-        &self,
-        face: &ActiveFace,
-        k: usize,
-        rows: &Rows,
-    ) -> Result<(Vec<f64>, Vec<f64>), NoDerivative> {
+    /// The derivatives of the equation of each variable on a face, with respect to `y` and to the directions, of which
+    /// `rows` may have further ones.
+    ///
+    /// # Errors
+    /// A variable that is prescribed from outside.
+    pub(super) fn equations(&self, face: &ActiveFace, rows: &Rows) -> Result<[DMatrix<f64>; 2], NoDerivative> {
         let structure = self.problem.structure();
-        let (n, unknowns) = (structure.states, structure.unknowns());
-        if let Some(b) = structure.set.block_of(k)
-            && face.blocks[b] != Face::Interior
-        {
-            return Err(NoDerivative::Block);
-        }
-        let side = match face.places[k] {
-            Activity::Inactive => {
-                let row = |matrix: &DMatrix<f64>| matrix.row(n + k).iter().copied().collect();
-                return Ok((row(&rows.by_y), row(&rows.by_directions)));
-            }
-            Activity::AtLower => Side::Lower,
-            Activity::AtUpper => Side::Upper,
-            Activity::Fixed | Activity::Boundary(_) | Activity::Vertex => return Err(NoDerivative::Block),
+        let (n, m, unknowns) = (structure.states, structure.variables, structure.unknowns());
+        let mut by_y = DMatrix::zeros(m, unknowns);
+        let mut by_directions = DMatrix::zeros(m, rows.by_directions.ncols());
+        let mut add = |k: usize, row: usize, factor: f64| {
+            let mut own = by_y.row_mut(k);
+            own += rows.by_y.row(row) * factor;
+            let mut own = by_directions.row_mut(k);
+            own += rows.by_directions.row(row) * factor;
         };
-        let (mut by_y, mut by_directions) = (vec![0.0; unknowns], vec![0.0; self.count()]);
-        by_y[n + k] = 1.0;
-        for (p, _) in
-            structure.moving.iter().enumerate().filter(|(_, moving)| moving.variable == k && moving.side == side)
-        {
-            let row = unknowns + p;
-            by_y.iter_mut().zip(rows.by_y.row(row).iter()).for_each(|(sum, value)| *sum -= value);
-            by_directions.iter_mut().zip(rows.by_directions.row(row).iter()).for_each(|(sum, value)| *sum -= value);
+        let mut given: Vec<(usize, Side)> = Vec::new();
+        for (k, place) in face.places.iter().enumerate().filter(|&(k, _)| structure.set.block_of(k).is_none()) {
+            match place {
+                Activity::Inactive => add(k, n + k, 1.0),
+                Activity::AtLower => given.push((k, Side::Lower)),
+                Activity::AtUpper => given.push((k, Side::Upper)),
+                Activity::Fixed | Activity::Boundary(_) | Activity::Vertex => return Err(NoDerivative::Block),
+            }
+        }
+        let moving = |k: usize, side: Side| {
+            let bounds = structure.moving.iter().enumerate();
+            bounds.filter(move |(_, bound)| bound.variable == k && bound.side == side).map(move |(p, _)| unknowns + p)
+        };
+        given.iter().for_each(|&(k, side)| moving(k, side).for_each(|row| add(k, row, -1.0)));
+        let blocks = self.equations_of_blocks(face, rows)?;
+        for (members, equations) in &blocks {
+            for (i, &k) in members.iter().enumerate() {
+                let combined = members.iter().zip(equations.combination_of(i));
+                combined.filter(|(_, factor)| **factor != 0.0).for_each(|(l, factor)| add(k, n + l, *factor));
+                let radii = members.iter().flat_map(|&l| moving(l, Side::Radius));
+                radii.for_each(|row| add(k, row, equations.by_radius[i]));
+            }
+        }
+        given.iter().for_each(|&(k, _)| by_y[(k, n + k)] += 1.0);
+        for (members, equations) in &blocks {
+            for (i, &k) in members.iter().enumerate() {
+                let own = equations.own[i * members.len()..][..members.len()].iter();
+                members.iter().zip(own).for_each(|(l, value)| by_y[(k, n + l)] += value);
+            }
         }
         for &(bound, direction, value) in &self.directions.bounds {
-            if bound.variable == k && bound.side == side {
-                by_directions[direction] -= value;
+            if given.contains(&(bound.variable, bound.side)) {
+                by_directions[(bound.variable, direction)] -= value;
+            }
+            let of_radius = blocks.iter().filter(|(members, _)| members.contains(&bound.variable));
+            for (members, equations) in of_radius.filter(|_| bound.side == Side::Radius) {
+                let factors = members.iter().zip(&equations.by_radius);
+                factors.for_each(|(&k, factor)| by_directions[(k, direction)] += factor * value);
             }
         }
-        Ok((by_y, by_directions))
+        Ok([by_y, by_directions])
+    }
+
+    /// The equations of the faces of all blocks, with their members.
+    fn equations_of_blocks(
+        &self,
+        face: &ActiveFace,
+        rows: &Rows,
+    ) -> Result<Vec<(Vec<usize>, FaceEquations)>, NoDerivative> {
+        let Some((z, g)) = &rows.point else { return Ok(Vec::new()) };
+        let blocks = self.problem.structure().set.blocks().iter().zip(&face.blocks);
+        let equations = blocks.map(|(block, of_block)| {
+            if face.holds(&block.members) {
+                return Err(NoDerivative::Block);
+            }
+            let of_members = |values: &[f64]| block.members.iter().map(|&k| values[k]).collect::<Vec<f64>>();
+            let mut equations = FaceEquations::default();
+            equations.set(&block.shape, of_block, &of_members(z), &of_members(g));
+            Ok((block.members.clone(), equations))
+        });
+        equations.collect()
     }
 
     /// The equations of a face, linearised at `(t, y)`: the mass matrix, with zeros for the variables, and the
     /// derivatives of the right-hand sides with respect to `y`.
     ///
     /// # Errors
-    /// Variables on the boundary of a block.
+    /// A variable that is prescribed from outside.
     pub fn linearised(&mut self, face: &ActiveFace, t: f64, y: &[f64]) -> Result<[DMatrix<f64>; 2], NoDerivative> {
         let (n, unknowns) = (self.mass.nrows(), y.len());
         let rows = self.rows_at(t, y);
         let mut mass = DMatrix::zeros(unknowns, unknowns);
         mass.view_mut((0, 0), (n, n)).copy_from(&self.mass);
         let mut by_y = rows.by_y.rows(0, unknowns).into_owned();
-        for k in 0..unknowns - n {
-            let (own, _) = self.equation(face, k, &rows)?;
-            by_y.row_mut(n + k).iter_mut().zip(&own).for_each(|(out, value)| *out = *value);
-        }
+        let [of_variables, _] = self.equations(face, &rows)?;
+        by_y.rows_mut(n, unknowns - n).copy_from(&of_variables);
         Ok([mass, by_y])
     }
 
@@ -93,17 +136,15 @@ impl Tangents {
     /// to `y` and to the directions.
     ///
     /// # Errors
-    /// Variables on the boundary of a block.
+    /// A variable that is prescribed from outside.
     pub fn derivatives(&mut self, face: &ActiveFace, t: f64, y: &[f64]) -> Result<[DMatrix<f64>; 2], NoDerivative> {
         let (n, unknowns) = (self.mass.nrows(), y.len());
         let rows = self.rows_at(t, y);
         let mut by_y = rows.by_y.rows(0, unknowns).into_owned();
         let mut by_directions = rows.by_directions.rows(0, unknowns).into_owned();
-        for k in 0..unknowns - n {
-            let (own, own_by_directions) = self.equation(face, k, &rows)?;
-            by_y.row_mut(n + k).copy_from_slice(&own);
-            by_directions.row_mut(n + k).copy_from_slice(&own_by_directions);
-        }
+        let [of_variables, of_variables_by_directions] = self.equations(face, &rows)?;
+        by_y.rows_mut(n, unknowns - n).copy_from(&of_variables);
+        by_directions.rows_mut(n, unknowns - n).copy_from(&of_variables_by_directions);
         Ok([by_y, by_directions])
     }
 
@@ -157,12 +198,10 @@ impl Tangents {
             for &((row, column), direction, value) in &self.directions.mass {
                 right[(j * unknowns + row, direction)] -= value * z[column];
             }
-            for k in 0..unknowns - n {
-                let (by_y, by_directions) = self.equation(&step.face, k, &rows)?;
-                let row = j * unknowns + n + k;
-                by_y.iter().enumerate().for_each(|(column, value)| matrix[(row, j * unknowns + column)] = *value);
-                by_directions.iter().enumerate().for_each(|(column, value)| right[(row, column)] = -value);
-            }
+            let [of_variables, by_directions] = self.equations(&step.face, &rows)?;
+            let (first, m) = (j * unknowns + n, unknowns - n);
+            matrix.view_mut((first, j * unknowns), (m, unknowns)).copy_from(&of_variables);
+            right.rows_mut(first, m).copy_from(&-by_directions);
         }
         Ok(StageEquations { matrix, by_directions: right })
     }

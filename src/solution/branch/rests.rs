@@ -143,6 +143,10 @@ impl Family for Rests<'_> {
                 rest_of(&model, &plan, self.settings, self.control)?.face
             }
         };
+        if face.blocks.iter().any(|block| *block != problem::Face::Interior) {
+            let why = "variables are on the boundary of a ball, a cone, a simplex or a polyhedron, along which branches are not followed";
+            return Err(self.failure(why.to_owned()));
+        }
         let (rates, sided) = self.rows(&model, w, &face);
         let directions = directions(&model, &[By::Parameter(self.parameter)]).map_err(|why| self.failure(why))?;
         let mut tangents = Tangents::new(model.problem(), directions).map_err(|why| self.failure(why.to_string()))?;

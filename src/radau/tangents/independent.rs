@@ -1,0 +1,101 @@
+//! Switches at one time that have nothing to do with each other. What the variables of one push, none of the others meets:
+//! their order does not matter, and each moves the derivatives at its own time,
+//!
+//! ```text
+//! dx+ = dx- + sum_c j_c dtau_c,    j_c = M^-1 F_z (z_c- - z_c+)
+//! ```
+//!
+//! for the variables `z_c` that equations of variables couple, if these jumps add up to the whole and leave the monitors of
+//! the others alone.
+
+use super::monitors::AGREE;
+use super::stages::Rows;
+use super::{Saltation, Tangents};
+use nalgebra::DMatrix;
+
+/// The times at which the monitors of variables vanish, by directions.
+pub(super) type TimesOfVariables = Vec<(usize, Vec<f64>)>;
+
+/// A jump of the rates between two points.
+#[derive(Clone, Copy)]
+pub(super) struct Jump<'a> {
+    /// The unknowns before and after.
+    pub ends: [&'a [f64]; 2],
+    /// The rates before less those after.
+    pub by: &'a [f64],
+    /// What counts as none, state by state.
+    pub none: &'a [f64],
+}
+
+/// Whether derivatives of times are those of one switch.
+pub(super) fn agree(a: &[f64], b: &[f64]) -> bool {
+    a.iter().zip(b).all(|(a, b)| (a - b).abs() <= AGREE * a.abs().max(b.abs()))
+}
+
+impl Tangents {
+    /// The changes of the derivatives by several switches, whose monitors have these times; `None` if they depend on each
+    /// other.
+    pub(super) fn independent(&self, rows: &Rows, times: &TimesOfVariables, jump: Jump<'_>) -> Option<Vec<Saltation>> {
+        let (n, m) = (self.mass.nrows(), jump.ends[0].len() - self.mass.nrows());
+        let coupled = self.coupled(rows, m);
+        let mut saltations: Vec<(usize, Saltation)> = Vec::new();
+        for (k, times) in times {
+            let island = coupled[*k];
+            if let Some((_, own)) = saltations.iter().find(|(other, _)| *other == island) {
+                if !self.is_basis && !agree(&own.times, times) {
+                    return None;
+                }
+                continue;
+            }
+            let mut pushed = DMatrix::zeros(n, 1);
+            for l in (0..m).filter(|&l| coupled[l] == island) {
+                pushed += rows.by_y.view((0, n + l), (n, 1)) * (jump.ends[0][n + l] - jump.ends[1][n + l]);
+            }
+            let pushed = self.inverse_mass.solve(&pushed)?;
+            saltations.push((island, Saltation { jump: pushed.as_slice().to_vec(), times: times.clone() }));
+        }
+        let is_whole = (0..n).all(|i| {
+            let sum: f64 = saltations.iter().map(|(_, own)| own.jump[i]).sum();
+            (sum - jump.by[i]).abs() <= jump.none[i]
+        });
+        let meets = |island: usize, other: &Saltation| {
+            let own = self.rows_of(&coupled, island);
+            let moved = |i: &usize| other.jump[*i].abs() > jump.none[*i];
+            own.into_iter().any(|row| (0..n).filter(moved).any(|i| rows.by_y[(row, i)] != 0.0))
+        };
+        let are_apart = saltations.iter().all(|(island, _)| {
+            saltations.iter().filter(|(other, _)| other != island).all(|(_, other)| !meets(*island, other))
+        });
+        (is_whole && are_apart).then(|| saltations.into_iter().map(|(_, own)| own).collect())
+    }
+
+    /// For each variable the first of those that equations of variables, or blocks, couple with it.
+    fn coupled(&self, rows: &Rows, m: usize) -> Vec<usize> {
+        let structure = self.problem.structure();
+        let n = self.mass.nrows();
+        let mut coupled: Vec<usize> = (0..m).collect();
+        let mut join = |a: usize, b: usize| {
+            let (a, b) = (coupled[a], coupled[b]);
+            coupled.iter_mut().filter(|island| **island == a.max(b)).for_each(|island| *island = a.min(b));
+        };
+        for block in structure.set.blocks() {
+            block.members.iter().for_each(|&k| join(block.members[0], k));
+        }
+        let own = (0..m).map(|k| (n + k, k));
+        let of_bounds =
+            structure.moving.iter().enumerate().map(|(p, bound)| (structure.unknowns() + p, bound.variable));
+        for (row, k) in own.chain(of_bounds) {
+            (0..m).filter(|l| rows.by_y[(row, n + l)] != 0.0).for_each(|l| join(k, l));
+        }
+        coupled
+    }
+
+    /// The rows of `G` and of the moving bounds of coupled variables.
+    fn rows_of(&self, coupled: &[usize], island: usize) -> Vec<usize> {
+        let structure = self.problem.structure();
+        let n = self.mass.nrows();
+        let own = (0..coupled.len()).filter(|&k| coupled[k] == island).map(|k| n + k);
+        let of_bounds = structure.moving.iter().enumerate().filter(|(_, bound)| coupled[bound.variable] == island);
+        own.chain(of_bounds.map(|(p, _)| structure.unknowns() + p)).collect()
+    }
+}

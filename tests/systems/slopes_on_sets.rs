@@ -1,0 +1,130 @@
+//! Derivatives of problems whose variables are in balls, cones, simplices and polyhedra, held to closed forms: on every
+//! face, across switches between faces, and in both modes; and of switches at one time that have nothing to do with each other.
+
+use crate::systems::harness::{column, last, solve};
+use dvi::problem::Control;
+use dvi::solution::Solution;
+use dvi::specification::Specification;
+use serde_json::{Value, json};
+
+fn derived(problem: &Value, end: f64, asked: &Value) -> Solution {
+    let solution = solve(&json!({"problem": {"dvi": problem}, "time": {"end": end},
+        "method": {"rtol": 1e-10, "atol": 1e-12}, "output": {"times": {"count": 9}}, "sensitivities": asked}));
+    assert!(solution.verdict.trusted, "{:?}", solution.verdict);
+    solution
+}
+
+/// Holds derivatives at the end to their values, forward and, of `objective`, backward.
+#[track_caller]
+fn assert_slopes(problem: &Value, end: f64, of: &str, exact: &[(&str, f64)]) {
+    let to: Vec<&str> = exact.iter().map(|(name, _)| *name).collect();
+    let forward = derived(problem, end, &json!({"to": to}));
+    let backward = derived(problem, end, &json!({"to": to, "mode": "adjoint", "objective": {"final": of}}));
+    for (name, exact) in exact {
+        let tolerance = 1e-8 * exact.abs().max(1.0);
+        let found = last(&forward, &format!("d{of}/d{name}"));
+        assert!((found - exact).abs() <= tolerance, "d{of}/d{name}: {found:e} for {exact:e}");
+        let found = backward.gradient[*name];
+        assert!((found - exact).abs() <= tolerance, "d{of}/d{name} in adjoint mode: {found:e} for {exact:e}");
+    }
+}
+
+/// `x' = z` with `z` the point of a set that is nearest to `a`.
+fn projection(set: &Value, count: usize, parameters: &Value) -> Value {
+    let mut problem = json!({"parameters": parameters, "states": {}, "variables": {}, "set": [set]});
+    for k in 1..=count {
+        problem["states"][format!("x{k}")] = json!({"initial": 0, "rate": format!("z{k}")});
+        problem["variables"][format!("z{k}")] = json!({"inequality": format!("z{k} - a{k}")});
+    }
+    problem
+}
+
+#[test]
+fn points_of_balls_cones_simplices_and_polyhedra_move_with_what_they_are_nearest_to() {
+    let end = 2.0;
+    // z = r a/|a|
+    let ball = json!({"ball": {"of": ["z1", "z2"], "radius": "r"}});
+    let problem = projection(&ball, 2, &json!({"a1": 3, "a2": 4, "r": 2}));
+    assert_slopes(
+        &problem,
+        end,
+        "x1",
+        &[("a1", end * 2.0 * 16.0 / 125.0), ("a2", -end * 2.0 * 12.0 / 125.0), ("r", end * 0.6)],
+    );
+    // z = (1 + s/|v|)/2 (|v|, v)
+    let cone = json!({"second_order_cone": ["z1", "z2", "z3"]});
+    let problem = projection(&cone, 3, &json!({"a1": 1, "a2": 3, "a3": 4}));
+    assert_slopes(&problem, end, "x1", &[("a1", end * 0.5), ("a2", end * 0.3), ("a3", end * 0.4)]);
+    assert_slopes(
+        &problem,
+        end,
+        "x2",
+        &[("a1", end * 0.3), ("a2", end * 0.5 * (1.2 - 9.0 / 125.0)), ("a3", -end * 0.5 * 12.0 / 125.0)],
+    );
+    // The third is zero; the others share what is missing to a sum of one.
+    let simplex = json!({"simplex": ["z1", "z2", "z3"]});
+    let problem = projection(&simplex, 3, &json!({"a1": 0.9, "a2": 0.6, "a3": -0.5}));
+    assert_slopes(&problem, end, "x1", &[("a1", end * 0.5), ("a2", -end * 0.5), ("a3", 0.0)]);
+    // z1 + 2 z2 = 1
+    let half_plane = json!({"polyhedron": {"A": [[1, 2]], "b": [1], "of": ["z1", "z2"]}});
+    let problem = projection(&half_plane, 2, &json!({"a1": 1, "a2": 3}));
+    assert_slopes(&problem, end, "x1", &[("a1", end * 0.8), ("a2", -end * 0.4)]);
+}
+
+#[test]
+fn derivatives_go_on_where_a_point_comes_to_the_boundary_and_leaves_it() {
+    // z = a sin t up to |z| = r, at t1 = arcsin(r/a), and back at pi - t1: x = 2 a (1 - cos t1) + r (pi - 2 t1) at pi.
+    let ball = json!({"ball": {"of": ["z1", "z2"], "radius": "r"}});
+    let problem = json!({"parameters": {"a": 5, "r": 3}, "set": [ball],
+        "states": {"x1": {"initial": 0, "rate": "z1"}, "x2": {"initial": 0, "rate": "z2"}},
+        "variables": {"z1": {"inequality": "z1 - 0.6*a*sin(t)"}, "z2": {"inequality": "z2 - 0.8*a*sin(t)"}}});
+    let first = 0.6_f64.asin();
+    let pi = std::f64::consts::PI;
+    assert_slopes(&problem, pi, "x1", &[("a", 0.6 * 2.0 * (1.0 - first.cos())), ("r", 0.6 * (pi - 2.0 * first))]);
+}
+
+#[test]
+fn a_point_that_friction_stops_in_a_plane_has_the_derivatives_of_its_way() {
+    // v' = -mu v/|v| from v0: at rest after |v0|/mu, on the way x = v0 |v0|/(2 mu).
+    let problem = json!({"parameters": {"mu": 2, "u": 3, "w": 4},
+        "set": [{"ball": {"of": ["f1", "f2"], "radius": "mu"}}],
+        "states": {"x1": {"initial": 0, "rate": "v1"}, "x2": {"initial": 0, "rate": "v2"},
+            "v1": {"initial": "u", "rate": "-f1"}, "v2": {"initial": "w", "rate": "-f2"}},
+        "variables": {"f1": {"inequality": "-v1"}, "f2": {"inequality": "-v2"}}});
+    let exact = [("mu", -3.0 * 5.0 / 8.0), ("u", (5.0 + 9.0 / 5.0) / 4.0), ("w", 12.0 / 5.0 / 4.0)];
+    assert_slopes(&problem, 4.0, "x1", &exact);
+    let solution = derived(&problem, 4.0, &json!({"to": ["mu", "u", "w"]}));
+    for name in ["dv1/du", "dv2/du", "dv1/dmu"] {
+        assert!(column(&solution, name).last().is_some_and(|slope| slope.abs() < 1e-9), "{name}");
+    }
+    // Before it stops: v = v0 (1 - mu t/|v0|).
+    assert_slopes(&problem, 1.0, "v1", &[("mu", -0.6), ("u", 1.0 - 2.0 / 5.0 + 2.0 * 9.0 / 125.0)]);
+}
+
+#[test]
+fn switches_at_one_time_that_commute_have_their_own_derivatives() {
+    // Two blocks stop at t = 2, each after v^2/(2 mu); and the sum of two signs that change at t = 1.
+    let problem = json!({"parameters": {"mu1": 1, "mu2": 2, "v1": 2, "v2": 4, "a1": -1, "a2": -2},
+        "set": [{"box": {"of": ["p1", "p2", "s1", "s2"], "lower": -1, "upper": 1}}],
+        "states": {"w1": {"initial": "v1", "rate": "-mu1*p1"}, "w2": {"initial": "v2", "rate": "-mu2*p2"},
+            "x": {"initial": 0, "rate": "w1 + 3*w2"},
+            "y1": {"initial": "a1", "rate": 1}, "y2": {"initial": "a2", "rate": 2}, "s": {"initial": 0, "rate": "s1 + s2"}},
+        "variables": {"p1": {"inequality": "-w1"}, "p2": {"inequality": "-w2"},
+            "s1": {"inequality": "-y1"}, "s2": {"inequality": "-y2"}}});
+    assert_slopes(&problem, 3.0, "x", &[("mu1", -2.0), ("mu2", -6.0), ("v1", 2.0), ("v2", 6.0), ("a1", 0.0)]);
+    assert_slopes(&problem, 3.0, "s", &[("a1", 2.0), ("a2", 1.0), ("mu1", 0.0)]);
+}
+
+#[test]
+fn switches_at_one_time_that_do_not_commute_have_no_derivative() {
+    // y' = 2 + s1, and s2 is the sign of y: the second begins to move otherwise behind the first.
+    let problem = json!({"dvi": {"parameters": {"a": -1, "b": -1},
+        "set": [{"box": {"of": ["s1", "s2"], "lower": -1, "upper": 1}}],
+        "states": {"x": {"initial": "a", "rate": 1}, "y": {"initial": "b", "rate": "2 + s1"}, "s": {"initial": 0, "rate": "s2"}},
+        "variables": {"s1": {"inequality": "-x"}, "s2": {"inequality": "-y"}}}});
+    let asked = json!({"problem": problem, "time": {"end": 3}, "sensitivities": {"to": ["a", "b"]}});
+    let specification = Specification::from_json(asked.to_string().as_bytes()).expect("a specification");
+    let solution = dvi::solve(&specification, &Control::new());
+    let why = solution.error.map(|error| error.message).unwrap_or_default();
+    assert!(why.contains("coincide"), "{why} {:?}", solution.verdict);
+}
