@@ -9,7 +9,7 @@
 //! written.
 
 use numerics::Interval;
-use problem::Dvi;
+use problem::{Dvi, Mechanical};
 
 /// Maximum number of subintervals of a step that are enclosed. Locating a breakpoint takes two for each binary digit of
 /// a double; more stay undecided where a function touches zero, since enclosures prove little there.
@@ -46,6 +46,16 @@ impl Breaking for dyn Dvi + '_ {
 
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
         Dvi::enclose_breaks(self, t)
+    }
+}
+
+impl Breaking for dyn Mechanical + '_ {
+    fn breaks(&mut self, t: f64) -> &[f64] {
+        Mechanical::breaks(self, t)
+    }
+
+    fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+        Mechanical::enclose_breaks(self, t)
     }
 }
 

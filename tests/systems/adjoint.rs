@@ -323,9 +323,9 @@ fn failure(document: &Value) -> String {
 
 #[test]
 fn where_there_is_no_gradient_the_run_says_so() {
-    // Two relays reach their surfaces at the same time.
-    let relays = json!({"dvi": {"parameters": {"a": 1, "b": 1},
-        "states": {"x": {"initial": "a", "rate": "-z"}, "y": {"initial": "b", "rate": "-w"}, "q": {"initial": 0, "rate": "z + w"}},
+    // Two relays reach their surfaces at the same time, and one drives the other.
+    let relays = json!({"dvi": {"parameters": {"a": 1, "b": 0.5},
+        "states": {"x": {"initial": "a", "rate": "-z"}, "y": {"initial": "b", "rate": "0.5*z - w"}, "q": {"initial": 0, "rate": "z + w"}},
         "variables": {"z": {"inequality": "-x"}, "w": {"inequality": "-y"}},
         "set": [{"box": {"of": ["z", "w"], "lower": -1, "upper": 1}}]}});
     let asked = json!({"to": ["a", "b"], "mode": "adjoint", "objective": {"final": "q"}});

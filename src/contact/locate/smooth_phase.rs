@@ -29,8 +29,11 @@ impl ModeEvaluators {
     }
 }
 
-/// Largest number of repeated steps that refine the time of an event.
+/// Number of repeated steps that refine the time of an event, and the largest of those that each take off a part of what is
+/// left: where the flight is short beside the step, Newton's method takes off half of it, down to the resolution of the clock.
 const REFINEMENTS: usize = 6;
+const MOST_REFINEMENTS: usize = 60;
+const TAKEN_OFF: f64 = 0.25;
 
 /// The largest change of the event time in a refinement, as a fraction of the time since the step began.
 const NEAR: f64 = 0.5;
@@ -227,7 +230,8 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         // Measure from zero and drop the drift, unless the whole arc is no larger than the drift.
         let level = if is_near(origin / slope, t) { 0.0 } else { origin };
         let mut values = Vec::new();
-        for _ in 0..REFINEMENTS {
+        let mut last = f64::INFINITY;
+        for attempt in 0..MOST_REFINEMENTS {
             if t - begin <= least {
                 return begin;
             }
@@ -240,10 +244,11 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             let next = (t - change).min(end);
             // A monitor that does not fall, or whose root is far off, is not refined.
             let settled = next <= begin || (next - t).abs() <= 2.0 * f64::EPSILON * t.abs();
-            if slope >= 0.0 || !is_near(change, t) || settled {
+            let stalls = attempt >= REFINEMENTS && change.abs() > (1.0 - TAKEN_OFF) * last;
+            if slope >= 0.0 || !is_near(change, t) || settled || stalls {
                 break;
             }
-            t = next;
+            (t, last) = (next, change.abs());
         }
         self.cut_at(t);
         t

@@ -35,8 +35,18 @@ pub(super) fn agree(a: &[f64], b: &[f64]) -> bool {
 impl Tangents {
     /// The changes of the derivatives by several switches, whose monitors have these times; `None` if they depend on each
     /// other.
-    pub(super) fn independent(&self, rows: &Rows, times: &TimesOfVariables, jump: Jump<'_>) -> Option<Vec<Saltation>> {
+    pub(super) fn independent(
+        &mut self,
+        t: f64,
+        rows: &Rows,
+        times: &TimesOfVariables,
+        jump: Jump<'_>,
+    ) -> Option<Vec<Saltation>> {
         let (n, m) = (self.mass.nrows(), jump.ends[0].len() - self.mass.nrows());
+        let [before, after] = jump.ends;
+        // The part of the jump that is of variables alone.
+        let beside = [&before[..n], &after[n..]].concat();
+        let [(left, _), (right, _)] = [before, &beside].map(|y| self.rates(t, y));
         let coupled = self.coupled(rows, m);
         let mut saltations: Vec<(usize, Saltation)> = Vec::new();
         for (k, times) in times {
@@ -49,14 +59,14 @@ impl Tangents {
             }
             let mut pushed = DMatrix::zeros(n, 1);
             for l in (0..m).filter(|&l| coupled[l] == island) {
-                pushed += rows.by_y.view((0, n + l), (n, 1)) * (jump.ends[0][n + l] - jump.ends[1][n + l]);
+                pushed += rows.by_y.view((0, n + l), (n, 1)) * (before[n + l] - after[n + l]);
             }
             let pushed = self.inverse_mass.solve(&pushed)?;
             saltations.push((island, Saltation { jump: pushed.as_slice().to_vec(), times: times.clone() }));
         }
         let is_whole = (0..n).all(|i| {
             let sum: f64 = saltations.iter().map(|(_, own)| own.jump[i]).sum();
-            (sum - jump.by[i]).abs() <= jump.none[i]
+            (sum - (left[i] - right[i])).abs() <= jump.none[i]
         });
         let meets = |island: usize, other: &Saltation| {
             let own = self.rows_of(&coupled, island);

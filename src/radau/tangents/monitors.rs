@@ -46,7 +46,7 @@ impl Tangents {
         let times: TimesOfVariables = variables.into_iter().map(of_variable).collect::<Result<_, NoDerivative>>()?;
         let is_one = times.iter().all(|(_, other)| agree(&times[0].1, other));
         // Along a basis, which leads off constraints, monitors of one switch need not agree.
-        let apart = (!is_one).then(|| self.independent(&rows, &times, jump)).flatten();
+        let apart = (!is_one).then(|| self.independent(t, &rows, &times, jump)).flatten();
         match apart {
             Some(saltations) => Ok(saltations),
             None if is_one || self.is_basis => {
