@@ -4,7 +4,7 @@
 use super::hidden::{Enclosed, Hidden};
 use super::integrals::Integrals;
 use super::monitors::Ending;
-use super::search::{Search, Violation};
+use super::search::{SMALLEST, Search, Violation};
 use super::smooth_phase::{GROWTH, SmoothPhase};
 use crate::ContactError;
 use hybrid::{Automaton, Located, OneStep, Proposal, Screened, Solved};
@@ -13,11 +13,17 @@ use numerics::Interval;
 /// Largest number of cuts of a step for hidden violations that its enclosure finds.
 const ROUNDS: usize = 2;
 
+/// Largest number of cuts of a step for a violation that seems to begin with it: a gap that opens with its third derivative
+/// is below the error of the polynomials of a long step, and above that of one a hundred times as short.
+const RECUTS: usize = 6;
+
 /// The attempts at one step.
 #[derive(Debug, Default)]
 pub struct Attempts {
     /// The number of cuts for hidden violations.
     rounds: usize,
+    /// The number of cuts where a violation was seen.
+    recuts: usize,
     /// Whether the step was cut where a violation was seen, and has not been searched since.
     is_recut: bool,
 }
@@ -90,7 +96,9 @@ impl Automaton for SmoothPhase<'_, '_> {
         let found = self.search(begin, end);
         let until = match found {
             Search::Clear => end,
-            Search::Ends(violation) if !(is_cut || attempts.is_recut) => {
+            Search::Ends(violation)
+                if !(is_cut || attempts.is_recut) || self.may_be_error(step, &violation, attempts) =>
+            {
                 return Ok(Screened::Violated(Found::Seen(violation)));
             }
             Search::Ends(Violation { t, .. }) | Search::Until(t) => t,
@@ -124,6 +132,7 @@ impl Automaton for SmoothPhase<'_, '_> {
                 step.end = violation.seen;
                 step.is_cut = self.cut_at(step.end);
                 (self.over, attempts.is_recut) = (true, true);
+                attempts.recuts += 1;
                 Located::Cut(step, None)
             }
             Found::Hidden(hidden) => {
@@ -187,5 +196,14 @@ impl Automaton for SmoothPhase<'_, '_> {
             self.located.mode = Some(self.mode.clone());
         }
         Ok(())
+    }
+}
+
+impl SmoothPhase<'_, '_> {
+    /// Whether the closing of a gap that was zero at the beginning of a step may be an error of the step.
+    fn may_be_error(&self, step: &Part, violation: &Violation, attempts: &Attempts) -> bool {
+        let begins = violation.t - step.begin <= SMALLEST * (step.end - step.begin);
+        let is_closing = matches!(violation.ending, Ending::Impact(_));
+        is_closing && begins && violation.seen < step.end && attempts.recuts < RECUTS
     }
 }

@@ -259,6 +259,17 @@ impl ModeEquations {
         (0..self.shape.coordinates).map(|i| self.mass[(i, i)])
     }
 
+    /// Whether all closed contacts press and those that stick are below their friction bound by this part of it, at the last
+    /// evaluation.
+    pub fn have_slack(&self, part: f64) -> bool {
+        (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).all(|k| {
+            let force = self.lambda[self.shape.normal(k)];
+            let friction = self.shape.tangents(k).map(|row| self.lambda[row].powi(2)).sum::<f64>().sqrt();
+            let sticks = self.mode[k] == Status::Stick;
+            force >= 0.0 && (!sticks || friction < (1.0 - part) * self.mu[k] * force)
+        })
+    }
+
     /// The change of the velocity of a row of `J` by an impulse along it, without constraints; at the last evaluation.
     pub fn change_of_row(&self, row: usize, impulse: f64) -> Option<f64> {
         let j = self.constraints.transposed.column(row).into_owned();

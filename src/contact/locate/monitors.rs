@@ -62,6 +62,7 @@ pub fn monitors(
     out.clear();
     let constraints = equations.constraints();
     let forces = (0..mode.len()).fold(0.0_f64, |most, k| most.max(equations.lambda[structure.normal(k)].abs()));
+    let are_still = equations.rows().iter().all(|&row| constraints.drift[row] == 0.0);
     for (k, status) in mode.iter().enumerate() {
         let row = structure.normal(k);
         let force = equations.lambda[row];
@@ -74,9 +75,11 @@ pub fn monitors(
             let size = terms.max(constraints.size(row, reached_q));
             let noise = in_time + ROUNDING_OF_VELOCITIES * size.max(f64::MIN_POSITIVE);
             let speed = constraints.velocity(row, v);
-            // A gap that other constraints keep at zero, without a force of its own, cannot close.
-            let rests =
-                speed.abs() <= AT_REST * constraints.terms(row, v) && value <= AT_REST * terms.max(f64::MIN_POSITIVE);
+            // A gap that other constraints keep at zero, without a force of its own, cannot close. What they hold at rest
+            // has no velocity but rounding.
+            let is_slow =
+                are_still && constraints.drift[row] == 0.0 || speed.abs() <= AT_REST * constraints.terms(row, v);
+            let rests = is_slow && value <= AT_REST * terms.max(f64::MIN_POSITIVE);
             let value = if rests && equations.is_gap_held(k) { f64::INFINITY } else { value };
             let rate = Some(speed);
             out.push(Monitor { value, noise, rate, ending: Ending::Impact(k) });

@@ -7,7 +7,7 @@ use super::mode::Status;
 use super::mode_equations::ModeEquations;
 use super::monitors::{Monitor, monitors};
 use super::search::Violation;
-use super::{EventDriven, Method};
+use super::{EventDriven, FRICTION_SLACK, Method};
 use crate::ContactError;
 use crate::energy::Energy;
 use hybrid::OneStep;
@@ -74,10 +74,20 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
         let mut method = None;
         if let Some(mode) = &mode {
             let least = located.tolerances_of_slips();
+            let x = [located.state.q.as_slice(), &located.state.v].concat();
+            // Contacts that share their friction evenly stick as long as they can; the shares of the law of contact are a
+            // vertex of what is possible, from which one of them slips at once.
+            let normals: Vec<_> = located.loads.iter().map(|load| Vector3::x() * load.x).collect();
+            if normals != located.loads {
+                watch.set_mode(mode, (&normals, &located.coefficients), &least);
+                watch.evaluate_at(located.state.t, &x);
+                if watch.have_slack(FRICTION_SLACK) {
+                    located.loads = normals;
+                }
+            }
             for equations in [&mut *main, &mut *watch] {
                 equations.set_mode(mode, (&located.loads, &located.coefficients), &least);
             }
-            let x = [located.state.q.as_slice(), &located.state.v].concat();
             let remaining = located.end - located.state.t;
             let first_step = located.h.filter(|h| *h < remaining).or(located.radau.first_step);
             let settings = Settings { first_step, ..located.radau.clone() };
