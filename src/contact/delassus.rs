@@ -7,16 +7,13 @@
 //! `A` are the rows of the joints, `J` those of the contacts. With redundant joints the pseudo-inverse selects the
 //! joint impulses of least norm.
 
-use factorisation::DenseLu;
+use factorisation::{self, DenseLu};
 use nalgebra::{DMatrix, Matrix3};
 use problem::{Constraints, MechanicalStructure};
 use vi::coulomb::BlockMatrix;
 
-/// Rank tolerance: singular values below this fraction of the largest belong to redundant joints.
+/// Rank tolerance: pivots below this fraction of the largest belong to redundant joints.
 const REDUNDANT: f64 = 1e-11;
-
-/// Iteration limit of the singular value decomposition, far above its need.
-const ITERATIONS: usize = 10_000;
 
 /// Factors of `M`, and the responses to the constraint rows at one state.
 pub struct Delassus {
@@ -167,9 +164,7 @@ fn pseudo_inverse(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     if !gram.iter().all(|x| x.is_finite()) {
         return None;
     }
-    let svd = gram.try_svd(true, true, f64::EPSILON, ITERATIONS)?;
-    let least = REDUNDANT * svd.singular_values.max();
-    svd.pseudo_inverse(least).ok()
+    factorisation::pseudo_inverse(&gram, factorisation::rank(&gram, REDUNDANT))
 }
 
 /// `-(A M^-1 A^T)^+ violation`.

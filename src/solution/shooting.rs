@@ -7,6 +7,7 @@ use super::passages::{Passages, Passed};
 use super::sensitivities::{By, directions, directions_of_motion};
 use super::{Failure, Plan};
 use contact::{Elapsed, EventDriven, ModeEvaluators, SmoothPhase, State, tangents};
+use factorisation::Singular;
 use hybrid::OneStep;
 use models::{DviModel, MechanicalModel};
 use nalgebra::{DMatrix, DVector};
@@ -71,14 +72,13 @@ impl Shot {
         let n = self.from.len();
         let (matrix, unit) = self.equations(phase, rtol)?;
         let right = DVector::from_fn(n, |i, _| (other.from[i] - other.to[i]) / self.scale[i]);
-        let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
-        let (left, transposed) = (svd.u.as_ref()?, svd.v_t.as_ref()?);
-        let largest = svd.singular_values.max();
+        let Singular { u: left, values, v_t: transposed } = Singular::of(&matrix)?;
+        let largest = values.first().copied()?;
         let least = (RANK * largest).max(rtol);
         let rounding = n as f64 * f64::EPSILON * largest.max(1.0);
         let mut found: DVector<f64> = DVector::zeros(n);
         let mut used = 0;
-        for (k, value) in svd.singular_values.iter().enumerate() {
+        for (k, value) in values.iter().enumerate() {
             if *value > least || k < directions && *value > rounding {
                 found += transposed.row(k).transpose() * (left.column(k).dot(&right) / *value);
                 used += 1;
@@ -94,10 +94,9 @@ impl Shot {
     /// by its tolerance.
     pub fn uncertainty(&self, phase: Option<usize>, rtol: f64) -> Option<Vec<f64>> {
         let (matrix, unit) = self.equations(phase, rtol)?;
-        let svd = matrix.try_svd(false, true, f64::EPSILON, 0)?;
-        let transposed = svd.v_t.as_ref()?;
-        let last = transposed.nrows().checked_sub(1)?;
-        let gain = svd.singular_values[last].max(rtol).recip();
+        let Singular { values, v_t: transposed, .. } = Singular::of(&matrix)?;
+        let last = values.len().checked_sub(1)?;
+        let gain = values[last].max(rtol).recip();
         let mut change: Vec<f64> =
             transposed.row(last).iter().zip(&unit).map(|(value, unit)| value * unit * gain).collect();
         if let Some(phase) = phase {

@@ -13,6 +13,7 @@ use super::orbit::CHANGED;
 use super::run::{Ended, Plan, ending};
 use super::{CheckCode, Failure, Solution, Status};
 use analysis::Analysis;
+use factorisation::Singular;
 use hybrid::OneStep;
 use models::DviModel;
 use nalgebra::{DMatrix, DVector};
@@ -337,11 +338,10 @@ fn weakest(model: &DviModel, t: f64, rest: &Rest, units: &[f64]) -> Option<Weake
             right[i] /= largest;
         }
     }
-    let svd = matrix.try_svd(true, true, f64::EPSILON, 0)?;
-    let (left, transposed) = (svd.u.as_ref()?, svd.v_t.as_ref()?);
-    let last = transposed.nrows().checked_sub(1)?;
-    let weakest = svd.singular_values[last];
-    let is_singular = weakest <= f64::EPSILON * count as f64 * svd.singular_values[0];
+    let Singular { u: left, values, v_t: transposed } = Singular::of(&matrix)?;
+    let last = values.len().checked_sub(1)?;
+    let weakest = values[last];
+    let is_singular = weakest <= f64::EPSILON * count as f64 * values[0];
     let corrected = (!is_singular).then(|| (left.column(last).dot(&right) / weakest).abs());
     Some(Weakest { direction: transposed.row(last).iter().copied().collect(), corrected })
 }

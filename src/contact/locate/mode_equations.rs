@@ -22,6 +22,7 @@ use super::enclosed_forces::Inverse;
 use super::mode::{Status, held};
 use crate::delassus::dot;
 use crate::law::admissible;
+use factorisation::{pseudo_inverse, rank};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, RowDVector, Vector2, Vector3};
 use numerics::Interval;
 use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
@@ -494,40 +495,14 @@ fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) ->
     }
     let before = before.unwrap_or(n);
     let least = if before < n { RISEN } else { DEPENDENT };
-    let factors = matrix.clone().full_piv_lu();
-    let pivots: DVector<f64> = factors.u().diagonal().abs();
-    if pivots.min() > least * pivots.max() {
-        return factors.try_inverse().map(|inverse| (inverse, n));
-    }
     // The rank does not depend on the metric, whose scales may differ as the loads do.
-    let rank = pivots.iter().filter(|pivot| **pivot > least * pivots.max()).count();
+    let rank = rank(matrix, least);
+    if rank == n {
+        return matrix.clone().full_piv_lu().try_inverse().map(|inverse| (inverse, n));
+    }
     let scale = DMatrix::from_diagonal(scale);
     let inverse = pseudo_inverse(&(&scale * matrix * &scale), rank)?;
     Some((&scale * inverse * &scale, rank))
-}
-
-/// The inverse of Moore and Penrose of a matrix of known rank `r`, by factors of full rank (Ben-Israel and Greville 2003,
-/// *Generalized Inverses*, section 1.6): `P A Q = L D U` with `r` columns of `L` and rows of `U` is inverted by
-///
-/// ```text
-/// A^+ = Q U^T (U U^T)^-1 D^-1 (L^T L)^-1 L^T P
-/// ```
-///
-/// Complete pivoting bounds the entries of `L` and `U` by one.
-fn pseudo_inverse(matrix: &DMatrix<f64>, rank: usize) -> Option<DMatrix<f64>> {
-    let n = matrix.nrows();
-    let factors = matrix.clone().full_piv_lu();
-    let l = factors.l().columns(0, rank).into_owned();
-    let u = factors.u();
-    let d = u.diagonal().rows(0, rank).into_owned();
-    let mut u = u.rows(0, rank).into_owned();
-    u.row_iter_mut().zip(d.iter()).for_each(|(mut row, d)| row /= *d);
-    let mut inverse = (l.transpose() * &l).cholesky()?.solve(&l.transpose());
-    inverse.row_iter_mut().zip(d.iter()).for_each(|(mut row, d)| row /= *d);
-    let mut inverse = u.transpose() * (&u * u.transpose()).cholesky()?.solve(&inverse);
-    factors.q().inv_permute_rows(&mut inverse);
-    factors.p().inv_permute_columns(&mut inverse);
-    (inverse.nrows() == n && inverse.iter().all(|entry| entry.is_finite())).then_some(inverse)
 }
 
 impl Dvi for ModeEquations {
@@ -622,41 +597,5 @@ impl Dvi for ModeEquations {
 
     fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
         self.problem.enclose_breaks(t)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_pseudo_inverse_of_a_corner_obeys_its_four_laws() {
-        // A body that a floor and a wall hold, each by its normal and its friction: rank two of four, in the metric of loads.
-        let scale = DMatrix::from_diagonal(&DVector::from_vec(
-            [4.216970718184588, 6.113228723590284, 0.2 * 4.216970718184588, 0.3 * 6.113228723590284]
-                .map(f64::sqrt)
-                .to_vec(),
-        ));
-        let rows = DMatrix::from_row_slice(4, 2, &[0.0, 1.0, -1.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
-        let matrix = &scale * (&rows * rows.transpose()) * &scale;
-        let inverse = pseudo_inverse(&matrix, 2).unwrap();
-        let (left, right) = (&matrix * &inverse, &inverse * &matrix);
-        let is_near = |a: &DMatrix<f64>, b: &DMatrix<f64>| (a - b).amax() < 1e-14 * b.amax();
-        assert!(is_near(&(&left * &matrix), &matrix) && is_near(&(&right * &inverse), &inverse));
-        assert!(is_near(&left, &left.transpose()) && is_near(&right, &right.transpose()));
-    }
-
-    #[test]
-    fn the_pseudo_inverse_of_a_matrix_that_is_not_symmetric_obeys_its_four_laws() {
-        let (a, b) = (
-            DMatrix::from_fn(6, 3, |i, j| ((3 * i + 7 * j) as f64).sin()),
-            DMatrix::from_fn(3, 6, |i, j| ((5 * i + 2 * j) as f64).cos()),
-        );
-        let matrix = &a * &b;
-        let inverse = pseudo_inverse(&matrix, 3).unwrap();
-        let (left, right) = (&matrix * &inverse, &inverse * &matrix);
-        let is_near = |a: &DMatrix<f64>, b: &DMatrix<f64>| (a - b).amax() < 1e-11 * b.amax();
-        assert!(is_near(&(&left * &matrix), &matrix) && is_near(&(&right * &inverse), &inverse));
-        assert!(is_near(&left, &left.transpose()) && is_near(&right, &right.transpose()));
     }
 }

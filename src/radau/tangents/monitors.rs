@@ -6,6 +6,7 @@ use super::{NoDerivative, Saltation, Tangents, changed};
 use crate::face::{ActiveFace, Activity};
 use crate::settings::Settings;
 use crate::stepper::Radau;
+use factorisation::Singular;
 use hybrid::{OneStep, Shift, break_slopes};
 use nalgebra::DMatrix;
 use numerics::CENTRAL_DIFFERENCE;
@@ -307,16 +308,15 @@ fn hidden_combinations(matrix: &DMatrix<f64>, inside: &[usize]) -> Option<Vec<Co
     let scale = |i: usize| inside.iter().fold(0.0_f64, |most, &l| most.max(matrix[(inside[i], l)].abs()));
     let scales: Vec<f64> = (0..count).map(|i| if scale(i) > 0.0 { scale(i).recip() } else { 1.0 }).collect();
     let scaled = DMatrix::from_fn(count, count, |i, j| scales[i] * matrix[(inside[i], inside[j])]);
-    let svd = scaled.svd(true, false);
-    let u = svd.u?;
-    let largest = svd.singular_values.iter().fold(0.0_f64, |most, value| most.max(*value));
+    let Singular { u, values, .. } = Singular::of(&scaled)?;
+    let largest = values.first().copied().unwrap_or(0.0);
     let vanishes = |value: f64| value <= SINGULAR * largest;
-    svd.singular_values.iter().any(|value| vanishes(*value)).then(|| {
+    values.iter().any(|value| vanishes(*value)).then(|| {
         let combination = |(k, value): (usize, &f64)| Combination {
             weights: u.column(k).iter().zip(&scales).map(|(weight, scale)| weight * scale).collect(),
             is_hidden: vanishes(*value),
         };
-        svd.singular_values.iter().enumerate().map(combination).collect()
+        values.iter().enumerate().map(combination).collect()
     })
 }
 

@@ -11,6 +11,7 @@
 //! there is a solution.
 
 use crate::Failure;
+use factorisation::Singular;
 use nalgebra::{DMatrix, DVector};
 use numerics::Bracket;
 
@@ -389,9 +390,8 @@ fn solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     });
     let scaled = DMatrix::from_diagonal(&rows) * matrix;
     let right = right.component_mul(&rows);
-    let svd = scaled.try_svd(true, true, f64::EPSILON, 0)?;
-    let least = RANK * svd.singular_values.max();
-    let found = svd.solve(&right, least).ok()?;
+    let svd = Singular::of(&scaled)?;
+    let found = svd.solve(&right, RANK * svd.values.first()?);
     found.iter().all(|value| value.is_finite()).then_some(found)
 }
 

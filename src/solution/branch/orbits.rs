@@ -14,6 +14,7 @@ use crate::verdict::Checks;
 use crate::{Failure, Plan, Solution, Status};
 use analysis::Analysis;
 use expression::Tape;
+use factorisation::Singular;
 use models::{DviModel, MechanicalModel};
 use nalgebra::{DMatrix, DVector};
 use numerics::CENTRAL_DIFFERENCE;
@@ -180,9 +181,8 @@ impl Family for Orbits<'_> {
                 return (word != at.word && is_near).then_some((w, p, word));
             }
             let n = w.len();
-            let svd = jacobian.columns(0, n).into_owned().try_svd(true, true, f64::EPSILON, 0)?;
-            let least = f64::EPSILON.sqrt() * svd.singular_values.max();
-            let change = svd.solve(&-residual, least).ok()?;
+            let svd = Singular::of(&jacobian.columns(0, n).into_owned())?;
+            let change = svd.solve(&-residual, f64::EPSILON.sqrt() * svd.values.first()?);
             w.iter_mut().zip(change.iter()).for_each(|(w, change)| *w += change);
         }
         None

@@ -13,10 +13,8 @@
 
 use super::least_squares::{LeastSquares, Loss, Minimum};
 use expression::cube_root;
+use factorisation::Singular;
 use nalgebra::DMatrix;
-
-/// The iteration limit of singular value decompositions, far above the number that any of them takes.
-pub const ITERATIONS: usize = 10_000;
 /// The component of a singular vector below which it counts as zero: the accuracy of singular vectors.
 const PART: f64 = 1e-6;
 /// The confidence level of the intervals.
@@ -76,11 +74,9 @@ pub fn intervals(problem: &LeastSquares<'_>, minimum: &Minimum, size: &[f64]) ->
         // Zero rows are appended, so that there is a singular value for each parameter.
         let rows = m.max(free.len());
         let matrix = matrix.resize(rows, free.len(), 0.0);
-        let mut svd = matrix.try_svd(false, true, f64::EPSILON, ITERATIONS)?;
-        svd.sort_by_singular_values();
-        let v_t = svd.v_t?;
-        singular_values.extend(svd.singular_values.iter().copied());
-        let least = problem.rank * svd.singular_values.max();
+        let Singular { values, v_t, .. } = Singular::of(&matrix)?;
+        let least = problem.rank * values.first().copied().unwrap_or(0.0);
+        singular_values.extend(values);
         let rank = singular_values.iter().filter(|sigma| **sigma > least).count();
         let open: Vec<bool> = (0..free.len()).map(|j| (rank..free.len()).any(|i| v_t[(i, j)].abs() > PART)).collect();
         for (a, &k) in free.iter().enumerate() {

@@ -12,8 +12,8 @@
 //! (Nielsen 1999, *Damping parameter in Marquardt's method*). Huber's loss enters through the weights `psi(r)/r` (Huber
 //! and Ronchetti 2009, section 7.8).
 
-use super::intervals::ITERATIONS;
-use nalgebra::{DMatrix, DVector, Dyn, SVD};
+use factorisation::Singular;
+use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -125,7 +125,7 @@ struct Linear {
     free: Vec<usize>,
     /// The lengths of the weighted columns of `J`: the diagonal of `D`.
     scale: Vec<f64>,
-    svd: SVD<f64, Dyn, Dyn>,
+    svd: Singular,
     /// `U' W^(1/2) r`, with the left singular vectors `U`.
     right: DVector<f64>,
 }
@@ -210,21 +210,20 @@ impl LeastSquares<'_> {
         if free.is_empty() {
             return None;
         }
-        let svd = matrix.try_svd(true, true, f64::EPSILON, ITERATIONS)?;
-        let right = svd.u.as_ref()?.tr_mul(&weighted);
+        let svd = Singular::of(&matrix)?;
+        let right = svd.u.tr_mul(&weighted);
         Some(Linear { free, scale, svd, right })
     }
 
     /// The point after a damped step of the linear problem, projected onto the bounds.
     fn step(&self, linear: &Linear, point: &[f64], damping: f64) -> Vec<f64> {
         let Linear { free, scale, svd, right } = linear;
-        let damped = svd.singular_values.zip_map(right, |sigma, right| -sigma * right / (sigma * sigma + damping));
+        let pairs = svd.values.iter().zip(right.iter());
+        let damped = pairs.map(|(sigma, right)| -sigma * right / (sigma * sigma + damping));
+        let direction = svd.v_t.tr_mul(&DVector::from_iterator(svd.values.len(), damped));
         let mut next = point.to_vec();
-        if let Some(v_t) = &svd.v_t {
-            let direction = v_t.tr_mul(&damped);
-            for ((&k, scale), d) in free.iter().zip(scale).zip(direction.iter()) {
-                next[k] = (point[k] + d / scale).clamp(self.lower[k], self.upper[k]);
-            }
+        for ((&k, scale), d) in free.iter().zip(scale).zip(direction.iter()) {
+            next[k] = (point[k] + d / scale).clamp(self.lower[k], self.upper[k]);
         }
         next
     }
@@ -232,8 +231,8 @@ impl LeastSquares<'_> {
     /// The length of the undamped step in standard errors, in the directions that the data determine.
     fn distance(&self, linear: &Option<Linear>, here: &Residuals, loss: f64) -> f64 {
         let Some(Linear { svd, right, .. }) = linear else { return 0.0 };
-        let least = self.rank * svd.singular_values.max();
-        let parts = svd.singular_values.iter().zip(right.iter()).filter(|(sigma, _)| **sigma > least);
+        let least = self.rank * svd.values.first().copied().unwrap_or(0.0);
+        let parts = svd.values.iter().zip(right.iter()).filter(|(sigma, _)| **sigma > least);
         parts.map(|(_, right)| right * right).sum::<f64>().sqrt() / self.unit(here, loss)
     }
 
