@@ -17,7 +17,7 @@ use factorisation::Singular;
 use hybrid::OneStep;
 use models::DviModel;
 use nalgebra::{DMatrix, DVector};
-use problem::{Control, Side};
+use problem::{Control, Face, Side};
 use radau::{ActiveFace, Activity, Directions, Radau, Settings, StageChoice, Switches, Tangents};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -183,6 +183,9 @@ pub(super) fn eigenvalues(model: &DviModel, t: f64, rest: &Rest) -> Result<Vec<[
 
 /// The mass matrix and the derivatives of the equations of the face at a steady state.
 fn linearised(model: &DviModel, t: f64, rest: &Rest) -> Result<[DMatrix<f64>; 2], String> {
+    if rest.face.blocks.iter().any(|block| *block != Face::Interior) {
+        return Err("variables are on the boundary of a ball, a cone, a simplex or a polyhedron".to_owned());
+    }
     let directions = Directions {
         initial: DMatrix::zeros(rest.x.len(), 0),
         rows: Box::new(|_, _, _| {}),

@@ -9,6 +9,7 @@
 
 use super::Directions;
 use crate::locate::{ModeEquations, Status};
+use factorisation::{pseudo_inverse, rank};
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use problem::{Constraints, Mechanical, MechanicalStructure, Sensitivity};
 
@@ -182,7 +183,7 @@ impl ModeEquations {
 pub(super) fn solve(matrix: DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     /// A residual beyond this part of the right-hand side means that there is no solution.
     const UNSOLVED: f64 = 1e-7;
-    /// Pivots and singular values below this part of the largest are zero.
+    /// Pivots below this part of the largest are zero.
     const SINGULAR: f64 = 1e-12;
     if matrix.nrows() == 0 {
         return Some(right.clone());
@@ -193,15 +194,10 @@ pub(super) fn solve(matrix: DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatri
     let columns = DVector::from_fn(matrix.ncols(), |j, _| matrix.column(j).amax());
     let across = DMatrix::from_diagonal(&scale(columns));
     let scaled = &left * &matrix * &across;
-    let factors = scaled.clone().full_piv_lu();
-    let pivots = factors.u().diagonal().abs();
     let scaled_right = &left * right;
-    let found = if pivots.min() > SINGULAR * pivots.max() {
-        factors.solve(&scaled_right)?
-    } else {
-        let svd = scaled.clone().try_svd(true, true, f64::EPSILON, 0)?;
-        let least = SINGULAR * svd.singular_values.max();
-        svd.solve(&scaled_right, least).ok()?
+    let found = match rank(&scaled, SINGULAR) {
+        full if full == scaled.nrows() => scaled.clone().full_piv_lu().solve(&scaled_right)?,
+        rank => pseudo_inverse(&scaled, rank)? * &scaled_right,
     };
     let rest = &scaled * &found - &scaled_right;
     let is_solved = (0..right.ncols()).all(|column| {

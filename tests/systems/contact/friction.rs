@@ -246,3 +246,28 @@ fn time_stepping_tells_each_change_of_a_contact_once() {
         assert!(*kind == right && (t - at).abs() < 5e-3, "{told:?}, not {expected:?}");
     }
 }
+
+#[test]
+fn what_a_floor_and_a_wall_share_is_held_however_forces_vary() {
+    // In a corner both rows of either contact hold the same coordinates; the loads are not unique, and the rest is.
+    for (lift, mu) in
+        [("0.6*pwm(t, 0.2, 0.6) + 0.9", 0.0), ("0.6*pwm(t, 0.2, 0.6) + 0.9", 0.2), ("6.4", 0.0), ("3*sin(7*t)", 0.3)]
+    {
+        for rtol in [1e-4, 1e-8, 1e-11] {
+            let corner: Value = json!({"coordinates": {"x": {"initial": 0}, "y": {"initial": 0}},
+                "mass": [[0.6, 0], [0, 0.6]], "potential": "5.8*y", "forces": {"x": "5", "y": lift},
+                "contacts": [{"name": "floor", "gap": "y", "friction": {"coefficient": mu, "slip": ["x_dot"]}},
+                    {"name": "wall", "gap": "1 - x", "friction": {"coefficient": 0.6, "slip": ["y_dot"]}}]});
+            // The lift of 6.4 exceeds the weight; only the wall holds it down, and the body begins there.
+            let mut corner = corner;
+            if lift == "6.4" {
+                corner["coordinates"]["x"]["initial"] = json!(1);
+            }
+            let solution = solve(&json!({"problem": {"mechanical": corner}, "time": {"end": 2},
+                "method": {"rtol": rtol}, "output": {"times": [2]}}));
+            let what = format!("{lift} {mu} {rtol}: {:?} {:?}", solution.verdict, solution.diagnostics.steps);
+            assert!((last(&solution, "x") - 1.0).abs() < 1e-12 && last(&solution, "y").abs() < 1e-12, "{what}");
+            assert!(solution.verdict.trusted && solution.diagnostics.steps.accepted < 400, "{what}");
+        }
+    }
+}

@@ -284,3 +284,41 @@ fn a_body_whose_impact_leaves_no_force_lets_go_at_every_tolerance() {
         assert!((found + 0.12816782368).abs() <= 1e3 * rtol.max(1e-12), "rtol {rtol}: {found}");
     }
 }
+
+#[test]
+fn a_force_that_jumps_lets_go_with_the_velocities_of_its_time() {
+    // Pushed together with 1/2 up to T; then the first body is pulled back with 3, and the other flies on.
+    for jump in [0.3, 0.5, 0.6, 0.7, 0.847, 0.9, 1.1, 1.3] {
+        for (force, rtol) in [(1.0, 1e-3), (1.0, 1e-6), (1e-6, 1e-3), (1e-7, 1e-6), (1e5, 1e-9)] {
+            let solution = solve(&json!({"problem": {"mechanical": {
+                    "coordinates": {"a": {"initial": 0}, "b": {"initial": 0}}, "mass": [[1, 0], [0, 1]],
+                    "forces": {"a": format!("{force:?}*(1 - 4*heaviside(t - {jump}))")}, "contacts": [{"name": "c", "gap": "b - a"}]}},
+                "time": {"end": jump + 1.0}, "method": {"rtol": rtol}, "output": {"times": [jump + 1.0]}}));
+            let (a, b) = (last(&solution, "a") / force, last(&solution, "b") / force);
+            let (place, speed) = (0.25 * jump * jump, 0.5 * jump);
+            assert!(
+                (b - place - speed).abs() < 1e-9 && (a - place - speed + 1.5).abs() < 1e-9,
+                "{jump} {force}: {a} {b}"
+            );
+            assert!(solution.verdict.trusted, "{jump} {force} {rtol}: {:?}", solution.verdict);
+        }
+    }
+}
+
+#[test]
+fn short_flights_are_located_beside_long_steps() {
+    // y'' = -10 - 10 y: flights from the speed v last 2/w atan(v w/10), w = sqrt 10, and each speed is half of the one before.
+    let w = 10.0_f64.sqrt();
+    let speed = |n: i32| 30.0_f64.sqrt() * 0.5_f64.powi(n);
+    let limit = std::f64::consts::FRAC_PI_3 / w + (1..60).map(|n| 2.0 / w * (speed(n) * w / 10.0).atan()).sum::<f64>();
+    for rtol in [1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10] {
+        let solution = solve(&json!({"problem": {"mechanical": {"coordinates": {"y": {"initial": 1}}, "mass": [[2]],
+                "potential": "20*y", "forces": {"y": "-20*y"}, "contacts": [{"name": "floor", "gap": "y", "restitution": 0.5}]}},
+            "time": {"end": 3}, "method": {"rtol": rtol}, "output": {"times": [3]}}));
+        let impacts = times(&solution, EventKind::Impact);
+        let found = impacts.last().copied().unwrap_or_default();
+        assert!((found - limit).abs() <= 10.0 * f64::max(rtol, 1e-9), "rtol {rtol}: {found} for {limit}");
+        assert!(last(&solution, "y").abs() < 1e-15 && solution.verdict.trusted, "rtol {rtol}: {:?}", solution.verdict);
+        assert!(solution.diagnostics.steps.accepted < 250, "{:?}", solution.diagnostics.steps);
+    }
+}
