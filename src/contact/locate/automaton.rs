@@ -1,6 +1,7 @@
 //! One step of the automaton whose modes are contact modes. The one-step method proposes and judges the step; here it is
 //! cut where the mode ends.
 
+use super::ROUNDING;
 use super::hidden::{Enclosed, Hidden};
 use super::integrals::Integrals;
 use super::monitors::Ending;
@@ -200,10 +201,18 @@ impl Automaton for SmoothPhase<'_, '_> {
 }
 
 impl SmoothPhase<'_, '_> {
-    /// Whether the closing of a gap that was zero at the beginning of a step may be an error of the step.
-    fn may_be_error(&self, step: &Part, violation: &Violation, attempts: &Attempts) -> bool {
+    /// Whether the closing of a gap that was at rest at the beginning of a step may be an error of the step.
+    fn may_be_error(&mut self, step: &Part, violation: &Violation, attempts: &Attempts) -> bool {
+        let Ending::Impact(k) = violation.ending else { return false };
         let begins = violation.t - step.begin <= SMALLEST * (step.end - step.begin);
-        let is_closing = matches!(violation.ending, Ending::Impact(_));
-        is_closing && begins && violation.seen < step.end && attempts.recuts < RECUTS
+        if !begins || violation.seen >= step.end || attempts.recuts >= RECUTS {
+            return false;
+        }
+        let n = self.located.structure.coordinates;
+        let mut x = vec![0.0; 2 * n];
+        self.at(step.begin, &mut x);
+        self.watch.evaluate_at(step.begin, &x);
+        let (row, constraints) = (self.located.structure.normal(k), self.watch.constraints());
+        constraints.velocity(row, &x[n..]).abs() <= ROUNDING * constraints.terms(row, &x[n..])
     }
 }
