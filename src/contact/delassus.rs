@@ -7,7 +7,7 @@
 //! `A` are the rows of the joints, `J` those of the contacts. With redundant joints the pseudo-inverse selects the
 //! joint impulses of least norm.
 
-use factorisation::{self, DenseLu};
+use factorisation::{DenseLu, Pivoted};
 use nalgebra::{DMatrix, Matrix3};
 use problem::{Constraints, MechanicalStructure};
 use vi::coulomb::BlockMatrix;
@@ -164,7 +164,8 @@ fn pseudo_inverse(gram: DMatrix<f64>) -> Option<DMatrix<f64>> {
     if !gram.iter().all(|x| x.is_finite()) {
         return None;
     }
-    factorisation::pseudo_inverse(&gram, factorisation::rank(&gram, REDUNDANT))
+    let pivoted = Pivoted::new(gram);
+    pivoted.pseudo_inverse(pivoted.rank(REDUNDANT))
 }
 
 /// `-(A M^-1 A^T)^+ violation`.

@@ -34,7 +34,7 @@ mod cholesky;
 mod dense_lu;
 mod elimination;
 mod equilibration;
-mod pseudo_inverse;
+mod pivoted;
 mod sparse_lu;
 mod spectrum;
 #[cfg(test)]
@@ -44,7 +44,7 @@ pub use cholesky::Cholesky;
 pub use dense_lu::{DenseLu, Number};
 pub use elimination::ComplexLu;
 pub use equilibration::{equilibrated, scale_of};
-pub use pseudo_inverse::{pseudo_inverse, rank};
+pub use pivoted::Pivoted;
 pub use sparse_lu::{Analysis, SparseLu};
 pub use spectrum::{Singular, least_eigenvalue};
 

@@ -132,6 +132,12 @@ impl Breaks {
         }
     }
 
+    /// The part of a length `h` from `t` on before the next breakpoint; all of it if the breakpoint is at `t`.
+    pub fn part_before(mut self, problem: &mut (impl Breaking + ?Sized), t: f64, h: f64) -> f64 {
+        let part = self.up_to_break(problem, t, h);
+        if part > 0.0 { part } else { h }
+    }
+
     /// The size of a step from `t` to `end`; if `end` is at the last breakpoint, or where the run continued behind it, of one
     /// to before it.
     pub fn size_up_to(&self, t: f64, end: f64) -> f64 {

@@ -21,8 +21,7 @@ impl Radau<'_> {
         if self.settings.switches == Switches::StepOver {
             return h;
         }
-        let part = self.breaks.clone().up_to_break(self.system.problem(), self.clock.t, h);
-        if part > 0.0 { part } else { h }
+        self.breaks.clone().part_before(self.system.problem(), self.clock.t, h)
     }
 
     /// Restarts behind a breakpoint, from time `after`.

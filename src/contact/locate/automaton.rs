@@ -1,7 +1,6 @@
 //! One step of the automaton whose modes are contact modes. The one-step method proposes and judges the step; here it is
 //! cut where the mode ends.
 
-use super::ROUNDING;
 use super::hidden::{Enclosed, Hidden};
 use super::integrals::Integrals;
 use super::monitors::Ending;
@@ -208,11 +207,9 @@ impl SmoothPhase<'_, '_> {
         if !begins || violation.seen >= step.end || attempts.recuts >= RECUTS {
             return false;
         }
-        let n = self.located.structure.coordinates;
-        let mut x = vec![0.0; 2 * n];
-        self.at(step.begin, &mut x);
-        self.watch.evaluate_at(step.begin, &x);
-        let (row, constraints) = (self.located.structure.normal(k), self.watch.constraints());
-        constraints.velocity(row, &x[n..]).abs() <= ROUNDING * constraints.terms(row, &x[n..])
+        // The state is that at the beginning until the step is accepted.
+        self.located.evaluate_constraints();
+        let v = &self.located.state.v;
+        self.located.normal(k, v).abs() <= self.located.rounding(k, v)
     }
 }

@@ -462,12 +462,9 @@ impl<'p> EventDriven<'p> {
         self.loads = vec![Vector3::zeros(); contacts];
         if !candidates.is_empty() {
             let (_, of_v) = self.radau.atol.split_at(self.structure.coordinates);
-            let sizes = |v: &[f64]| v.iter().map(|v| v.abs()).collect::<Vec<_>>();
-            let mut reached = sizes(&self.state.v);
-            if let Some(transition) = &self.transition {
-                let before = sizes(&transition.before.v);
-                reached.iter_mut().zip(before).for_each(|(size, before)| *size = size.max(before));
-            }
+            let before = self.transition.as_ref().map_or(&self.state, |transition| &transition.before);
+            let pairs = self.state.v.iter().zip(&before.v);
+            let reached: Vec<f64> = pairs.map(|(v, before)| v.abs().max(before.abs())).collect();
             let scales = Scales { atol: of_v, reached: &reached, left: self.end - self.state.t };
             let (h, probed) = match self.step.probe(&self.state, scales, &candidates, control) {
                 Ok(Some(found)) => found,

@@ -22,7 +22,7 @@ use super::enclosed_forces::Inverse;
 use super::mode::{Status, held};
 use crate::delassus::dot;
 use crate::law::admissible;
-use factorisation::{pseudo_inverse, rank};
+use factorisation::Pivoted;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix2, RowDVector, Vector2, Vector3};
 use numerics::Interval;
 use problem::{Constraints, ConvexSet, Dvi, Mass, Mechanical, MechanicalStructure, Sensitivity, Structure};
@@ -257,14 +257,18 @@ impl ModeEquations {
         (0..self.shape.coordinates).map(|i| self.mass[(i, i)])
     }
 
+    /// The size of the friction of a contact at the last evaluation.
+    pub fn friction(&self, k: usize) -> f64 {
+        self.shape.tangents(k).map(|row| self.lambda[row].powi(2)).sum::<f64>().sqrt()
+    }
+
     /// Whether all closed contacts press and those that stick are below their friction bound by this part of it, at the last
     /// evaluation.
-    pub fn have_slack(&self, part: f64) -> bool {
+    pub fn hold_below(&self, part: f64) -> bool {
         (0..self.mode.len()).filter(|&k| self.mode[k].is_closed()).all(|k| {
             let force = self.lambda[self.shape.normal(k)];
-            let friction = self.shape.tangents(k).map(|row| self.lambda[row].powi(2)).sum::<f64>().sqrt();
             let sticks = self.mode[k] == Status::Stick;
-            force >= 0.0 && (!sticks || friction < (1.0 - part) * self.mu[k] * force)
+            force >= 0.0 && (!sticks || self.friction(k) < (1.0 - part) * self.mu[k] * force)
         })
     }
 
@@ -496,12 +500,13 @@ fn invert(matrix: &DMatrix<f64>, scale: &DVector<f64>, before: Option<usize>) ->
     let before = before.unwrap_or(n);
     let least = if before < n { RISEN } else { DEPENDENT };
     // The rank does not depend on the metric, whose scales may differ as the loads do.
-    let rank = rank(matrix, least);
+    let pivoted = Pivoted::new(matrix.clone());
+    let rank = pivoted.rank(least);
     if rank == n {
-        return matrix.clone().full_piv_lu().try_inverse().map(|inverse| (inverse, n));
+        return pivoted.inverse().map(|inverse| (inverse, n));
     }
     let scale = DMatrix::from_diagonal(scale);
-    let inverse = pseudo_inverse(&(&scale * matrix * &scale), rank)?;
+    let inverse = Pivoted::new(&scale * matrix * &scale).pseudo_inverse(rank)?;
     Some((&scale * inverse * &scale, rank))
 }
 

@@ -81,7 +81,7 @@ impl<'l, 'p> SmoothPhase<'l, 'p> {
             if normals != located.loads {
                 watch.set_mode(mode, (&normals, &located.coefficients), &least);
                 watch.evaluate_at(located.state.t, &x);
-                if watch.have_slack(FRICTION_SLACK) {
+                if watch.hold_below(FRICTION_SLACK) {
                     located.loads = normals;
                 }
             }

@@ -73,7 +73,7 @@ impl Crossed {
                 for p in 0..columns.directions {
                     gradient[columns.direction(p)] += directions.mu[(k, p)] * equations.lambda[normal];
                 }
-                let friction = structure.tangents(k).map(|row| equations.lambda[row].powi(2)).sum::<f64>().sqrt();
+                let friction = equations.friction(k);
                 for row in structure.tangents(k) {
                     gradient -= linearised.lambda.row(row) * (equations.lambda[row] / friction);
                 }

@@ -75,8 +75,7 @@ impl Tangents {
         let slack = match ending {
             Ending::Detachment(k) => equations.lambda[structure.normal(k)],
             Ending::StickToSlip(k, _) => {
-                let friction = structure.tangents(k).map(|row| equations.lambda[row].powi(2)).sum::<f64>().sqrt();
-                equations.mu[k] * equations.lambda[structure.normal(k)] - friction
+                equations.mu[k] * equations.lambda[structure.normal(k)] - equations.friction(k)
             }
             Ending::Impact(_) | Ending::SlipToStick(_) => return false,
         };

@@ -9,7 +9,7 @@
 
 use super::Directions;
 use crate::locate::{ModeEquations, Status};
-use factorisation::{pseudo_inverse, rank};
+use factorisation::Pivoted;
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use problem::{Constraints, Mechanical, MechanicalStructure, Sensitivity};
 
@@ -195,9 +195,10 @@ pub(super) fn solve(matrix: DMatrix<f64>, right: &DMatrix<f64>) -> Option<DMatri
     let across = DMatrix::from_diagonal(&scale(columns));
     let scaled = &left * &matrix * &across;
     let scaled_right = &left * right;
-    let found = match rank(&scaled, SINGULAR) {
-        full if full == scaled.nrows() => scaled.clone().full_piv_lu().solve(&scaled_right)?,
-        rank => pseudo_inverse(&scaled, rank)? * &scaled_right,
+    let pivoted = Pivoted::new(scaled.clone());
+    let found = match pivoted.rank(SINGULAR) {
+        full if full == scaled.nrows() => pivoted.solve(&scaled_right)?,
+        rank => pivoted.pseudo_inverse(rank)? * &scaled_right,
     };
     let rest = &scaled * &found - &scaled_right;
     let is_solved = (0..right.ncols()).all(|column| {

@@ -306,9 +306,8 @@ impl Tangents {
             }
             Ending::Detachment(k) => equations.lambda[structure.normal(k)].abs() <= ON_BOUND * forces,
             Ending::StickToSlip(k, _) => {
-                let friction = structure.tangents(k).map(|row| equations.lambda[row].powi(2)).sum::<f64>().sqrt();
                 let bound = structure.contacts[k].mu * equations.lambda[structure.normal(k)];
-                (bound - friction).abs() <= ON_BOUND * forces
+                (bound - equations.friction(k)).abs() <= ON_BOUND * forces
             }
             Ending::SlipToStick(k) => {
                 let terms = structure.tangents(k).map(|row| equations.constraints().terms(row, v));

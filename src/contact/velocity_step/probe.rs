@@ -96,9 +96,8 @@ impl VelocityStep<'_> {
     /// Applies the law of contact without restitution to closed contacts that do not separate, in a step so short that
     /// only directions count. Returns the length of the step and the result at each of these contacts. Constraints are
     /// evaluated where free motion leads, so that curved paths count too, and forces on this side of the next breakpoint of
-    /// time. `None` in Painleve's paradox, where friction
-    /// drives a contact into the surface it slides on. Where no scale of time is known, the length is a fraction of the
-    /// remaining time, which no probe exceeds.
+    /// time. `None` in Painleve's paradox, where friction drives a contact into the surface it slides on. Where no scale of
+    /// time is known, the length is a fraction of the remaining time, which no probe exceeds.
     ///
     /// # Errors
     /// See [`VelocityStep::advance`].
@@ -118,7 +117,7 @@ impl VelocityStep<'_> {
         let ticks = TICKS * clock;
         let (mut lengths, mut attempt) = (Lengths::default(), 1);
         let (now, v) = loop {
-            h = self.before_break(state.t, h.max(ticks));
+            h = Breaks::new(state.t).part_before(self.problem, state.t, h.max(ticks));
             let free = match self.free_motion(state, h) {
                 // Forces may be undefined as far ahead as a longer probe reaches.
                 Err(_) if lengths.short.is_some() && attempt < MOST_ATTEMPTS => None,
@@ -134,12 +133,6 @@ impl VelocityStep<'_> {
         };
         self.instant = Some(h);
         Ok(self.touch_free(state, h, (now, v), (closed, scales.reached), control)?.map(|probed| (h, probed)))
-    }
-
-    /// The part of a probe of length `h` before the next breakpoint of time.
-    fn before_break(&mut self, t: f64, h: f64) -> f64 {
-        let part = Breaks::new(t).up_to_break(self.problem, t, h);
-        if part > 0.0 { part } else { h }
     }
 
     /// An initial length of the probe: forces change no velocity by more than its tolerance.

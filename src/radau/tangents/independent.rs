@@ -69,9 +69,9 @@ impl Tangents {
             (sum - (left[i] - right[i])).abs() <= jump.none[i]
         });
         let meets = |island: usize, other: &Saltation| {
-            let own = self.rows_of(&coupled, island);
+            let mut own = self.rows_of_variables().filter(|(_, k)| coupled[*k] == island);
             let moved = |i: &usize| other.jump[*i].abs() > jump.none[*i];
-            own.into_iter().any(|row| (0..n).filter(moved).any(|i| rows.by_y[(row, i)] != 0.0))
+            own.any(|(row, _)| (0..n).filter(moved).any(|i| rows.by_y[(row, i)] != 0.0))
         };
         let are_apart = saltations.iter().all(|(island, _)| {
             saltations.iter().filter(|(other, _)| other != island).all(|(_, other)| !meets(*island, other))
@@ -91,21 +91,17 @@ impl Tangents {
         for block in structure.set.blocks() {
             block.members.iter().for_each(|&k| join(block.members[0], k));
         }
-        let own = (0..m).map(|k| (n + k, k));
-        let of_bounds =
-            structure.moving.iter().enumerate().map(|(p, bound)| (structure.unknowns() + p, bound.variable));
-        for (row, k) in own.chain(of_bounds) {
+        for (row, k) in self.rows_of_variables() {
             (0..m).filter(|l| rows.by_y[(row, n + l)] != 0.0).for_each(|l| join(k, l));
         }
         coupled
     }
 
-    /// The rows of `G` and of the moving bounds of coupled variables.
-    fn rows_of(&self, coupled: &[usize], island: usize) -> Vec<usize> {
+    /// The rows of `G` and of the moving bounds, each with its variable.
+    fn rows_of_variables(&self) -> impl Iterator<Item = (usize, usize)> {
         let structure = self.problem.structure();
-        let n = self.mass.nrows();
-        let own = (0..coupled.len()).filter(|&k| coupled[k] == island).map(|k| n + k);
-        let of_bounds = structure.moving.iter().enumerate().filter(|(_, bound)| coupled[bound.variable] == island);
-        own.chain(of_bounds.map(|(p, _)| structure.unknowns() + p)).collect()
+        let (n, unknowns) = (structure.states, structure.unknowns());
+        let of_bounds = structure.moving.iter().enumerate().map(move |(p, bound)| (unknowns + p, bound.variable));
+        (0..structure.variables).map(move |k| (n + k, k)).chain(of_bounds)
     }
 }
