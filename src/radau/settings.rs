@@ -32,7 +32,7 @@ pub struct Settings {
     pub atol: Vec<f64>,
     /// Fixed step size; `None` for adaptive steps.
     pub step: Option<f64>,
-    /// The first step size to try.
+    /// The first step size to try; of fixed steps, the time over which the first face is looked for if they are longer.
     pub first_step: Option<f64>,
     /// The largest step size.
     pub max_step: f64,

@@ -95,7 +95,8 @@ impl Radau<'_> {
         {
             consistent.solve(&mut self.system, &self.control, self.clock.t, &mut self.y);
         }
-        let h = self.before_break(self.h);
+        let first = self.settings.step.and(self.settings.first_step);
+        let h = self.before_break(first.map_or(self.h, |first| first.min(self.h)));
         let Some(instant) = INSTANTS.into_iter().find(|instant| self.probe(instant * h, false)) else {
             return Err(self.no_start());
         };
@@ -111,13 +112,12 @@ impl Radau<'_> {
         if let Some((state, size)) = worst
             && size > 1.0
         {
-            if self.system.bounded.is_empty() {
-                let jump = self.switching.probe.stages.z[state];
-                return Err(StepError::InconsistentStart { state, jump });
-            }
             let probed = self.switching.probe.stages.z.clone();
             let (jump, variables) = probed.split_at(n);
             if !self.is_steep(state, jump[state], instant * h) {
+                if self.system.bounded.is_empty() {
+                    return Err(StepError::InconsistentStart { state, jump: jump[state] });
+                }
                 let impulses = self.y[n..].iter().zip(variables).map(|(y, z)| (y + z) * instant * h).collect();
                 let before = self.y.clone();
                 self.y.iter_mut().zip(jump).for_each(|(y, jump)| *y += jump);

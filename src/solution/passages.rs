@@ -38,6 +38,17 @@ impl Passages {
         self.events.get(number)
     }
 
+    /// The place in the middle of the longest part of the period without events, if an event is nearer to the beginning of the
+    /// period than half as far from there.
+    pub fn far_from_all(&self) -> Option<f64> {
+        let (first, last) = (*self.phases.first()?, *self.phases.last()?);
+        let around = (last, first + 1.0);
+        let pairs = self.phases.windows(2).map(|pair| (pair[0], pair[1])).chain([around]);
+        let (begin, end) = pairs.max_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)))?;
+        let nearest = first.min(1.0 - last);
+        (nearest < 0.25 * (end - begin)).then(|| (0.5 * (begin + end)).fract())
+    }
+
     /// The first event that is not that of the same number in `other`.
     pub fn first_difference(&self, other: &Self) -> usize {
         let shorter = self.len().min(other.len());
@@ -87,6 +98,17 @@ mod tests {
         assert_eq!(before, passages(&[(1, 0.39), (2, 0.71), (0, 0.99)]));
         assert_eq!(passages(&[(0, 0.01), (1, 0.5)]), passages(&[(1, 0.5), (0, 0.99)]));
         assert_eq!(passages(&[(1, 0.5), (0, 0.99)]), passages(&[(0, 0.01), (1, 0.5)]));
+    }
+
+    #[test]
+    fn the_place_far_from_all_events_is_sought_where_one_is_near_the_beginning() {
+        assert_eq!(passages(&[]).far_from_all(), None);
+        assert_eq!(passages(&[(0, 0.5)]).far_from_all(), None);
+        assert_eq!(passages(&[(0, 0.0)]).far_from_all(), Some(0.5));
+        assert_eq!(passages(&[(0, 0.25), (0, 0.5), (0, 0.875)]).far_from_all(), None);
+        let place = passages(&[(0, 0.0625), (0, 0.125), (1, 0.625)]).far_from_all();
+        assert_eq!(place, Some(0.375));
+        assert_eq!(passages(&[(0, 0.5), (0, 0.9375)]).far_from_all(), Some(0.21875));
     }
 
     #[test]

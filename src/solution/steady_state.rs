@@ -1,8 +1,8 @@
 //! Steady states, `0 in F(x, z) + N_K(z)` with `F` zero for the states, by steps of implicit Euler of growing length.
 //! In the limit of infinite length, a step is a Josephy-Newton step for this inclusion (Kelley and Keyes 1998,
-//! *Convergence analysis of pseudo-transient continuation*). The first steps are as short as the dynamics are fast, so
-//! that the search leads to the steady state that the system would approach. If it approaches none, an unstable steady
-//! state may be found.
+//! *Convergence analysis of pseudo-transient continuation*). The first steps are as short as the dynamics are fast, and
+//! while the rates grow, steps stay shorter than the time in which they do, so that the search leads to the steady state
+//! that the system would approach. If it approaches none, steps of any length are made, which may find an unstable one.
 //!
 //! Eigenvalues `lambda` of the equations on the active face, `lambda diag(M, 0) v = Phi_y v`, follow from those of
 //! `(sigma diag(M, 0) - Phi_y)^-1 diag(M, 0)`, which are `1/(sigma - lambda)`: infinite eigenvalues become zero, for
@@ -27,6 +27,14 @@ use utoipa::ToSchema;
 /// Factors by which a step grows after a success and shrinks after a failure.
 const GROWTH: f64 = 8.0;
 const SHRINKS: f64 = 0.125;
+/// The longest step while rates grow, as a part of the time in which they grow by the factor e: implicit steps longer than
+/// that time lead back, to what the states leave.
+const OF_GROWTH: f64 = 0.5;
+/// How long a run is followed that leaves an unstable steady state, in units of the time in which its departure grows by the
+/// factor e: from rounding to its own size.
+const OF_DEPARTURE: f64 = 40.0;
+/// The most steps of that run.
+const MOST_FOLLOWED: u64 = 10_000;
 /// A step longer than the first one by this factor counts as infinite: its difference from a Newton step is of the
 /// order of its inverse, which is rounding.
 const INFINITE: f64 = 1e16;
@@ -73,7 +81,12 @@ pub(super) struct Rest {
 
 /// The steady state that the search reaches from the initial values.
 pub(super) fn rest_of(model: &DviModel, plan: &Plan, settings: &Settings, control: &Control) -> Result<Rest, Failure> {
-    Search { model, plan, settings, control }.find()
+    let search = Search { model, plan, settings, control };
+    let found = match search.find(true) {
+        Err(_) if control.poll().is_none() => search.find(false)?,
+        found => found?,
+    };
+    Ok(search.stable_instead(&found).unwrap_or(found))
 }
 
 /// Whether all real parts, in decreasing order, are negative; `None` if the largest is zero, or none are known.
@@ -358,12 +371,13 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn find(&self) -> Result<Rest, Failure> {
+    /// Finds a steady state; `follows` if steps stay shorter than the time in which rates grow.
+    fn find(&self, follows: bool) -> Result<Rest, Failure> {
         let n = self.plan.initial.len();
         let mut x = self.plan.initial.clone();
         let first = self.first_step()?;
         self.check_time(first)?;
-        let (mut h, mut made, mut is_reached) = (first, 0, false);
+        let (mut h, mut made, mut is_reached, mut speed) = (first, 0, false, 0.0);
         while made < MOST_STEPS {
             made += 1;
             if self.control.poll().is_some() {
@@ -372,6 +386,7 @@ impl Search<'_> {
             let settings = Settings {
                 stages: StageChoice::Fixed(1),
                 step: Some(h),
+                first_step: Some(first),
                 switches: Switches::StepOver,
                 interpolated: false,
                 ..self.settings.clone()
@@ -391,6 +406,9 @@ impl Search<'_> {
             let scale = self.settings.tolerances(0, next);
             let changes = next.iter().zip(&x).zip(&scale).map(|((to, from), scale)| (to - from).abs() / scale);
             let residual = changes.fold(0.0, f64::max);
+            // An implicit step is as long as the rates at its end.
+            let before = std::mem::replace(&mut speed, residual / h);
+            let growth = if before > 0.0 && residual > 1.0 { (speed / before).ln() / h } else { 0.0 };
             let is_last = is_reached && residual <= 1.0;
             is_reached = h >= INFINITE * first && residual <= 1.0;
             // What a step from a steady state still changes by its whole size is zero.
@@ -399,11 +417,35 @@ impl Search<'_> {
             if is_last {
                 return Ok(Rest { x, z: z.to_vec(), face: radau.face().clone(), residual });
             }
-            h = (GROWTH * h).min(INFINITE * first);
+            let most = if follows && growth > 0.0 { OF_GROWTH / growth } else { INFINITE * first };
+            h = (GROWTH * h).min(most);
         }
         let message = "no steady state was found from these initial values: the system may have none, or approach an \
                        orbit; choose initial values nearer to one";
         Err(self.failure("no_steady_state", message.to_owned()))
+    }
+
+    /// The stable steady state to which a run leads, if an unstable one was found, which the initial values are not at.
+    fn stable_instead(&self, found: &Rest) -> Option<Rest> {
+        let scale = self.settings.tolerances(0, &found.x);
+        let is_there =
+            found.x.iter().zip(&self.plan.initial).zip(&scale).all(|((to, from), scale)| (to - from).abs() <= *scale);
+        let values = eigenvalues(self.model, self.plan.start, found).ok()?;
+        if is_there || is_stable(&values) != Some(false) {
+            return None;
+        }
+        let end = self.plan.start + OF_DEPARTURE / values.first()?[0];
+        let mut problem = self.model.problem();
+        let (settings, start) = (self.settings.clone(), self.plan.start);
+        let mut radau = Radau::new(&mut *problem, settings, start, &self.plan.initial, end, self.control).ok()?;
+        while !radau.is_done() && radau.counts.accepted < MOST_FOLLOWED {
+            radau.step().ok()?;
+        }
+        let initial = radau.y()[..self.plan.initial.len()].to_vec();
+        let later = Search { plan: &Plan { initial, ..self.plan.clone() }, ..*self };
+        let rest = later.find(true).ok()?;
+        let values = eigenvalues(self.model, start, &rest).ok()?;
+        (is_stable(&values) == Some(true)).then_some(rest)
     }
 
     /// The length of a step in which no state changes by much.
@@ -414,7 +456,12 @@ impl Search<'_> {
         let (start, end) = (self.plan.start, self.plan.end);
         let radau =
             Radau::new(&mut *problem, settings, start, &self.plan.initial, end, self.control).map_err(failed)?;
-        Ok(radau.next_step().min(end - start))
+        let (x, z) = radau.y().split_at(self.plan.initial.len());
+        let at = Rest { x: x.to_vec(), z: z.to_vec(), face: radau.face().clone(), residual: 0.0 };
+        let values = eigenvalues(self.model, start, &at).unwrap_or_default();
+        let fastest = values.iter().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max);
+        let of_rates = if fastest > 0.0 { fastest.recip() } else { f64::INFINITY };
+        Ok(radau.next_step().min(end - start).min(of_rates))
     }
 
     /// Refuses a problem that depends on time.

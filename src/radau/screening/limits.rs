@@ -6,6 +6,7 @@
 //! and a state that runs through a band shorter than its tolerance passes it, whatever its error. Over a part, the least
 //! magnitudes of the derivatives are used.
 
+use super::reduced::Reduced;
 use super::watched::Watched;
 use crate::face::Activity;
 use crate::newton_control::NewtonControl;
@@ -74,6 +75,12 @@ impl Limits {
     pub fn of(&self, monitor: &Watched) -> f64 {
         let [of_z, of_g] = self.of_variables[monitor.variable];
         if monitor.place == Activity::Inactive { of_z } else { of_g }
+    }
+
+    /// The change of a reduced monitor by errors of the states within their tolerances, where the free variables follow
+    /// these.
+    pub fn of_form(&self, system: &System<'_>, form: &Reduced) -> f64 {
+        form.least_error(&self.uncertainties.errors[..system.states])
     }
 
     /// The limits of the distances and of the multipliers of block `b`.

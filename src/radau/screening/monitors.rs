@@ -257,7 +257,8 @@ impl Enclosure {
             // A negative value within the rounding error of a monitor is no event; slopes do not include the motion of
             // a bound.
             let moved = monitor.bound(system, &self.values).width();
-            let allowed = moved + error + rounding - limits.of(monitor).max(2.0 * rounding);
+            let limit = limits.of(monitor).max(limits.of_form(system, form));
+            let allowed = moved + error + rounding - limit.max(2.0 * rounding);
             let mut is_proven = middle - 0.5 * slope.size() >= allowed;
             // If the slope has one sign, the least value is at an end.
             let end = if slope.lo >= 0.0 { 0 } else { 1 };

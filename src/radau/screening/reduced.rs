@@ -180,6 +180,12 @@ impl Reduced {
         self.gradient.iter().filter(|(j, _)| errors[*j] != 0.0).map(|&(j, slope)| slope.size() * errors[j]).sum()
     }
 
+    /// Effect of errors of the first unknowns on the form, by the least magnitudes of its derivatives.
+    pub fn least_error(&self, errors: &[f64]) -> f64 {
+        let of = |&(j, slope): &(usize, Interval)| errors.get(j).map(|error| slope.magnitudes().0 * error);
+        self.gradient.iter().filter_map(of).sum()
+    }
+
     /// Range of the derivative with respect to `u` in `[0, 1]` of a part that takes `h`, without the motion of bounds.
     pub fn slope(&self, rows: &Rows, part: &Part, h: f64) -> Interval {
         let sum = |sum: Interval, (factor, slope): (Interval, Interval)| sum + factor * slope;

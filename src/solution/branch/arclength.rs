@@ -70,8 +70,22 @@ pub trait Family {
     /// A solution with another structure, at or a little behind the border `at`, reached in the direction of `towards`.
     fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)>;
 
+    /// The same solution by other unknowns, if these are better where it is, with `way`, a change of the unknowns and the
+    /// parameter along the branch, in terms of them.
+    fn by_others(&mut self, _at: &Solved<Self::Word>, _way: (&[f64], f64)) -> Option<ByOthers<Self::Word>> {
+        None
+    }
+
     /// Whether the outside asks to stop.
     fn is_stopped(&self) -> bool;
+}
+
+/// A solution by other unknowns.
+pub struct ByOthers<W> {
+    pub w: Vec<f64>,
+    /// How they change along the branch.
+    pub change: Vec<f64>,
+    pub word: W,
 }
 
 /// A point of the branch.
@@ -154,6 +168,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         ahead[n] = 1.0;
         let from = self.scales.from;
         let first = self.correct((w, from), (w, from), &ahead, 0.0, None)?.0;
+        let first = self.by_best(first);
         let mut curve = Curve { points: vec![first], events: Vec::new(), ended: None };
         let (mut ds, mut streak) = (FIRST, 0);
         let (mut why, mut other) = (None, None);
@@ -183,7 +198,7 @@ impl<'f, F: Family> Continuation<'f, F> {
                         continue;
                     }
                     self.locate((&last, &next), step, &mut curve);
-                    curve.points.push(next);
+                    curve.points.push(self.by_best(next));
                     streak += 1;
                     if streak >= STREAK && corrections <= FEW {
                         ds = (GROWTH * ds).min(LONGEST);
@@ -244,6 +259,19 @@ impl<'f, F: Family> Continuation<'f, F> {
         let along = (next.p - last.p) / self.scales.of(n) * self.direction();
         let changes = (0..n).map(|i| (next.w[i] - last.w[i]) / self.scales.of(i));
         DVector::from_iterator(n + 1, changes.chain([along]))
+    }
+
+    /// A point by the unknowns that are best where it is.
+    fn by_best(&mut self, point: Solved<F::Word>) -> Solved<F::Word> {
+        let n = point.w.len();
+        let way: Vec<f64> = (0..n).map(|i| point.tangent[i] * self.scales.of(i)).collect();
+        let by_p = point.tangent[n] * self.scales.of(n) * self.direction();
+        let Some(ByOthers { w, change, word }) = self.family.by_others(&point, (&way, by_p)) else { return point };
+        let changes = change.iter().enumerate().map(|(i, change)| change / self.scales.of(i));
+        let along = DVector::from_iterator(n + 1, changes.chain([point.tangent[n]]));
+        let tangent = &along / along.norm();
+        let made = self.correct((&w, point.p), (&w, point.p), &tangent, 0.0, Some(&word));
+        made.ok().filter(|(made, _)| made.word == word).map_or(point, |(made, _)| made)
     }
 
     /// The sign of the parameter in units of its interval.
@@ -351,7 +379,7 @@ impl<'f, F: Family> Continuation<'f, F> {
         let what = What::Border(next.as_ref().map(|point| point.word.clone()).or(other));
         curve.events.push(Found { at: last.clone(), after: curve.points.len() - 1, what });
         let goes_on = next.is_some();
-        curve.points.extend(next);
+        curve.points.extend(next.map(|next| self.by_best(next)));
         goes_on
     }
 }

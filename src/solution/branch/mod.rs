@@ -4,6 +4,7 @@
 //! (di Bernardo and others 2008, *Piecewise-smooth Dynamical Systems*).
 
 mod arclength;
+mod cut;
 mod orbits;
 mod rests;
 mod test_functions;

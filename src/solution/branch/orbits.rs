@@ -1,6 +1,7 @@
 //! Branches of periodic orbits, by shooting with the derivatives of each run by its start and by the parameter.
 
-use super::arclength::{Continuation, Curve, Evaluation, Family, Found, Scales, Solved, Test, What};
+use super::arclength::{ByOthers, Continuation, Curve, Evaluation, Family, Found, Scales, Solved, Test, What};
+use super::cut::CutOpen;
 use super::test_functions::{OF_ORBITS, is_confirmed};
 use super::{Branch, BranchEvent, BranchEventKind, BranchPlan};
 use crate::bindable::Bindable;
@@ -118,14 +119,39 @@ impl Orbits<'_> {
         }
     }
 
-    fn shoot(&mut self, w: &[f64], p: f64) -> Result<Shot, Failure> {
+    fn shoot(&mut self, w: &[f64], p: f64, after: f64) -> Result<Shot, Failure> {
         let (from, period) = self.start(w, p);
+        self.run((&from, period), p, after)
+    }
+
+    /// A run over a period from a cut.
+    fn run(&mut self, (from, period): (&[f64], f64), p: f64, after: f64) -> Result<Shot, Failure> {
         if !(period > 0.0 && period.is_finite()) {
             return Err(self.failure(format!("the period is {period:?} where the parameter is {p:?}")));
         }
         let model = self.model.bound(&self.values_at(p)).map_err(|why| self.failure(why))?;
         self.shots += 1;
-        model.subject(self.how.settings).shoot(self.plan, (&from, period), &[self.parameter], self.control)
+        let plan = self.plan_from(after);
+        model.subject(self.how.settings).shoot(&plan, (from, period), &[self.parameter], self.control)
+    }
+
+    /// The plan of runs from a cut.
+    fn plan_from(&self, after: f64) -> Plan {
+        Plan { start: self.plan.start + after, ..self.plan.clone() }
+    }
+
+    /// The states of an orbit where its period begins, and its period.
+    fn at_beginning(&mut self, point: &Solved<CutOpen>) -> (Vec<f64>, f64) {
+        let (from, period) = self.start(&point.w, point.p);
+        let after = point.word.after;
+        let left = period * (after / period).ceil() - after;
+        if left <= 0.0 {
+            return (from, period);
+        }
+        let model = self.model.bound(&self.values_at(point.p)).unwrap_or_else(|_| self.model.clone());
+        let subject = model.subject(self.how.settings);
+        let run = subject.end(&self.plan_from(after), (&from, left), self.control);
+        (run.map_or(from, |run| run.to), period)
     }
 
     fn unknowns(&self, shot: &Shot) -> Vec<f64> {
@@ -138,10 +164,11 @@ impl Orbits<'_> {
 }
 
 impl Family for Orbits<'_> {
-    type Word = Passages;
+    type Word = CutOpen;
 
-    fn evaluate(&mut self, w: &[f64], p: f64, _: Option<&Self::Word>) -> Result<Evaluation<Self::Word>, Failure> {
-        let shot = self.shoot(w, p)?;
+    fn evaluate(&mut self, w: &[f64], p: f64, near: Option<&Self::Word>) -> Result<Evaluation<Self::Word>, Failure> {
+        let after = near.map_or(0.0, |near| near.after);
+        let shot = self.shoot(w, p, after)?;
         let n = w.len();
         let monodromy = shot.monodromy.as_ref().map_err(|why| self.failure(why.clone()))?;
         let slope = DVector::from_column_slice(&shot.slope);
@@ -168,13 +195,14 @@ impl Family for Orbits<'_> {
             let nearest = (0..spectrum.len()).min_by(|a, b| off(&spectrum[*a]).total_cmp(&off(&spectrum[*b])));
             nearest.map(|nearest| spectrum.remove(nearest));
         }
-        Ok(Evaluation { residual, jacobian, word: shot.passages, spectrum, is_admissible: true })
+        let word = CutOpen { passages: shot.passages, after };
+        Ok(Evaluation { residual, jacobian, word, spectrum, is_admissible: true })
     }
 
     fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)> {
         let mut w = towards.to_vec();
         for _ in 0..CORRECTIONS {
-            let Evaluation { residual, jacobian, word, .. } = self.evaluate(&w, p, None).ok()?;
+            let Evaluation { residual, jacobian, word, .. } = self.evaluate(&w, p, Some(&at.word)).ok()?;
             if residual.amax() <= 1.0 {
                 let sizes = at.w.iter().map(|x| x.abs()).fold(f64::MIN_POSITIVE, f64::max);
                 let is_near = w.iter().zip(&at.w).all(|(w, at)| (w - at).abs() <= NEAR * sizes.max(at.abs()));
@@ -186,6 +214,25 @@ impl Family for Orbits<'_> {
             w.iter_mut().zip(change.iter()).for_each(|(w, change)| *w += change);
         }
         None
+    }
+
+    fn by_others(&mut self, at: &Solved<Self::Word>, (way, by_p): (&[f64], f64)) -> Option<ByOthers<Self::Word>> {
+        // The value that the state of a phase keeps would have to be another.
+        if self.periodic.phase.is_some() {
+            return None;
+        }
+        let (from, period) = self.start(&at.w, at.p);
+        let later = at.word.better(period)?;
+        let model = self.model.bound(&self.values_at(at.p)).ok()?;
+        let plan = self.plan_from(at.word.after);
+        let subject = model.subject(self.how.settings);
+        let run = subject.shoot(&plan, (&from, later), &[self.parameter], self.control).ok()?;
+        let along = run.monodromy.ok()? * DVector::from_column_slice(way) + run.by_parameters.column(0) * by_p;
+        // A whole period later the forcing is the same.
+        let after = (at.word.after + later) % period;
+        let passages = self.shoot(&run.to, at.p, after).ok()?.passages;
+        let change = along.iter().copied().collect();
+        Some(ByOthers { w: run.to, change, word: CutOpen { passages, after } })
     }
 
     fn is_stopped(&self) -> bool {
@@ -268,12 +315,15 @@ fn first(orbits: &mut Orbits<'_>, asked: &BranchPlan) -> Result<(Vec<f64>, Vec<f
 /// A run along the last orbit of the branch, or from the start where there is none.
 fn along_last(
     orbits: &mut Orbits<'_>,
-    (curve, at): (&Result<Curve<Passages>, Failure>, f64),
+    (curve, at): (&Result<Curve<CutOpen>, Failure>, f64),
     control: &Control,
 ) -> Solution {
     let model = orbits.model.bound(&orbits.values_at(at)).unwrap_or_else(|_| orbits.model.clone());
     let last = curve.as_ref().ok().and_then(|curve| curve.points.last());
-    let shot = last.and_then(|last| orbits.shoot(&last.w, last.p).ok());
+    let shot = last.and_then(|last| {
+        let (from, period) = orbits.at_beginning(last);
+        orbits.run((&from, period), last.p, 0.0).ok()
+    });
     let period = shot.as_ref().map_or(orbits.periodic.period, |shot| shot.period);
     let found = shot.ok_or_else(|| Box::new((None, orbits.failure("there is no orbit".to_owned()))));
     let mut plan = Plan { initial: model.initial().to_vec(), ..orbits.plan.clone() };
@@ -291,21 +341,23 @@ fn along_last(
 
 /// Holds the multipliers of the first orbit, of the last, and of those where they say that something happens, to differences of
 /// runs. On a border an orbit has derivatives on one side only.
-fn check(orbits: &mut Orbits<'_>, curve: &Curve<Passages>, checks: &mut Checks) {
+fn check(orbits: &mut Orbits<'_>, curve: &Curve<CutOpen>, checks: &mut Checks) {
     let tested = curve.events.iter().filter(|found| matches!(found.what, What::Test(_)));
     for point in curve.points.first().into_iter().chain(curve.points.last()).chain(tested.map(|found| &found.at)) {
-        let Ok(shot) = orbits.shoot(&point.w, point.p) else { continue };
+        let after = point.word.after;
+        let Ok(shot) = orbits.shoot(&point.w, point.p, after) else { continue };
         let Ok(model) = orbits.model.bound(&orbits.values_at(point.p)) else { continue };
-        multipliers::find(model.subject(orbits.how.settings), orbits.plan, &shot, false, orbits.control, checks);
+        let plan = orbits.plan_from(after);
+        multipliers::find(model.subject(orbits.how.settings), &plan, &shot, false, orbits.control, checks);
     }
 }
 
 /// The branch by names.
-fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<Passages>) -> Branch {
+fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<CutOpen>) -> Branch {
     let (names, model) = (orbits.plan.names.clone(), orbits.model);
     let mut branch = Branch { name: asked.name.clone(), shots: orbits.shots, ..Branch::default() };
-    let mut place = |point: &Solved<Passages>| {
-        let (from, period) = orbits.start(&point.w, point.p);
+    let mut place = |point: &Solved<CutOpen>| {
+        let (from, period) = orbits.at_beginning(point);
         (names.iter().cloned().zip(from).collect(), period)
     };
     for point in &curve.points {
@@ -319,7 +371,7 @@ fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<Passages>) -> 
     for Found { at, after, what } in &curve.events {
         let (kind, of) = match what {
             What::Test(number) => (OF_ORBITS[*number].1, None),
-            What::Border(other) => border(&at.word, other.as_ref()),
+            What::Border(other) => border(&at.word.passages, other.as_ref().map(|other| &other.passages)),
         };
         if !is_confirmed(kind, &at.spectrum) {
             continue;
