@@ -36,6 +36,10 @@ const HALVINGS: i32 = 1;
 /// Least reduction of the residual, or of Newton's correction, relative to the fraction of the step taken (Deuflhard 2011,
 /// *Newton Methods for Nonlinear Problems*, sections 3.1 and 3.3).
 const GAIN: f64 = 0.25;
+/// The most by which a step changes a free period, as a part of it: beyond, the derivatives by the period say nothing.
+const MOST_OF_PERIOD: f64 = 0.5;
+/// Most runs until the state of the phase has its value again.
+const RETURNS: usize = 8;
 /// A distance of this number of tolerances has fewer than three known digits: an orbit with a free period and no greater length counts
 /// as a point, and an orbit whose start is known no better is uncertain.
 const SEEN: f64 = 1e3;
@@ -397,7 +401,7 @@ impl Search<'_> {
             };
             let next = better.and_then(|better| match better {
                 Some(better) => Ok(better),
-                None => self.shoot(&shot.to, shot.period),
+                None => self.returned(&shot),
             });
             shot = match next {
                 Ok(next) => next,
@@ -464,8 +468,9 @@ impl Search<'_> {
     /// fraction does.
     fn damped(&mut self, shot: &Shot, correction: &Correction) -> Result<Option<Shot>, Failure> {
         let (change, of_period) = correction;
+        let whole = (MOST_OF_PERIOD * shot.period / of_period.abs()).min(1.0);
         for halving in 0..=HALVINGS {
-            let part = 0.5_f64.powi(halving);
+            let part = whole * 0.5_f64.powi(halving);
             let period = shot.period + part * of_period;
             if period <= 0.0 || self.shots >= MOST_SHOTS {
                 continue;
@@ -479,6 +484,27 @@ impl Search<'_> {
             }
         }
         Ok(None)
+    }
+
+    /// A run from the end of another; with a free period, from where the state of the phase has its value again.
+    fn returned(&mut self, shot: &Shot) -> Result<Shot, Failure> {
+        let Some(phase) = self.phase else { return self.shoot(&shot.to, shot.period) };
+        let (mut run, anchor) = (shot.clone(), shot.from[phase]);
+        for _ in 0..RETURNS {
+            let later = (anchor - run.to[phase]) / run.slope[phase];
+            if (anchor - run.to[phase]).abs() <= run.scale[phase] {
+                let mut from = run.to.clone();
+                from[phase] = anchor;
+                return self.shoot(&from, run.period);
+            }
+            let is_near = later.abs() <= MOST_OF_PERIOD * run.period;
+            if !is_near || self.shots >= MOST_SHOTS {
+                break;
+            }
+            self.shots += 1;
+            run = self.subject.end(self.plan, (&shot.from, run.period + later), self.control)?;
+        }
+        self.shoot(&shot.to, shot.period)
     }
 
     /// Whether a run is nearer to the orbit than the one before, by its residual or by what Newton's method would correct.

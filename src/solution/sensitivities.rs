@@ -431,6 +431,27 @@ fn is_between_events(events: &[Vec<f64>], t: f64) -> bool {
     t - latest <= latest - first
 }
 
+/// The size of a parameter that is zero: a change by which a result changes by its own size, by its derivatives. Results below
+/// their tolerance, or below the largest tolerance of a state if they have none, have no size.
+fn size_by_effects(
+    asked: &Sensitivities,
+    compared: &[At],
+    values: &[Vec<f64>],
+    tighter: &Settings,
+    k: usize,
+) -> Option<f64> {
+    let most = tighter.atol.iter().copied().fold(0.0, f64::max);
+    let of_result = |(number, (of, values)): (usize, (&usize, &Vec<f64>))| {
+        let largest = values.iter().fold(0.0_f64, |largest, value| largest.max(value.abs()));
+        let slopes = compared.iter().filter_map(|at| at.rows.get(number * asked.by.len() + k));
+        let steepest = slopes.fold(0.0_f64, |steepest, slope| steepest.max(slope.abs()));
+        let atol = tighter.atol.get(*of).copied().unwrap_or(most);
+        (largest > atol && steepest > 0.0).then_some(largest / steepest)
+    };
+    let sizes = asked.of.iter().zip(values).enumerate().filter_map(of_result);
+    sizes.filter(|size| *size > 0.0 && size.is_finite()).min_by(f64::total_cmp)
+}
+
 /// Compares the derivatives of a run with differences of runs.
 fn compare(
     plan: &Plan,
@@ -455,21 +476,14 @@ fn compare(
         By::Parameter(k) => values[k].abs(),
         By::Initial(state) => plan.initial[state].abs().max(ended.x[state].abs()),
     };
-    let direction: Vec<f64> = asked
-        .by
-        .iter()
-        .zip(generic_parts())
-        .map(|(by, moved)| moved * part * if size_of(by) > 0.0 { size_of(by) } else { 1.0 })
-        .collect();
-    let resolution = resolution.map_or(0.0, |resolution| resolution.along(&direction));
     // The values of each state at the times that are compared.
-    let along = |multiple: f64| -> Option<(Vec<Vec<f64>>, Vec<f64>)> {
+    let along = |changes: &[f64]| -> Option<(Vec<Vec<f64>>, Vec<f64>)> {
         let mut parameters = values.to_vec();
         let mut states = Vec::new();
-        for (by, change) in asked.by.iter().zip(&direction) {
+        for (by, change) in asked.by.iter().zip(changes) {
             match *by {
-                By::Parameter(k) => parameters[k] += multiple * change,
-                By::Initial(state) => states.push((state, plan.initial[state] + multiple * change)),
+                By::Parameter(k) => parameters[k] += change,
+                By::Initial(state) => states.push((state, plan.initial[state] + change)),
             }
         }
         let mut reference = Plan {
@@ -487,7 +501,20 @@ fn compare(
         let events = solution.trajectory.events.iter().map(|event| event.t).collect();
         is_whole.then(|| (solution.trajectory.fields.into_iter().map(|field| field.values).collect(), events))
     };
-    let runs: Vec<_> = [0.0, 1.0, -1.0, 2.0, -2.0].into_iter().map_while(along).collect();
+    let unmoved = along(&vec![0.0; asked.by.len()]);
+    let size = |(k, by): (usize, &By)| match size_of(by) {
+        size if size > 0.0 => size,
+        _ => unmoved
+            .as_ref()
+            .and_then(|(values, _)| size_by_effects(asked, &compared, values, tighter, k))
+            .map_or(1.0, |size| size.min(1.0)),
+    };
+    let sizes = asked.by.iter().enumerate().map(size);
+    let direction: Vec<f64> = sizes.zip(generic_parts()).map(|(size, moved)| moved * part * size).collect();
+    let resolution = resolution.map_or(0.0, |resolution| resolution.along(&direction));
+    let times = |multiple: f64| direction.iter().map(|change| multiple * change).collect::<Vec<f64>>();
+    let moved = [1.0, -1.0, 2.0, -2.0].into_iter().map_while(|multiple| along(&times(multiple)));
+    let runs: Vec<_> = unmoved.clone().into_iter().chain(moved).collect();
     let (values, events): (Vec<Vec<Vec<f64>>>, Vec<Vec<f64>>) = runs.into_iter().unzip();
     let [here, above, below, far_above, far_below] = values.as_slice() else {
         let message = "runs with other parameters, which the derivatives are compared with, did not reach the end";

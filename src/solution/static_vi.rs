@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::time::Instant;
 use utoipa::ToSchema;
 use vi::{
-    AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SINGULAR, SolverKind, SparseVi, Worst,
+    AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SINGULAR, SolverKind, SparseVi, Terms, Worst,
     certificate, start,
 };
 
@@ -147,8 +147,7 @@ pub fn solve_static(model: &StaticModel, plan: &Plan, asked: StaticPlan, control
 struct At {
     g: Vec<f64>,
     derivatives: Vec<f64>,
-    /// The size of the terms of `G`: `|G| + |J| |z|`.
-    terms: Vec<f64>,
+    terms: Terms,
     worst: Worst,
 }
 
@@ -189,10 +188,8 @@ impl Search<'_> {
         let mut derivatives = vec![0.0; structure.pattern.len()];
         self.problem.evaluate(z, &mut g);
         self.problem.derivatives(z, &mut derivatives);
-        let mut terms: Vec<f64> = g.iter().map(|g| g.abs()).collect();
-        for (&(i, j), a) in structure.pattern.iter().zip(&derivatives) {
-            terms[i] += (a * z[j]).abs();
-        }
+        let entries = structure.pattern.iter().copied().zip(derivatives.iter().copied());
+        let terms = Terms::of(&structure.set, (z, &g), entries);
         let worst = Worst::of(&structure.set, (z, &g), &terms);
         At { g, derivatives, terms, worst }
     }
@@ -259,7 +256,7 @@ impl Search<'_> {
             diagnostics.checks.caveat("uniqueness_not_guaranteed", format!("uniqueness is not guaranteed: {message}"));
             return format!("a solution: {message}");
         }
-        let found = certificate(&self.jacobian(at), is_affine, (z, &at.g), &at.terms, &structure.set);
+        let found = certificate(&self.jacobian(at), is_affine, (z, &at.g), &at.terms.sizes, &structure.set);
         let told = match &found {
             Certificate::Unique(least) => {
                 return format!(
@@ -293,11 +290,13 @@ impl Search<'_> {
             Certificate::Nothing(why) => format!("a solution: {why}"),
         };
         let along = if let Certificate::Singular(direction) = &found { direction.as_slice() } else { &[] };
-        match self.another(z, along) {
+        match self.another(z, at, along) {
             Some(other) => {
                 let moved: Vec<f64> = other.iter().zip(z).map(|(other, z)| other - z).collect();
                 let shown: Vec<String> = (0..z.len())
-                    .filter(|&i| moved[i].abs() > APART * z[i].abs().max(1.0))
+                    .filter(|&i| {
+                        moved[i].abs() > APART * moved.iter().fold(z[i].abs(), |most, moved| most.max(moved.abs()))
+                    })
                     .take(NAMED)
                     .map(|i| format!("`{}` = {:.6}", self.name(i), other[i]))
                     .collect();
@@ -327,9 +326,21 @@ impl Search<'_> {
         format!("{}{more}", parts.join(", "))
     }
 
+    /// The size of the variables: of their values, and of the changes that would undo `G` by its derivatives.
+    fn size(&self, z: &[f64], at: &At) -> f64 {
+        let mut steepest = vec![0.0_f64; z.len()];
+        let pattern = &self.model.equations.structure().pattern;
+        for (&(i, _), slope) in pattern.iter().zip(&at.derivatives).filter(|((i, _), _)| *i < z.len()) {
+            steepest[i] = steepest[i].max(slope.abs());
+        }
+        let changes = at.g.iter().zip(&steepest).filter(|(_, slope)| **slope > 0.0).map(|(g, slope)| g.abs() / slope);
+        let size = z.iter().map(|z| z.abs()).chain(changes).fold(0.0, f64::max);
+        if size > 0.0 && size.is_finite() { size } else { 1.0 }
+    }
+
     /// Searches for another solution, on both sides along a direction if there is one, and from other starts.
-    fn another(&mut self, z: &[f64], along: &[f64]) -> Option<Vec<f64>> {
-        let size = z.iter().fold(1.0_f64, |most, z| most.max(z.abs()));
+    fn another(&mut self, z: &[f64], at: &At, along: &[f64]) -> Option<Vec<f64>> {
+        let size = self.size(z, at);
         let length = along.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
         let set = self.problem.set();
         let aside = |part: f64| {
@@ -340,7 +351,7 @@ impl Search<'_> {
         };
         let elsewhere = |number: usize| {
             let mut other = z.to_vec();
-            start(number, z, set, &mut other);
+            start(number, (z, size), set, &mut other);
             other
         };
         let mut starts = Vec::new();

@@ -96,6 +96,13 @@ pub(super) fn is_stable(eigenvalues: &[[f64; 2]]) -> Option<bool> {
     largest.filter(|re| re.abs() > ON_AXIS * fastest).map(|re| re < 0.0)
 }
 
+/// Whether an eigenvalue is zero, as far as eigenvalues are known.
+pub(super) fn has_zero(eigenvalues: &[[f64; 2]]) -> bool {
+    let sizes = || eigenvalues.iter().map(|[re, im]| re.hypot(*im));
+    let fastest = sizes().fold(0.0, f64::max);
+    sizes().any(|size| size <= ON_AXIS * fastest)
+}
+
 /// Finds a steady state near the initial values, and integrates from it for a while.
 pub fn find_steady_state(
     model: &DviModel,

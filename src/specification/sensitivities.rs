@@ -263,7 +263,7 @@ pub(super) fn differentiable<'m>(
         return None;
     }
     if dvi.has_kinks() {
-        let detail = "a rate has a kink or a jump in a state, across which the solution is not differentiable";
+        let detail = "a rate has a kink or a jump in a state, whose crossing is not located, so that derivatives behind it would be wrong";
         let error = SpecificationError::new(place.to_string(), "conflict", detail);
         errors.push(error.expected("the kink written as a set, as the warning `kink_in_rate` shows"));
         return None;

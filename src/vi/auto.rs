@@ -131,6 +131,10 @@ fn order(vi: &AffineVi<'_>) -> &'static [SolverKind] {
             false => &[SemismoothNewton, Lemke],
         };
     }
+    // The sweeps over a single block solve the problem itself.
+    if vi.set.blocks().iter().any(|block| block.members.len() == vi.q.len()) {
+        return &[SemismoothNewton, Conic];
+    }
     let small = vi.set.blocks().iter().all(|block| block.members.len() <= SMALL_BLOCK);
     if small && vi.q.len() >= SWEEPS_FROM {
         &[BlockGaussSeidel, SemismoothNewton, Conic]

@@ -11,7 +11,8 @@
 
 use super::auto::SolverKind;
 use super::d_gap::Gap;
-use super::{AffineVi, Attempt, Outcome, Report, ViSolver};
+use super::residual::of_block;
+use super::{AffineVi, Attempt, Outcome, Report, Terms, ViSolver};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
 
@@ -57,7 +58,6 @@ pub struct JosephyNewton {
     gradient: Vec<f64>,
     trial: Vec<f64>,
     trial_f: Vec<f64>,
-    point: Vec<f64>,
 }
 
 impl JosephyNewton {
@@ -75,7 +75,6 @@ impl JosephyNewton {
             gradient: vector(),
             trial: vector(),
             trial_f: vector(),
-            point: vector(),
         }
     }
 
@@ -84,13 +83,18 @@ impl JosephyNewton {
         self.solver.attempts()
     }
 
-    /// Solves from `z`, of length `m`, until the natural-map residual is below `tolerance`, and writes the best point
+    /// Solves from `z`, of length `m`, until the residual is below `tolerance`, and writes the best point
     /// to `z`.
     pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         vi.set().project_all(z, &mut self.work);
         vi.evaluate(z, &mut self.f);
+        // In blocks residuals are measured beside the terms of `F`, which its derivative tells.
+        let has_blocks = vi.set().has_blocks();
         let mut least = f64::INFINITY;
         for iterations in 0..ITERATIONS {
+            if has_blocks {
+                vi.jacobian(z, &mut self.matrix);
+            }
             let residual = self.residual(vi.set(), z);
             if !residual.is_finite() {
                 return Report { iterations, ..Report::BREAKDOWN };
@@ -101,7 +105,9 @@ impl JosephyNewton {
             if control.poll().is_some() {
                 return Report { outcome: Outcome::Interrupted, residual, iterations };
             }
-            vi.jacobian(z, &mut self.matrix);
+            if !has_blocks {
+                vi.jacobian(z, &mut self.matrix);
+            }
             if !self.matrix.iter().all(|a| a.is_finite()) {
                 return Report { outcome: Outcome::Breakdown, residual, iterations };
             }
@@ -115,12 +121,26 @@ impl JosephyNewton {
         Report { outcome: Outcome::Limit, residual: self.residual(vi.set(), z), iterations: ITERATIONS }
     }
 
-    /// `max |z - P_K(z - F)|`
+    /// The largest `|z_i - P_K(z - F)_i|` over intervals, and of blocks the relative residual in the unit of `F`, by the
+    /// last derivative.
     fn residual(&mut self, set: &ConvexSet, z: &[f64]) -> f64 {
-        self.point.iter_mut().zip(z).zip(&self.f).for_each(|((p, z), f)| *p = z - f);
-        set.project_all(&mut self.point, &mut self.work);
-        let differences = self.point.iter().zip(z).map(|(p, z)| (p - z).abs());
-        differences.fold(0.0, |most, r| if r > most || r.is_nan() { r } else { most })
+        let Self { matrix, f, work, .. } = self;
+        let mut largest = 0.0;
+        let mut offer = |r: f64| largest = if r > largest || r.is_nan() { r } else { largest };
+        for i in (0..z.len()).filter(|&i| set.block_of(i).is_none()) {
+            offer((z[i] - set.project(i, z[i] - f[i])).abs());
+        }
+        if set.has_blocks() {
+            let m = z.len();
+            let entries = matrix.iter().enumerate().map(|(place, a)| ((place % m, place / m), *a));
+            let terms = Terms::of(set, (z, f), entries);
+            for (number, block) in set.blocks().iter().enumerate() {
+                let of = terms.of_block(block);
+                let is_finite = block.members.iter().all(|&i| f[i].is_finite());
+                offer(if is_finite { of_block(set, number, (z, f), of, work) * of.0 } else { f64::NAN });
+            }
+        }
+        largest
     }
 
     /// Makes one step from `z`; false if no step lowers the merit function.

@@ -42,7 +42,7 @@ pub use portfolio::{Found, Portfolio, start};
 pub use semismooth_newton::SemismoothNewton;
 pub use sparse_jacobian::SparseVi;
 pub use sparse_newton::SparseNewton;
-pub use worst::Worst;
+pub use worst::{Terms, Worst};
 
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet};

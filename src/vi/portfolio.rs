@@ -5,7 +5,7 @@
 
 use super::auto::SolverKind;
 use super::interior_point::InteriorPoint;
-use super::{ActiveSet, JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Worst};
+use super::{ActiveSet, JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Terms, Worst};
 use factorisation::SparseMatrix;
 use faer::sparse::Triplet;
 use nalgebra::DMatrix;
@@ -104,7 +104,7 @@ impl Portfolio {
             if is_over || found.ray || control.poll().is_some() {
                 break;
             }
-            start(number, &first, vi.set(), z);
+            start(number, (&first, largest_of(&first)), vi.set(), z);
             let next = self.once(vi, tolerance, z, control);
             let (tried, iterations) = (number, found.iterations + next.iterations);
             let is_better = next.report.outcome == Outcome::Solved
@@ -286,18 +286,20 @@ fn worst(vi: &mut dyn SparseVi, z: &[f64]) -> Worst {
     let mut derivatives = vec![0.0; vi.pattern().len()];
     vi.evaluate(z, &mut f);
     vi.derivatives(z, &mut derivatives);
-    let mut terms: Vec<f64> = f.iter().map(|f| f.abs()).collect();
-    for (&(i, j), a) in vi.pattern().iter().zip(&derivatives) {
-        terms[i] += (a * z[j]).abs();
-    }
-    Worst::of(vi.set(), (z, &f), &terms)
+    let entries = vi.pattern().iter().copied().zip(derivatives.iter().copied());
+    Worst::of(vi.set(), (z, &f), &Terms::of(vi.set(), (z, &f), entries))
 }
 
-/// Start number `number`, from one: around the one given, ever farther, by multiples of the golden ratio.
-pub fn start(number: usize, first: &[f64], set: &ConvexSet, z: &mut [f64]) {
+/// The largest size of an entry, or 1 if all are zero.
+fn largest_of(z: &[f64]) -> f64 {
+    let largest = z.iter().fold(0.0_f64, |most, z| most.max(z.abs()));
+    if largest > 0.0 { largest } else { 1.0 }
+}
+
+/// Start number `number`, from one: around the one given, ever farther in units of `size`, by multiples of the golden ratio.
+pub fn start(number: usize, (first, size): (&[f64], f64), set: &ConvexSet, z: &mut [f64]) {
     /// The golden ratio less one.
     const RATIO: f64 = 0.618_033_988_749_894_8;
-    let size = first.iter().fold(1.0_f64, |most, z| most.max(z.abs()));
     // Sizes 0, 1, 1, 1, 10, 10, 10, 100, ..
     let reach = if number == 1 { 0.0 } else { size * 10.0_f64.powi(((number - 2) / 3) as i32) };
     let free = number > 1 && number.is_multiple_of(2);

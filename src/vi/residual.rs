@@ -1,7 +1,7 @@
-//! The relative residual of a point for an affine variational inequality over any set.
+//! The relative residual of a point for a variational inequality over any set.
 //!
 //! Components in intervals are judged by the natural map itself. A block combines the units of `z` and `w`, so the
-//! natural map is taken with `s w` in place of `w`, where `s = |z| / (|q| + |A| |z|)`, and measured relative to `|z|`:
+//! natural map is taken with `s w` in place of `w`, where `s = |z| / (|q| + |A| |z|)`, the size of `z` over that of the terms of `w`, and measured relative to `|z|`:
 //!
 //! ```text
 //! |z - P(z - s w)| <= tolerance |z|
@@ -10,10 +10,26 @@
 //! means that a change of `z` and one of `w`, each within the tolerance of its own size, make `z` a solution.
 
 use super::{Accuracy, AffineVi};
-use problem::Workspace;
+use problem::{ConvexSet, Workspace};
 
 /// A point below this fraction of the size that the data imply counts as zero.
 const NOTHING: f64 = 1e-13;
+
+/// The relative residual of a point `z` with `w` in one block, whose terms are up to `terms`, and the entries of the
+/// derivative of `w` by the members of the block up to `slope`.
+pub(super) fn of_block(
+    set: &ConvexSet,
+    block: usize,
+    (z, w): (&[f64], &[f64]),
+    (terms, slope): (f64, f64),
+    work: &mut Workspace,
+) -> f64 {
+    let terms = terms.max(f64::MIN_POSITIVE);
+    let implied = if slope > 0.0 { NOTHING * terms / slope } else { 0.0 };
+    let size = set.blocks()[block].members.iter().fold(implied, |most, &i| most.max(z[i].abs()));
+    let size = if size > 0.0 { size } else { 1.0 };
+    set.defect(block, z, w, size / terms, work) / size
+}
 
 /// Evaluator of residuals, with its workspace.
 #[derive(Debug, Default)]
@@ -33,12 +49,8 @@ impl Gauge {
         let mut accuracy = vi.measure(z, w, terms);
         for (b, block) in vi.set.blocks().iter().enumerate() {
             let largest = |x: &dyn Fn(usize) -> f64| block.members.iter().fold(0.0_f64, |most, &i| most.max(x(i)));
-            let terms = largest(&|i| terms[i]).max(f64::MIN_POSITIVE);
-            let matrix = largest(&|i| largest(&|j| vi.matrix[(i, j)].abs()));
-            let implied = if matrix > 0.0 { NOTHING * terms / matrix } else { 0.0 };
-            let size = largest(&|i| z[i].abs()).max(implied);
-            let size = if size > 0.0 { size } else { 1.0 };
-            let relative = vi.set.defect(b, z, w, size / terms, work) / size;
+            let slope = largest(&|i| largest(&|j| vi.matrix[(i, j)].abs()));
+            let relative = of_block(vi.set, b, (z, w), (largest(&|i| terms[i]), slope), work);
             let residual = vi.set.defect(b, z, w, 1.0, work);
             if relative.is_nan() || residual.is_nan() || accuracy.residual.is_nan() {
                 return Accuracy::NOT_A_NUMBER;

@@ -1,7 +1,7 @@
 //! The sparse derivative of a nonlinear variational inequality, `F'(z)`, and factors of it with rows scaled and a diagonal added:
 //! of one pattern, which is analysed once.
 
-use super::Worst;
+use super::{Terms, Worst};
 use factorisation::{Analysis, SparseLu, SparseMatrix};
 use faer::sparse::Triplet;
 use problem::{Control, ConvexSet};
@@ -100,11 +100,8 @@ impl SparseJacobian {
 
     /// How far a point `z` with `F(z)` is from a solution, where the Jacobian is that there.
     pub fn worst(&self, set: &ConvexSet, (z, f): (&[f64], &[f64])) -> Worst {
-        let mut terms: Vec<f64> = f.iter().map(|f| f.abs()).collect();
-        for (j, z) in z.iter().enumerate() {
-            self.column(j).for_each(|(&i, a)| terms[i] += (a * z).abs());
-        }
-        Worst::of(set, (z, f), &terms)
+        let entries = (0..z.len()).flat_map(|j| self.column(j).map(move |(&i, a)| ((i, j), *a)));
+        Worst::of(set, (z, f), &Terms::of(set, (z, f), entries))
     }
 
     /// Factorises the system whose row `i` is that of `F'` times the first number, with the second added on the diagonal.

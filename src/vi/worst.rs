@@ -1,32 +1,69 @@
 //! How far a point is from a solution, component by component: over an interval
 //!
 //! ```text
-//! r_i = |median(z_i - l_i, G_i, z_i - u_i)| = |z_i - P(z_i - G_i)|
+//! r_i = |median((z_i - l_i) / |z_i|, G_i / terms, (z_i - u_i) / |z_i|)|
 //! ```
 //!
-//! which loses no digit where `z_i` is large, beside the terms of what it is: of `G_i`, or of `z_i`. A point that runs away to
-//! infinity, beside which every residual would be small, is none near a solution so.
+//! the natural map `z_i - P(z_i - G_i)` with `z_i` and `G_i` each beside its own size, which loses no digit where `z_i` is
+//! large. A point that runs away to infinity, beside which every residual would be small, is none near a solution so. In a
+//! block it is the relative residual (see [`of_block`]), in the unit of `G`.
 
-use problem::{ConvexSet, Workspace};
+use super::residual::of_block;
+use problem::{Block, ConvexSet, Workspace};
+
+/// The sizes that residuals at a point are measured beside.
+#[derive(Clone, Debug)]
+pub struct Terms {
+    /// Of the terms of each row, `|G| + |J| |z|`.
+    pub sizes: Vec<f64>,
+    /// Of the derivatives of each row by the variables of its own block, the largest.
+    pub slopes: Vec<f64>,
+}
+
+impl Terms {
+    /// At a point `z` with `g = G(z)`, where the derivatives are these.
+    pub fn of(
+        set: &ConvexSet,
+        (z, g): (&[f64], &[f64]),
+        derivatives: impl Iterator<Item = ((usize, usize), f64)>,
+    ) -> Self {
+        let mut sizes: Vec<f64> = g.iter().map(|g| g.abs()).collect();
+        let mut slopes = vec![0.0_f64; z.len()];
+        for ((i, j), a) in derivatives {
+            sizes[i] += (a * z[j]).abs();
+            if set.block_of(i).is_some() && set.block_of(i) == set.block_of(j) {
+                slopes[i] = slopes[i].max(a.abs());
+            }
+        }
+        Self { sizes, slopes }
+    }
+
+    /// The largest size and the largest slope of one block.
+    pub(super) fn of_block(&self, block: &Block) -> (f64, f64) {
+        let over = |values: &[f64]| block.members.iter().fold(0.0_f64, |most, &i| most.max(values[i]));
+        (over(&self.sizes).max(f64::MIN_POSITIVE), over(&self.slopes))
+    }
+}
 
 /// The component that is farthest from solved.
 #[derive(Clone, Copy, Debug)]
 pub struct Worst {
     /// Which it is.
     pub component: usize,
-    /// Its `r_i`.
+    /// Its residual, in the unit of `z_i` or of `G_i`.
     pub residual: f64,
     /// The size of its terms: at least one, or that of the largest of the problem where all are smaller.
     pub terms: f64,
-    /// The largest `r_i` of all.
+    /// The largest residual of all.
     pub largest: f64,
 }
 
 impl Worst {
-    /// Of a point `z` with `g = G(z)`, whose terms add up to these sizes.
-    pub fn of(set: &ConvexSet, (z, g): (&[f64], &[f64]), terms: &[f64]) -> Self {
+    /// Of a point `z` with `g = G(z)`.
+    pub fn of(set: &ConvexSet, (z, g): (&[f64], &[f64]), terms: &Terms) -> Self {
+        let sizes = &terms.sizes;
         let size = |values: &[f64]| values.iter().fold(f64::MIN_POSITIVE, |most, value| most.max(value.abs()));
-        let (least_term, least_z) = (size(terms).min(1.0), size(z).min(1.0));
+        let (least_term, least_z) = (size(sizes).min(1.0), size(z).min(1.0));
         let mut worst = Self { component: 0, residual: 0.0, terms: 1.0, largest: 0.0 };
         let mut offer = |component: usize, residual: f64, terms: f64| {
             if worst.residual.is_nan() {
@@ -39,22 +76,24 @@ impl Worst {
         };
         for i in (0..z.len()).filter(|&i| set.block_of(i).is_none()) {
             let (below, above) = (z[i] - set.lower[i], z[i] - set.upper[i]);
+            let (of_z, of_g) = (z[i].abs().max(least_z), sizes[i].max(least_term));
+            let force = g[i] / of_g;
             if !(g[i].is_finite() && z[i].is_finite()) {
                 offer(i, f64::NAN, 1.0);
-            } else if g[i] > below {
-                offer(i, below.abs(), z[i].abs().max(least_z));
-            } else if g[i] < above {
-                offer(i, above.abs(), z[i].abs().max(least_z));
+            } else if force > below / of_z {
+                offer(i, below.abs(), of_z);
+            } else if force < above / of_z {
+                offer(i, above.abs(), of_z);
             } else {
-                offer(i, g[i].abs(), terms[i].max(least_term));
+                offer(i, g[i].abs(), of_g);
             }
         }
         let mut work = Workspace::default();
         for (number, block) in set.blocks().iter().enumerate() {
-            let over = |values: &[f64]| block.members.iter().fold(0.0_f64, |most, &i| most.max(values[i].abs()));
-            let residual = set.defect(number, z, g, 1.0, &mut work);
-            let residual = if block.members.iter().all(|&i| g[i].is_finite()) { residual } else { f64::NAN };
-            offer(block.members[0], residual, over(terms).max(least_term).max(over(z)));
+            let of = terms.of_block(block);
+            let relative = of_block(set, number, (z, g), of, &mut work);
+            let is_finite = block.members.iter().all(|&i| g[i].is_finite());
+            offer(block.members[0], if is_finite { relative * of.0 } else { f64::NAN }, of.0);
         }
         worst
     }
@@ -73,9 +112,12 @@ mod tests {
     fn a_point_far_away_is_not_near_a_solution() {
         // w2 = -1 whatever z2 is, and z2 has no upper end: beside z2 = 5e16 one is nothing.
         let set = ConvexSet::nonnegative(2);
-        let worst = Worst::of(&set, (&[0.0, 5e16], &[5e16, -1.0]), &[5e16, 1.0]);
-        assert_eq!((worst.component, worst.residual, worst.relative()), (1, 1.0, 1.0));
-        assert_eq!(Worst::of(&set, (&[0.0, 3.0], &[2.0, 0.0]), &[2.0, 6.0]).relative(), 0.0);
-        assert!(Worst::of(&set, (&[0.0, 3.0], &[f64::NAN, 0.0]), &[2.0, 6.0]).relative().is_nan());
+        let worst = |z: &[f64], g: &[f64], sizes: [f64; 2]| {
+            Worst::of(&set, (z, g), &Terms { sizes: sizes.to_vec(), slopes: vec![0.0; 2] })
+        };
+        let far = worst(&[0.0, 5e16], &[5e16, -1.0], [5e16, 1.0]);
+        assert_eq!((far.component, far.residual, far.relative()), (1, 1.0, 1.0));
+        assert_eq!(worst(&[0.0, 3.0], &[2.0, 0.0], [2.0, 6.0]).relative(), 0.0);
+        assert!(worst(&[0.0, 3.0], &[f64::NAN, 0.0], [2.0, 6.0]).relative().is_nan());
     }
 }

@@ -54,6 +54,8 @@ pub struct Evaluation<W> {
     pub spectrum: Vec<[f64; 2]>,
     /// Whether the point is a solution of what was posed, and not only of the equations of its word.
     pub is_admissible: bool,
+    /// Whether no other solutions lie beside it, by its spectrum.
+    pub is_single: bool,
 }
 
 /// A family of equations.
@@ -76,6 +78,9 @@ pub trait Family {
         None
     }
 
+    /// Takes note of a point of the branch.
+    fn accept(&mut self, _point: &Solved<Self::Word>) {}
+
     /// Whether the outside asks to stop.
     fn is_stopped(&self) -> bool;
 }
@@ -97,6 +102,8 @@ pub struct Solved<W> {
     pub tangent: DVector<f64>,
     pub word: W,
     pub spectrum: Vec<[f64; 2]>,
+    /// Whether no other solutions lie beside the branch.
+    pub is_single: bool,
 }
 
 /// Functions of a point whose changes of sign are events.
@@ -126,6 +133,20 @@ pub struct Curve<W> {
     pub events: Vec<Found<W>>,
     /// Why it ends before the end of the interval; `None` at the end.
     pub ended: Option<Failure>,
+}
+
+impl<W> Curve<W> {
+    /// The points beside which other solutions lie, in words, if there are any.
+    pub fn doubt(&self, name: &str, what: &str) -> Option<String> {
+        let count = self.points.iter().filter(|point| !point.is_single).count();
+        let first = self.points.iter().find(|point| !point.is_single)?;
+        Some(format!(
+            "{count} of the {} points of the branch, the first where `{name}` is {:?}, are one each of many {what} that lie side \
+             by side; folds and other events are not looked for among them",
+            self.points.len(),
+            first.p
+        ))
+    }
 }
 
 /// The interval of the parameter, and the sizes of the unknowns.
@@ -168,8 +189,8 @@ impl<'f, F: Family> Continuation<'f, F> {
         ahead[n] = 1.0;
         let from = self.scales.from;
         let first = self.correct((w, from), (w, from), &ahead, 0.0, None)?.0;
-        let first = self.by_best(first);
-        let mut curve = Curve { points: vec![first], events: Vec::new(), ended: None };
+        let mut curve = Curve { points: Vec::new(), events: Vec::new(), ended: None };
+        self.append(first, &mut curve);
         let (mut ds, mut streak) = (FIRST, 0);
         let (mut why, mut other) = (None, None);
         while curve.points.len() < most {
@@ -183,6 +204,7 @@ impl<'f, F: Family> Continuation<'f, F> {
             let end = if along > 0.0 { 1.0 } else { 0.0 };
             let left = (end - passed) / along;
             if curve.points.len() > 1 && left.abs() <= SHORTEST {
+                curve.ended = (end == 0.0).then(|| came_back(&last));
                 return Ok(curve);
             }
             let is_last = along != 0.0 && ds >= left;
@@ -198,7 +220,7 @@ impl<'f, F: Family> Continuation<'f, F> {
                         continue;
                     }
                     self.locate((&last, &next), step, &mut curve);
-                    curve.points.push(self.by_best(next));
+                    self.append(next, &mut curve);
                     streak += 1;
                     if streak >= STREAK && corrections <= FEW {
                         ds = (GROWTH * ds).min(LONGEST);
@@ -261,6 +283,11 @@ impl<'f, F: Family> Continuation<'f, F> {
         DVector::from_iterator(n + 1, changes.chain([along]))
     }
 
+    fn append(&mut self, point: Solved<F::Word>, curve: &mut Curve<F::Word>) {
+        self.family.accept(&point);
+        curve.points.push(self.by_best(point));
+    }
+
     /// A point by the unknowns that are best where it is.
     fn by_best(&mut self, point: Solved<F::Word>) -> Solved<F::Word> {
         let n = point.w.len();
@@ -305,10 +332,11 @@ impl<'f, F: Family> Continuation<'f, F> {
                 }
                 let mut unit = DVector::zeros(n + 1);
                 unit[n] = 1.0;
-                let direction = solve(bordered, &unit).ok_or_else(|| singular(&w, p))?;
+                let (direction, is_regular) = solve(bordered, &unit).ok_or_else(|| singular(&w, p))?;
                 let tangent = &direction / direction.norm();
-                let Evaluation { word, spectrum, .. } = evaluation;
-                return Ok((Solved { w, p, tangent, word, spectrum }, correction));
+                let Evaluation { word, spectrum, is_single, .. } = evaluation;
+                let is_single = is_single && is_regular;
+                return Ok((Solved { w, p, tangent, word, spectrum, is_single }, correction));
             }
             if correction == CORRECTIONS || !distance.is_finite() || distance > 1e3 * before.max(1e3) {
                 break;
@@ -317,7 +345,7 @@ impl<'f, F: Family> Continuation<'f, F> {
             let mut right = DVector::zeros(n + 1);
             right.rows_mut(0, n).copy_from(&-&evaluation.residual);
             right[n] = off;
-            let change = solve(bordered, &right).ok_or_else(|| singular(&w, p))?;
+            let (change, _) = solve(bordered, &right).ok_or_else(|| singular(&w, p))?;
             (0..n).for_each(|i| w[i] += change[i] * self.scales.of(i));
             p += change[n] * self.scales.of(n) * self.direction();
         }
@@ -338,6 +366,10 @@ impl<'f, F: Family> Continuation<'f, F> {
 
     /// Locates the changes of sign of the tests between two points.
     fn locate(&mut self, (last, next): (&Solved<F::Word>, &Solved<F::Word>), ds: f64, curve: &mut Curve<F::Word>) {
+        // Among solutions that lie side by side, tests tell nothing.
+        if !(last.is_single && next.is_single) {
+            return;
+        }
         let after = curve.points.len() - 1;
         for (number, test) in self.tests.iter().enumerate() {
             let value = |point: &Solved<F::Word>| test(&point.spectrum, &point.tangent);
@@ -379,7 +411,9 @@ impl<'f, F: Family> Continuation<'f, F> {
         let what = What::Border(next.as_ref().map(|point| point.word.clone()).or(other));
         curve.events.push(Found { at: last.clone(), after: curve.points.len() - 1, what });
         let goes_on = next.is_some();
-        curve.points.extend(next.map(|next| self.by_best(next)));
+        if let Some(next) = next {
+            self.append(next, curve);
+        }
         goes_on
     }
 }
@@ -410,8 +444,8 @@ impl<F: Family> Continuation<'_, F> {
     }
 }
 
-/// The solution of a square system, the smallest where it is singular.
-fn solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
+/// The solution of a square system, the smallest where it is singular, and whether it is regular.
+fn solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, bool)> {
     let rows = DVector::from_fn(matrix.nrows(), |i, _| {
         let largest = matrix.row(i).amax();
         if largest > 0.0 { largest.recip() } else { 1.0 }
@@ -419,8 +453,10 @@ fn solve(matrix: DMatrix<f64>, right: &DVector<f64>) -> Option<DVector<f64>> {
     let scaled = DMatrix::from_diagonal(&rows) * matrix;
     let right = right.component_mul(&rows);
     let svd = Singular::of(&scaled)?;
-    let found = svd.solve(&right, RANK * svd.values.first()?);
-    found.iter().all(|value| value.is_finite()).then_some(found)
+    let least = RANK * svd.values.first()?;
+    let is_regular = svd.values.last().is_some_and(|value| *value > least);
+    let found = svd.solve(&right, least);
+    found.iter().all(|value| value.is_finite()).then_some((found, is_regular))
 }
 
 fn failure(code: &'static str, message: String, w: &[f64]) -> Failure {
@@ -438,6 +474,10 @@ fn too_many<W>(last: &Solved<W>, most: usize) -> Failure {
         last.p
     );
     failure("no_branch", message, &last.w)
+}
+
+fn came_back<W>(last: &Solved<W>) -> Failure {
+    failure("no_branch", "the branch turned and came back to where its interval begins".to_owned(), &last.w)
 }
 
 fn ended<W>(last: &Solved<W>) -> Failure {

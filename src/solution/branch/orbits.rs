@@ -84,6 +84,8 @@ struct Orbits<'a> {
     program: Option<Tape>,
     control: &'a Control,
     shots: u64,
+    /// The states where the periods of the points begin, and these periods.
+    places: Vec<Option<(Vec<f64>, f64)>>,
 }
 
 impl Orbits<'_> {
@@ -140,18 +142,18 @@ impl Orbits<'_> {
         Plan { start: self.plan.start + after, ..self.plan.clone() }
     }
 
-    /// The states of an orbit where its period begins, and its period.
-    fn at_beginning(&mut self, point: &Solved<CutOpen>) -> (Vec<f64>, f64) {
+    /// The states of an orbit where its period begins, and its period; `None` if a run from the cut does not come there.
+    fn at_beginning(&mut self, point: &Solved<CutOpen>) -> Option<(Vec<f64>, f64)> {
         let (from, period) = self.start(&point.w, point.p);
         let after = point.word.after;
         let left = period * (after / period).ceil() - after;
         if left <= 0.0 {
-            return (from, period);
+            return Some((from, period));
         }
-        let model = self.model.bound(&self.values_at(point.p)).unwrap_or_else(|_| self.model.clone());
+        let model = self.model.bound(&self.values_at(point.p)).ok()?;
         let subject = model.subject(self.how.settings);
-        let run = subject.end(&self.plan_from(after), (&from, left), self.control);
-        (run.map_or(from, |run| run.to), period)
+        let run = subject.end(&self.plan_from(after), (&from, left), self.control).ok()?;
+        Some((run.to, period))
     }
 
     fn unknowns(&self, shot: &Shot) -> Vec<f64> {
@@ -196,7 +198,8 @@ impl Family for Orbits<'_> {
             nearest.map(|nearest| spectrum.remove(nearest));
         }
         let word = CutOpen { passages: shot.passages, after };
-        Ok(Evaluation { residual, jacobian, word, spectrum, is_admissible: true })
+        let is_single = spectrum.iter().all(|[re, im]| (re - 1.0).hypot(*im) > self.how.settings.rtol);
+        Ok(Evaluation { residual, jacobian, word, spectrum, is_admissible: true, is_single })
     }
 
     fn beyond(&mut self, at: &Solved<Self::Word>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, Self::Word)> {
@@ -235,6 +238,11 @@ impl Family for Orbits<'_> {
         Some(ByOthers { w: run.to, change, word: CutOpen { passages, after } })
     }
 
+    fn accept(&mut self, point: &Solved<Self::Word>) {
+        let place = self.at_beginning(point);
+        self.places.push(place);
+    }
+
     fn is_stopped(&self) -> bool {
         self.control.poll().is_some()
     }
@@ -259,6 +267,7 @@ fn follow(
         program: program.cloned(),
         control,
         shots: 0,
+        places: Vec::new(),
     };
     let (curve, at) = match first(&mut orbits, asked).and_then(|(w, sizes)| {
         let tests: Vec<Test> = OF_ORBITS.iter().map(|(test, _)| *test).collect();
@@ -274,12 +283,17 @@ fn follow(
     let mut solution = along_last(&mut orbits, (&curve, at), control);
     solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
     match curve {
-        Ok(curve) if solution.status == Status::Completed => {
-            check(&mut orbits, &curve, &mut solution.diagnostics.checks);
+        Ok(curve) => {
+            let checks = &mut solution.diagnostics.checks;
+            if solution.status == Status::Completed {
+                check(&mut orbits, &curve, checks);
+            }
+            if let Some(doubt) = curve.doubt(&asked.name, "orbits") {
+                checks.caveat("orbit_uncertain", doubt);
+            }
             let branch = told(&mut orbits, asked, curve);
             branch.tell(&mut solution);
         }
-        Ok(_) => {}
         Err(failure) => {
             let (status, failure) = ending(control, failure);
             (solution.status, solution.error) = (status, Some(failure));
@@ -321,7 +335,7 @@ fn along_last(
     let model = orbits.model.bound(&orbits.values_at(at)).unwrap_or_else(|_| orbits.model.clone());
     let last = curve.as_ref().ok().and_then(|curve| curve.points.last());
     let shot = last.and_then(|last| {
-        let (from, period) = orbits.at_beginning(last);
+        let (from, period) = orbits.places.last().cloned().flatten()?;
         orbits.run((&from, period), last.p, 0.0).ok()
     });
     let period = shot.as_ref().map_or(orbits.periodic.period, |shot| shot.period);
@@ -356,14 +370,11 @@ fn check(orbits: &mut Orbits<'_>, curve: &Curve<CutOpen>, checks: &mut Checks) {
 fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<CutOpen>) -> Branch {
     let (names, model) = (orbits.plan.names.clone(), orbits.model);
     let mut branch = Branch { name: asked.name.clone(), shots: orbits.shots, ..Branch::default() };
-    let mut place = |point: &Solved<CutOpen>| {
-        let (from, period) = orbits.at_beginning(point);
-        (names.iter().cloned().zip(from).collect(), period)
-    };
-    for point in &curve.points {
-        let (states, period) = place(point);
+    let named = |from: Vec<f64>| names.iter().cloned().zip(from).collect();
+    let places = orbits.places.clone().into_iter().map_while(|place| place);
+    for (point, (from, period)) in curve.points.iter().zip(places) {
         branch.parameter.push(point.p);
-        branch.points.push(states);
+        branch.points.push(named(from));
         branch.period.push(period);
         branch.stable.push(is_stable(&point.spectrum, false));
         branch.spectrum.push(point.spectrum.clone());
@@ -376,8 +387,8 @@ fn told(orbits: &mut Orbits<'_>, asked: &BranchPlan, curve: Curve<CutOpen>) -> B
         if !is_confirmed(kind, &at.spectrum) {
             continue;
         }
-        let (point, period) = place(at);
-        let of = of.and_then(|of| name(model, &of));
+        let Some((from, period)) = orbits.at_beginning(at) else { continue };
+        let (point, of) = (named(from), of.and_then(|of| name(model, &of)));
         branch.events.push(BranchEvent { at: at.p, kind, after: *after as u64, point, period: Some(period), of });
     }
     branch.ended = curve.ended.map(|failure| failure.message);

@@ -8,8 +8,8 @@ use super::test_functions::{OF_RESTS, is_confirmed};
 use super::{Branch, BranchEvent, BranchEventKind, BranchPlan};
 use crate::run::ending;
 use crate::sensitivities::{By, directions};
-use crate::steady_state::{Rest, eigenvalues, find_steady_state, is_stable, rest_of};
-use crate::{Failure, Plan, Solution, Status};
+use crate::steady_state::{Rest, eigenvalues, find_steady_state, has_zero, is_stable, rest_of};
+use crate::{Failure, Plan, Solution};
 use analysis::Analysis;
 use models::DviModel;
 use nalgebra::{DMatrix, DVector};
@@ -56,8 +56,12 @@ pub fn follow_rests(
     let mut solution = find_steady_state(&bound, &plan, settings, analysis, control);
     solution.diagnostics.wall_seconds = began.elapsed().as_secs_f64();
     match curve {
-        Ok(curve) if solution.status == Status::Completed => told(&rests, asked, curve).tell(&mut solution),
-        Ok(_) => {}
+        Ok(curve) => {
+            if let Some(doubt) = curve.doubt(&asked.name, "states of rest") {
+                solution.diagnostics.checks.caveat("steady_state_uncertain", doubt);
+            }
+            told(&rests, asked, curve).tell(&mut solution);
+        }
         Err(failure) => {
             let (status, failure) = ending(control, failure);
             (solution.status, solution.error) = (status, Some(failure));
@@ -184,7 +188,8 @@ impl Family for Rests<'_> {
         }
         let rest = Rest { x: w[..n].to_vec(), z: w[n..].to_vec(), face: face.clone(), residual: 0.0 };
         let spectrum = eigenvalues(&model, self.plan.start, &rest).map_err(|why| self.failure(why))?;
-        Ok(Evaluation { residual, jacobian, word: face, spectrum, is_admissible })
+        let is_single = !has_zero(&spectrum);
+        Ok(Evaluation { residual, jacobian, word: face, spectrum, is_admissible, is_single })
     }
 
     fn beyond(&mut self, at: &Solved<ActiveFace>, towards: &[f64], p: f64) -> Option<(Vec<f64>, f64, ActiveFace)> {
