@@ -40,3 +40,13 @@ fn a_singular_mass_matrix_makes_an_algebraic_state() {
     assert_eq!(failure.code, "inconsistent_start");
     assert!(failure.message.contains("`y` by -2"), "{}", failure.message);
 }
+
+#[test]
+fn a_steep_start_is_no_jump() {
+    // x' = k (-z - x) with z = 2, far faster than the run.
+    for k in [1e9, 1e12, 1e15] {
+        let case = Case::until(1e-3).state("x", 0.0, &format!("{k:e}*(-z - x)")).free("z", "z - 2");
+        let solution = case.method(json!({"rtol": 1e-6})).solve();
+        assert!((last(&solution, "x") + 2.0).abs() < 1e-6, "{k:e}: {}", last(&solution, "x"));
+    }
+}

@@ -33,6 +33,32 @@ fn the_diode_bridge_reaches_its_reference() {
 }
 
 #[test]
+fn a_bridge_charges_an_empty_capacitor_from_the_zero_of_its_source() {
+    // All diodes are at their corners at first. Closed forms of the charging and discharging pieces, joined in 30 digits.
+    let (voltage, times) = (5.725_303_018_916_766, [0.008_663_621_010_819_184, 0.011_309_363_758_714_332]);
+    for (rtol, unit) in [(1e-3, 1.0), (1e-6, 1.0), (1e-9, 1.0), (1e-6, 1e-6), (1e-6, 1e6)] {
+        // The same currents in units of another size.
+        let (ohms, farads) = (10.0 / unit, 1e-3 * unit);
+        let solution = solve(&json!({"problem": {"circuit": {"components": [
+                {"voltage_source": {"name": "V", "nodes": ["a", "b"], "volts": "10*sin(314*t)"}},
+                {"resistor": {"name": "Rs", "nodes": ["a", "c"], "ohms": ohms}},
+                {"diode": {"name": "D1", "nodes": ["c", "p"]}}, {"diode": {"name": "D2", "nodes": ["b", "p"]}},
+                {"diode": {"name": "D3", "nodes": ["0", "c"]}}, {"diode": {"name": "D4", "nodes": ["0", "b"]}},
+                {"capacitor": {"name": "C", "nodes": ["p", "0"], "farads": farads}},
+                {"resistor": {"name": "R", "nodes": ["p", "0"], "ohms": 10.0 * ohms}}]}},
+            "time": {"end": 0.02}, "method": {"rtol": rtol}}));
+        assert!(solution.verdict.trusted, "{rtol:e} {unit:e}: {:?}", solution.verdict);
+        let error = (last(&solution, "v(C)") / voltage - 1.0).abs();
+        assert!(error < 10.0 * rtol, "{rtol:e} {unit:e}: off by {error:e}");
+        for time in times {
+            let off = |event: &dvi::solution::Event| (event.t - time).abs();
+            let nearest = solution.trajectory.events.iter().map(off).fold(f64::INFINITY, f64::min);
+            assert!(nearest < rtol * 0.02, "{rtol:e} {unit:e}: no event within {nearest:e} of {time}");
+        }
+    }
+}
+
+#[test]
 fn the_filtered_bridge_reaches_its_reference() {
     let reference = switching("diode_bridge_filter");
     let mut specification = example("diode_bridge_filter");

@@ -172,6 +172,51 @@ fn a_state_of_rest_has_its_eigenvalues() {
 }
 
 #[test]
+fn the_state_of_rest_is_that_which_a_run_comes_to() {
+    let rest = |problem: Value| {
+        let solution = solve(&json!({"problem": {"dvi": problem}, "steady_state": {}}));
+        assert!(solution.verdict.trusted, "{:?} {:?}", solution.error, solution.verdict);
+        solution.steady_state.expect("a state of rest")
+    };
+    // x' = 1 + x - 2 max(x, 0): runs from above the unstable rest at -1 come to 1.
+    for (from, to) in [(1.0, 1.0), (0.1, 1.0), (-0.5, 1.0), (1e3, 1.0), (-1.0, -1.0)] {
+        let found = rest(json!({"states": {"x": {"initial": from, "rate": "1 + x - 2*z"}},
+            "variables": {"z": {"inequality": "z - x"}}, "set": [{"nonnegative": ["z"]}]}));
+        assert_near(found.states["x"], to, 1e-12);
+        assert_eq!(found.stable, Some(to > 0.0));
+    }
+    // x' = -x + 2 sign(x).
+    for from in [-3.0, -0.1, 0.1, 2.0, 1e4] {
+        let found = rest(json!({"states": {"x": {"initial": from, "rate": "-x + 2*z"}},
+            "variables": {"z": {"inequality": "-x"}}, "set": [{"box": {"of": ["z"], "lower": -1, "upper": 1}}]}));
+        assert_near(found.states["x"], 2.0 * f64::signum(from), 1e-12);
+    }
+    // A saddle that the fast state comes to first.
+    for from in [1e-3, -1e-3] {
+        let found = rest(json!({"states": {"x": {"initial": 1, "rate": "-10*x"},
+            "y": {"initial": from, "rate": "y*(1 - y^2)"}}}));
+        assert_near(found.states["y"], f64::signum(from), 1e-12);
+    }
+}
+
+#[test]
+fn a_search_that_begins_far_from_the_orbit_keeps_the_value_of_its_phase() {
+    // Roessler's equations at c = 2.5, whose orbit passes y = -2.8 twice; the period by Taylor series of order 30.
+    for rtol in [1e-5, 1e-7, 1e-9] {
+        let solution = solve(&json!({"problem": {"dvi": {"parameters": {"c": 2.5}, "states": {
+                "x": {"initial": 2, "rate": "-y - z"}, "y": {"initial": -2.8, "rate": "x + 0.2*y"},
+                "z": {"initial": 0.1, "rate": "0.2 + z*(x - c)"}}}},
+            "periodic": {"period": {"free": 5.75, "phase": "y"}}, "method": {"rtol": rtol, "atol": 1e-3 * rtol}}));
+        assert!(solution.verdict.trusted, "{rtol:e}: {:?} {:?}", solution.error, solution.verdict);
+        let orbit = solution.orbit.as_ref().expect("an orbit");
+        assert_near(orbit.period, 5.748_991_183_278_001, 10.0 * rtol);
+        assert!(orbit.shots <= 30, "{} shots", orbit.shots);
+        let y = solution.trajectory.field("y").expect("a field");
+        assert_near(y[0], -2.8, 1e-12);
+    }
+}
+
+#[test]
 fn what_never_rests_says_why() {
     for (rate, code) in [("1 + x^2", "no_steady_state"), ("sin(t) - x", "not_autonomous")] {
         let solution =

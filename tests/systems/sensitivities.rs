@@ -41,6 +41,26 @@ fn derivatives_of_a_linear_oscillator_are_those_of_its_solution() {
 }
 
 #[test]
+fn a_parameter_that_is_zero_is_moved_in_the_units_of_the_problem() {
+    // A mass on a belt, x' = v, v' = -x - 0.8 sign(v - 0.5), with v0 = 0 at first. The derivative at the end, which
+    // closed arcs give as -5/22, does not depend on the unit of length.
+    let derivative = |unit: f64| {
+        let problem = json!({"dvi": {"parameters": {"v0": 0}, "states": {"x": {"initial": 3.0 * unit, "rate": "v"},
+                "v": {"initial": "v0", "rate": format!("-x - {:e}*F", 0.8 * unit)}},
+            "variables": {"F": {"inequality": format!("{:e} - v", 0.5 * unit)}},
+            "set": [{"box": {"of": ["F"], "lower": -1, "upper": 1}}]}});
+        let solution = solve(&json!({"problem": problem, "time": {"end": 6}, "sensitivities": {"to": ["v0"]},
+            "method": {"rtol": 1e-8, "atol": 1e-12 * unit}}));
+        assert!(solution.verdict.trusted, "{unit:e}: {:?}", solution.verdict);
+        last(&solution, "dx/dv0")
+    };
+    for unit in [1e-8, 1e-4, 1.0, 1e4] {
+        let found = derivative(unit);
+        assert!((found + 5.0 / 22.0).abs() < 1e-6, "{unit:e}: {found}");
+    }
+}
+
+#[test]
 fn where_sliding_begins_the_rate_jumps_and_the_derivatives_with_it() {
     // x decreases at the rate mu to zero, and slides there; y is its integral, finally x0^2/2mu.
     let problem = json!({"filippov": {"parameters": {"mu": 2, "x0": 3}, "surface": "x",

@@ -436,3 +436,51 @@ fn a_membrane_on_a_grid_is_solved_from_coarse_to_fine() {
     }
     assert!(solution.diagnostics.newton_iterations < 10, "{}", solution.diagnostics.newton_iterations);
 }
+
+#[test]
+fn what_is_a_solution_does_not_depend_on_units() {
+    // G = g (z/u - c) over sets of the size u: the solution is c, or the nearest point of the set, times u; the cubic
+    // part is monotone. Units of z and of G are ten decades apart and more.
+    let of = |u: f64, g: f64, [a, b]: [f64; 2], cubic: f64| {
+        let row = |name: &str, c: f64| format!("{g:e}*(({name}/{u:e} - {c}) + {cubic}*(({name}/{u:e})^3 - {c}^3))");
+        let (first, second) = (row("x1", a), row("x2", b));
+        (first, second)
+    };
+    let sets = |u: f64| {
+        [
+            json!([{"ball": {"of": ["x1", "x2"], "radius": u}}]),
+            json!([{"polyhedron": {"of": ["x1", "x2"], "A": [[1, 1], [-1, 0], [0, -1]], "b": [u, 0, 0]}}]),
+            json!([{"box": {"of": ["x1", "x2"], "lower": -u, "upper": u}}]),
+        ]
+    };
+    for (u, g) in
+        [(1.0, 1.0), (1e-6, 1e6), (1e-4, 1e8), (1e-8, 1e10), (1e6, 1e-6), (1e5, 1e-3), (1e-6, 1.0), (1e6, 1e6)]
+    {
+        for cubic in [0.0, 1.0] {
+            for set in sets(u) {
+                let c = [0.3, 0.1];
+                let (first, second) = of(u, g, c, cubic);
+                let (solution, found) = solved(&problem(&[("x1", &first, 0.0), ("x2", &second, 0.0)], set.clone()));
+                for (k, c) in c.into_iter().enumerate() {
+                    let value = found.z[&format!("x{}", k + 1)] / u;
+                    assert!((value - c).abs() < 1e-9, "{u:e} {g:e} {cubic} {set}: {value} for {c}");
+                }
+                assert!(!is_told(&solution, "many_solutions"), "{u:e} {g:e} {set}");
+            }
+        }
+        // Outside of the ball and of the triangle: on the boundary, (0.6, 0.8) and (0, 1).
+        let (first, second) = of(u, g, [3.0, 4.0], 0.0);
+        for (set, exact) in sets(u).into_iter().zip([[0.6, 0.8], [0.0, 1.0], [1.0, 1.0]]) {
+            let (_, found) = solved(&problem(&[("x1", &first, 0.0), ("x2", &second, 0.0)], set.clone()));
+            for (k, exact) in exact.into_iter().enumerate() {
+                let value = found.z[&format!("x{}", k + 1)] / u;
+                assert!((value - exact).abs() < 1e-9, "{u:e} {g:e} {set}: {value} for {exact}");
+            }
+        }
+    }
+    // Two routes whose costs are in nanoseconds: a^2 + a = 1.5.
+    let routes =
+        problem(&[("x1", "1e10*(1 + x1^2)", 0.0), ("x2", "1e10*(1.5 + x2)", 0.0)], json!([{"simplex": ["x1", "x2"]}]));
+    let (_, found) = solved(&routes);
+    assert_point(&found, &[(7.0_f64.sqrt() - 1.0) / 2.0], 1e-9);
+}

@@ -34,18 +34,30 @@ fn pivoting_refuses_what_is_no_product_of_intervals() {
 
 #[test]
 fn the_story_names_every_solver_that_was_tried() {
-    // No point of the half plane z1 >= 1 minimises -z2: no solution exists, and every solver reports so.
-    let mut set = ConvexSet::free(2);
-    set.bind(vec![0, 1], Shape::Polyhedron(Polyhedron::new(2, &[-1.0, 0.0], &[-1.0]).expect("not empty")));
-    let problem = Problem::new(DMatrix::zeros(2, 2), vec![0.0, -1.0], set);
-    let mut auto = Auto::new(2);
-    let mut z = vec![0.0; 2];
-    let report = problem.solve(&mut auto, &mut z);
-    assert_eq!(report.outcome, Outcome::Ray);
-    let tried: Vec<SolverKind> = auto.attempts().iter().map(|attempt| attempt.solver).collect();
-    assert_eq!(tried, [SolverKind::SemismoothNewton, SolverKind::Conic, SolverKind::BlockGaussSeidel]);
-    assert_eq!(auto.attempts()[1], Attempt { solver: SolverKind::Conic, outcome: Outcome::Ray });
-    assert_eq!(auto.name(), "conic");
+    // No point of the half plane z1 >= 1 minimises -z2: no solution exists, and every solver reports so. The sweeps over blocks
+    // are none where there is a single one.
+    for (blocks, expected) in [
+        (1, &[SolverKind::SemismoothNewton, SolverKind::Conic][..]),
+        (2, &[SolverKind::SemismoothNewton, SolverKind::Conic, SolverKind::BlockGaussSeidel]),
+    ] {
+        let m = 2 * blocks;
+        let mut set = ConvexSet::free(m);
+        for block in 0..blocks {
+            let half_plane = Polyhedron::new(2, &[-1.0, 0.0], &[-1.0]).expect("not empty");
+            set.bind(vec![2 * block, 2 * block + 1], Shape::Polyhedron(half_plane));
+        }
+        let mut q = vec![0.0; m];
+        q[1] = -1.0;
+        let problem = Problem::new(DMatrix::zeros(m, m), q, set);
+        let mut auto = Auto::new(m);
+        let mut z = vec![0.0; m];
+        let report = problem.solve(&mut auto, &mut z);
+        assert_eq!(report.outcome, Outcome::Ray);
+        let tried: Vec<SolverKind> = auto.attempts().iter().map(|attempt| attempt.solver).collect();
+        assert_eq!(tried, expected);
+        assert_eq!(auto.attempts()[1], Attempt { solver: SolverKind::Conic, outcome: Outcome::Ray });
+        assert_eq!(auto.name(), "conic");
+    }
 }
 
 #[test]
