@@ -446,6 +446,9 @@ impl Search<'_> {
         let (settings, start) = (self.settings.clone(), self.plan.start);
         let mut radau = Radau::new(&mut *problem, settings, start, &self.plan.initial, end, self.control).ok()?;
         while !radau.is_done() && radau.counts.accepted < MOST_FOLLOWED {
+            if self.control.poll().is_some() {
+                return None;
+            }
             radau.step().ok()?;
         }
         let initial = radau.y()[..self.plan.initial.len()].to_vec();

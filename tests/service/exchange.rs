@@ -223,8 +223,10 @@ async fn a_job_whose_announcement_nobody_answers_is_announced_again() {
         let texts = lost.lines().map(Result::unwrap).filter(|line| !line.starts_with("MSG ") && line != "PING");
         texts.take(4).collect::<Vec<String>>()
     });
-    // Before it is there, when it is, and then for as long as it waits.
-    assert_eq!(heard.await.unwrap(), ["", "there", "there", "there"]);
+    // Before it is there, unless it is there sooner than that is said, when it is, and then for as long as it waits.
+    let heard = heard.await.unwrap();
+    assert!(matches!(heard[0].as_str(), "" | "there"), "{heard:?}");
+    assert_eq!(heard[1..], ["there", "there", "there"]);
     let _worker = worker(&options, instant());
     comes_to(&site, &path, "successful").await;
 }
