@@ -1,7 +1,8 @@
 //! Small jobs of several clients over one gateway and four workers, while workers, and then the server as well, are killed at
 //! random: `cargo bench --bench exchange_kills`. No job may be lost or have other results than it has without kills, and while
 //! all clients have jobs that wait, as many of each must end. `JOBS=N` sets the number of jobs, `SECONDS=N` the time after
-//! which there are no further kills.
+//! which there are no further kills. With `SERVERS=3` there is a cluster of servers, of which one at a time is killed, and each
+//! job is on all of them. No request may fail but by 503; how many did so is told.
 
 #[path = "../service/nats_server.rs"]
 mod nats_server;
@@ -32,6 +33,12 @@ const POSTING: usize = 4;
 /// that nothing would wait.
 const BEFORE: usize = 8;
 
+/// How long a server of a cluster that was killed is given until another is.
+const CAUGHT_UP: Duration = Duration::from_secs(5);
+
+/// The number of answers with status 503.
+static REFUSED: AtomicUsize = AtomicUsize::new(0);
+
 fn number(name: &str, usual: usize) -> usize {
     env::var(name).map_or(usual, |text| text.parse().unwrap())
 }
@@ -58,11 +65,16 @@ fn main() {
     let (jobs, seconds) = (number("JOBS", 100_000), number("SECONDS", 600));
     let (folder, store) = (Folder::new(), Folder::new());
     let mut clients: Vec<Client> = (0..CLIENTS).map(|k| client(&folder, k)).collect();
-    let mut nats = NatsServer::start(store.path());
-    let url = nats.url();
+    let servers = number("SERVERS", 1);
+    let mut nats = match servers {
+        1 => vec![NatsServer::start(store.path())],
+        servers => NatsServer::start_cluster(store.path(), servers),
+    };
+    let urls: Vec<String> = nats.iter().map(NatsServer::url).collect();
+    let (url, replicas) = (urls.join(","), servers.to_string());
     let many = "10000000";
     let bounds = ["--queue", many, "--client-share", many, "--kept-jobs", many, "--kept-mib", "16384"];
-    let sharing = ["--ask-tokens", "--nats", &url, "--nats-lost-seconds", "2"];
+    let sharing = ["--ask-tokens", "--nats", &url, "--nats-lost-seconds", "2", "--nats-replicas", &replicas];
     let gateway = Server::start(&folder, &[&sharing[..], &bounds].concat());
     let address = &gateway.address;
     let begun = Instant::now();
@@ -90,10 +102,15 @@ fn main() {
             worker_kills += 1;
             // Workers alone first.
             if started.elapsed() > most / 20 && random.usize(..8) == 0 {
-                nats.kill();
+                let server = random.usize(..servers);
+                nats[server].kill();
                 thread::sleep(Duration::from_millis(random.u64(..1000)));
-                nats.restart();
+                nats[server].restart();
                 server_kills += 1;
+                if servers > 1 {
+                    // One that has not caught up counts as one that is down.
+                    thread::sleep(CAUGHT_UP);
+                }
             }
         }
     });
@@ -103,6 +120,7 @@ fn main() {
     println!("jobs of each client that ended while all had some: {:?}", shares(&listed));
     let (lost, again) = count(&clients, &listed);
     let differing = differing(address, &clients);
+    println!("{} requests were refused with 503", REFUSED.load(Relaxed));
     println!("{lost} lost, {differing} with other results, {again} in a later attempt; {:?} in all", begun.elapsed());
     assert_eq!((lost, differing), (0, 0));
 }
@@ -140,7 +158,10 @@ fn post(address: &str, authorization: &str, k: usize) -> String {
         let answer = send(address, "POST", "/solve", &headers, &document(k)).expect("the gateway is not killed");
         match answer.status {
             202 => return answer.json()["id"].as_str().unwrap().to_owned(),
-            409 | 503 => thread::sleep(Duration::from_millis(20)),
+            409 | 503 => {
+                REFUSED.fetch_add(usize::from(answer.status == 503), Relaxed);
+                thread::sleep(Duration::from_millis(20));
+            }
             other => panic!("{other}: {}", answer.body),
         }
     }
@@ -153,6 +174,7 @@ fn get(address: &str, client: &Client, path: &str) -> Answer {
         if answer.status != 503 {
             return answer;
         }
+        REFUSED.fetch_add(1, Relaxed);
         thread::sleep(Duration::from_millis(20));
     }
 }
@@ -219,11 +241,13 @@ fn differing(address: &str, clients: &[Client]) -> usize {
         for client in clients {
             scope.spawn(|| {
                 for (k, id) in &client.jobs {
-                    let results = get(address, client, &format!("/jobs/{id}/results")).json();
+                    let answer = get(address, client, &format!("/jobs/{id}/results"));
+                    let results = answer.json();
                     let specification = Specification::from_json(document(*k).as_bytes()).unwrap();
                     let alone = dvi::solve(&specification, &Control::default()).trajectory;
                     if results["trajectory"] != serde_json::to_value(&alone).unwrap() {
-                        println!("job {k} {id} differs");
+                        let told: String = answer.body.chars().take(200).collect();
+                        println!("job {k} {id} differs: {} {told}", answer.status);
                         differing.fetch_add(1, Relaxed);
                     }
                 }

@@ -30,6 +30,7 @@ mod metrics;
 #[path = "../bench/fuzz/mutation.rs"]
 mod mutation;
 mod nats;
+#[expect(dead_code, reason = "benches use the rest")]
 mod nats_server;
 mod openapi;
 mod process;

@@ -1,6 +1,7 @@
 //! A NATS server of a test, and workers that solve what it has, as processes.
 
 use std::io::ErrorKind;
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -24,32 +25,65 @@ pub struct NatsServer {
     /// Ends its child when its standard input is closed, as it is when this process ends in whatever way.
     keeper: Option<Child>,
     port: u16,
+    /// What makes it one of a cluster.
+    more: Vec<String>,
 }
 
 impl NatsServer {
     /// Starts a server that keeps its data in `folder`.
     pub fn start(folder: &Path) -> Self {
+        let mut server = Self::begun(folder, Vec::new());
+        server.await_port();
+        server
+    }
+
+    /// Starts a cluster of so many servers, each of which keeps its data in a folder of its own in `folder`.
+    pub fn start_cluster(folder: &Path, servers: usize) -> Vec<Self> {
+        // Ports below those that systems give to who asks for any.
+        let first = std::process::id() % 10_000;
+        let ports = (0..10_000).map(|k| 20_000 + ((first + k) % 10_000) as u16);
+        let free = ports.filter(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok());
+        let routes: Vec<String> = free.take(servers).map(|port| format!("nats://127.0.0.1:{port}")).collect();
+        let one = |(k, route): (usize, &String)| {
+            let name = format!("server{k}");
+            let folder = folder.join(&name);
+            let joined = routes.join(",");
+            let more = ["-n", &name, "--cluster_name", "dvi", "--cluster", route, "--routes", &joined];
+            Self::begun(&folder, more.map(str::to_owned).to_vec())
+        };
+        // Each is ready when it has met the others.
+        let mut begun: Vec<Self> = routes.iter().enumerate().map(one).collect();
+        begun.iter_mut().for_each(Self::await_port);
+        begun
+    }
+
+    fn begun(folder: &Path, more: Vec<String>) -> Self {
         let _ = fs::remove_dir_all(folder);
         fs::create_dir_all(folder).unwrap();
-        let mut server = Self { folder: folder.to_owned(), keeper: None, port: 0 };
+        let mut server = Self { folder: folder.to_owned(), keeper: None, port: 0, more };
         server.run("-1");
+        server
+    }
+
+    fn await_port(&mut self) {
         let start = Instant::now();
-        server.port = loop {
-            if let Some(port) = server.told_port() {
+        self.port = loop {
+            if let Some(port) = self.told_port() {
                 break port;
             }
             assert!(start.elapsed() < Duration::from_secs(30), "the NATS server does not tell its port");
             thread::sleep(Duration::from_millis(5));
         };
-        server
     }
 
     fn run(&mut self, port: &str) {
-        let script = "nats-server -a 127.0.0.1 -p \"$1\" -js -sd \"$2\" --ports_file_dir \"$2\" -l \"$2/log\" & \
+        let script = "port=$1; data=$2; shift 2; \
+                      nats-server -a 127.0.0.1 -p \"$port\" -js -sd \"$data\" --ports_file_dir \"$data\" -l \"$data/log\" \"$@\" & \
                       read line; kill -9 $!";
         let keeper = Command::new("sh")
             .args(["-c", script, "sh", port])
             .arg(&self.folder)
+            .args(&self.more)
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .spawn();
