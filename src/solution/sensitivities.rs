@@ -514,7 +514,7 @@ fn compare(
     let resolution = resolution.map_or(0.0, |resolution| resolution.along(&direction));
     let times = |multiple: f64| direction.iter().map(|change| multiple * change).collect::<Vec<f64>>();
     let moved = [1.0, -1.0, 2.0, -2.0].into_iter().map_while(|multiple| along(&times(multiple)));
-    let runs: Vec<_> = unmoved.clone().into_iter().chain(moved).collect();
+    let runs: Vec<_> = unmoved.into_iter().chain(moved).collect();
     let (values, events): (Vec<Vec<Vec<f64>>>, Vec<Vec<f64>>) = runs.into_iter().unzip();
     let [here, above, below, far_above, far_below] = values.as_slice() else {
         let message = "runs with other parameters, which the derivatives are compared with, did not reach the end";

@@ -220,10 +220,7 @@ impl Search<'_> {
         }
         let size = z.iter().chain(&self.model.start).fold(0.0_f64, |most, z| most.max(z.abs()));
         let size = if size > 0.0 { size } else { 1.0 };
-        let mut steepest = vec![0.0_f64; m];
-        for (&(row, _), slope) in pattern.iter().zip(&at.derivatives).filter(|((row, _), _)| *row < m) {
-            steepest[row] = steepest[row].max(slope.abs());
-        }
+        let steepest = self.steepest(at);
         let is_inside =
             |i: usize| set.block_of(i).is_none() && (z[i] - set.lower[i]).min(set.upper[i] - z[i]) > FAR * size;
         let off = |i: usize| at.g[i].abs() + enclosed[i].width();
@@ -293,10 +290,9 @@ impl Search<'_> {
         match self.another(z, at, along) {
             Some(other) => {
                 let moved: Vec<f64> = other.iter().zip(z).map(|(other, z)| other - z).collect();
+                let most = moved.iter().fold(0.0_f64, |most, moved| most.max(moved.abs()));
                 let shown: Vec<String> = (0..z.len())
-                    .filter(|&i| {
-                        moved[i].abs() > APART * moved.iter().fold(z[i].abs(), |most, moved| most.max(moved.abs()))
-                    })
+                    .filter(|&i| moved[i].abs() > APART * most.max(z[i].abs()))
                     .take(NAMED)
                     .map(|i| format!("`{}` = {:.6}", self.name(i), other[i]))
                     .collect();
@@ -326,13 +322,19 @@ impl Search<'_> {
         format!("{}{more}", parts.join(", "))
     }
 
+    /// The largest magnitude of the derivatives of each row of `G`.
+    fn steepest(&self, at: &At) -> Vec<f64> {
+        let mut steepest = vec![0.0_f64; at.g.len()];
+        let entries = self.model.equations.structure().pattern.iter().zip(&at.derivatives);
+        for (&(row, _), slope) in entries.filter(|((row, _), _)| *row < at.g.len()) {
+            steepest[row] = steepest[row].max(slope.abs());
+        }
+        steepest
+    }
+
     /// The size of the variables: of their values, and of the changes that would undo `G` by its derivatives.
     fn size(&self, z: &[f64], at: &At) -> f64 {
-        let mut steepest = vec![0.0_f64; z.len()];
-        let pattern = &self.model.equations.structure().pattern;
-        for (&(i, _), slope) in pattern.iter().zip(&at.derivatives).filter(|((i, _), _)| *i < z.len()) {
-            steepest[i] = steepest[i].max(slope.abs());
-        }
+        let steepest = self.steepest(at);
         let changes = at.g.iter().zip(&steepest).filter(|(_, slope)| **slope > 0.0).map(|(g, slope)| g.abs() / slope);
         let size = z.iter().map(|z| z.abs()).chain(changes).fold(0.0, f64::max);
         if size > 0.0 && size.is_finite() { size } else { 1.0 }

@@ -89,18 +89,22 @@ pub(super) fn rest_of(model: &DviModel, plan: &Plan, settings: &Settings, contro
     Ok(search.stable_instead(&found).unwrap_or(found))
 }
 
+/// The largest modulus of the eigenvalues.
+fn fastest(eigenvalues: &[[f64; 2]]) -> f64 {
+    eigenvalues.iter().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max)
+}
+
 /// Whether all real parts, in decreasing order, are negative; `None` if the largest is zero, or none are known.
 pub(super) fn is_stable(eigenvalues: &[[f64; 2]]) -> Option<bool> {
-    let fastest = eigenvalues.iter().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max);
+    let fastest = fastest(eigenvalues);
     let largest = eigenvalues.first().map(|[re, _]| *re);
     largest.filter(|re| re.abs() > ON_AXIS * fastest).map(|re| re < 0.0)
 }
 
 /// Whether an eigenvalue is zero, as far as eigenvalues are known.
 pub(super) fn has_zero(eigenvalues: &[[f64; 2]]) -> bool {
-    let sizes = || eigenvalues.iter().map(|[re, im]| re.hypot(*im));
-    let fastest = sizes().fold(0.0, f64::max);
-    sizes().any(|size| size <= ON_AXIS * fastest)
+    let fastest = fastest(eigenvalues);
+    eigenvalues.iter().any(|[re, im]| re.hypot(*im) <= ON_AXIS * fastest)
 }
 
 /// Finds a steady state near the initial values, and integrates from it for a while.
@@ -117,7 +121,7 @@ pub fn find_steady_state(
         Ok(rest) => (rest.x.clone(), eigenvalues(model, plan.start, rest)),
         Err(_) => (plan.initial.clone(), Ok(Vec::new())),
     };
-    let fastest = eigenvalues.iter().flatten().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max);
+    let fastest = eigenvalues.as_ref().map_or(0.0, |values| fastest(values));
     let span = plan.end - plan.start;
     // Integrate only for so long that the solution does not leave an unstable steady state.
     let end = plan.start + if fastest > 0.0 { span.min(fastest.recip()) } else { span };
@@ -468,8 +472,7 @@ impl Search<'_> {
             Radau::new(&mut *problem, settings, start, &self.plan.initial, end, self.control).map_err(failed)?;
         let (x, z) = radau.y().split_at(self.plan.initial.len());
         let at = Rest { x: x.to_vec(), z: z.to_vec(), face: radau.face().clone(), residual: 0.0 };
-        let values = eigenvalues(self.model, start, &at).unwrap_or_default();
-        let fastest = values.iter().map(|[re, im]| re.hypot(*im)).fold(0.0, f64::max);
+        let fastest = fastest(&eigenvalues(self.model, start, &at).unwrap_or_default());
         let of_rates = if fastest > 0.0 { fastest.recip() } else { f64::INFINITY };
         Ok(radau.next_step().min(end - start).min(of_rates))
     }

@@ -11,7 +11,6 @@
 
 use super::auto::SolverKind;
 use super::d_gap::Gap;
-use super::residual::of_block;
 use super::{AffineVi, Attempt, Outcome, Report, Terms, ViSolver};
 use nalgebra::DMatrix;
 use problem::{Control, ConvexSet, Workspace};
@@ -83,8 +82,7 @@ impl JosephyNewton {
         self.solver.attempts()
     }
 
-    /// Solves from `z`, of length `m`, until the residual is below `tolerance`, and writes the best point
-    /// to `z`.
+    /// Solves from `z`, of length `m`, until the residual is below `tolerance`, and writes the best point to `z`.
     pub fn solve(&mut self, vi: &mut dyn NonlinearVi, tolerance: f64, z: &mut [f64], control: &Control) -> Report {
         vi.set().project_all(z, &mut self.work);
         vi.evaluate(z, &mut self.f);
@@ -134,10 +132,8 @@ impl JosephyNewton {
             let m = z.len();
             let entries = matrix.iter().enumerate().map(|(place, a)| ((place % m, place / m), *a));
             let terms = Terms::of(set, (z, f), entries);
-            for (number, block) in set.blocks().iter().enumerate() {
-                let of = terms.of_block(block);
-                let is_finite = block.members.iter().all(|&i| f[i].is_finite());
-                offer(if is_finite { of_block(set, number, (z, f), of, work) * of.0 } else { f64::NAN });
+            for number in 0..set.blocks().len() {
+                offer(terms.residual_of_block(set, number, (z, f), work).0);
             }
         }
         largest

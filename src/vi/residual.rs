@@ -1,7 +1,8 @@
 //! The relative residual of a point for a variational inequality over any set.
 //!
 //! Components in intervals are judged by the natural map itself. A block combines the units of `z` and `w`, so the
-//! natural map is taken with `s w` in place of `w`, where `s = |z| / (|q| + |A| |z|)`, the size of `z` over that of the terms of `w`, and measured relative to `|z|`:
+//! natural map is taken with `s w` in place of `w`, where `s = |z| / (|q| + |A| |z|)` is the size of `z` over that of the
+//! terms of `w`, and measured relative to `|z|`:
 //!
 //! ```text
 //! |z - P(z - s w)| <= tolerance |z|

@@ -5,11 +5,11 @@
 //! ```
 //!
 //! the natural map `z_i - P(z_i - G_i)` with `z_i` and `G_i` each beside its own size, which loses no digit where `z_i` is
-//! large. A point that runs away to infinity, beside which every residual would be small, is none near a solution so. In a
+//! large. A point far away, beside which every residual would be small, does not pass for a solution in this way. In a
 //! block it is the relative residual (see [`of_block`]), in the unit of `G`.
 
 use super::residual::of_block;
-use problem::{Block, ConvexSet, Workspace};
+use problem::{ConvexSet, Workspace};
 
 /// The sizes that residuals at a point are measured beside.
 #[derive(Clone, Debug)]
@@ -38,10 +38,20 @@ impl Terms {
         Self { sizes, slopes }
     }
 
-    /// The largest size and the largest slope of one block.
-    pub(super) fn of_block(&self, block: &Block) -> (f64, f64) {
-        let over = |values: &[f64]| block.members.iter().fold(0.0_f64, |most, &i| most.max(values[i]));
-        (over(&self.sizes).max(f64::MIN_POSITIVE), over(&self.slopes))
+    /// The residual of one block at a point `z` with `g = G(z)`, in the unit of `G`, and the size of its terms.
+    pub(super) fn residual_of_block(
+        &self,
+        set: &ConvexSet,
+        number: usize,
+        (z, g): (&[f64], &[f64]),
+        work: &mut Workspace,
+    ) -> (f64, f64) {
+        let members = &set.blocks()[number].members;
+        let over = |values: &[f64]| members.iter().fold(0.0_f64, |most, &i| most.max(values[i]));
+        let (terms, slope) = (over(&self.sizes).max(f64::MIN_POSITIVE), over(&self.slopes));
+        let relative = of_block(set, number, (z, g), (terms, slope), work);
+        let is_finite = members.iter().all(|&i| g[i].is_finite());
+        (if is_finite { relative * terms } else { f64::NAN }, terms)
     }
 }
 
@@ -90,10 +100,8 @@ impl Worst {
         }
         let mut work = Workspace::default();
         for (number, block) in set.blocks().iter().enumerate() {
-            let of = terms.of_block(block);
-            let relative = of_block(set, number, (z, g), of, &mut work);
-            let is_finite = block.members.iter().all(|&i| g[i].is_finite());
-            offer(block.members[0], if is_finite { relative * of.0 } else { f64::NAN }, of.0);
+            let (residual, terms) = terms.residual_of_block(set, number, (z, g), &mut work);
+            offer(block.members[0], residual, terms);
         }
         worst
     }

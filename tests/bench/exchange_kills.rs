@@ -2,7 +2,7 @@
 //! random: `cargo bench --bench exchange_kills`. No job may be lost or have other results than it has without kills, and while
 //! all clients have jobs that wait, as many of each must end. `JOBS=N` sets the number of jobs, `SECONDS=N` the time after
 //! which there are no further kills. With `SERVERS=3` there is a cluster of servers, of which one at a time is killed, and each
-//! job is on all of them. No request may fail but by 503; how many did so is told.
+//! job is on all of them. Requests may fail by 503 only; the number of those is told.
 
 #[path = "../service/nats_server.rs"]
 mod nats_server;

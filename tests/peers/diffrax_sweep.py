@@ -7,12 +7,8 @@ of the second call: the first one compiles, and is told apart. Of each method th
 error is no larger than that of `dvi`.
 """
 
-import json
-import subprocess
 import sys
-import tempfile
 import time
-from pathlib import Path
 
 import diffrax
 import jax
@@ -20,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix
 
-from scipy_sweep import END, START, C, K, M, TOLERANCES, document, error, exact
+from scipy_sweep import END, START, C, K, M, TOLERANCES, by_dvi, error, exact
 
 jax.config.update("jax_enable_x64", True)
 METHODS = {"Tsit5": diffrax.Tsit5, "Dopri8": diffrax.Dopri8}
@@ -65,13 +61,7 @@ def belt(method, rtol):
 
 def main():
     program, members = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 10_000
-    with tempfile.TemporaryDirectory() as folder:
-        specification, table = Path(folder, "belts.json"), Path(folder, "belts.json.out")
-        specification.write_text(json.dumps(document(members)))
-        clock = time.perf_counter()
-        subprocess.run([program, "sweep", specification, "--format", "json", "-o", table], check=True)
-        seconds = time.perf_counter() - clock
-        columns = json.loads(table.read_text())["table"]["columns"]
+    seconds, columns = by_dvi(program, members)
     speeds, forces = np.array(columns["v_belt"]), np.array(columns["f"])
     judged = range(0, len(speeds), max(1, len(speeds) // 400))
     known = [exact(speeds[k], forces[k]) for k in judged]

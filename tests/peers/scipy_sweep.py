@@ -124,17 +124,22 @@ def error(found, known):
     return float(np.sqrt(np.mean((np.array(found) - np.array(known)) ** 2)))
 
 
-def main():
-    program, members = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 10_000
-    few = int(sys.argv[3]) if len(sys.argv) > 3 else 200
-    cores = len(os.sched_getaffinity(0))
+def by_dvi(program, members):
+    """The seconds that `dvi sweep` takes, and the columns of its table."""
     with tempfile.TemporaryDirectory() as folder:
         specification, table = Path(folder, "belts.json"), Path(folder, "belts.json.out")
         specification.write_text(json.dumps(document(members)))
         clock = time.perf_counter()
         subprocess.run([program, "sweep", specification, "--format", "json", "-o", table], check=True)
         seconds = time.perf_counter() - clock
-        columns = json.loads(table.read_text())["table"]["columns"]
+        return seconds, json.loads(table.read_text())["table"]["columns"]
+
+
+def main():
+    program, members = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 10_000
+    few = int(sys.argv[3]) if len(sys.argv) > 3 else 200
+    cores = len(os.sched_getaffinity(0))
+    seconds, columns = by_dvi(program, members)
     members = len(columns["member"])
     chosen = sorted({round(k * (members - 1) / (few - 1)) for k in range(few)})
     pairs = [(columns["v_belt"][k], columns["f"][k]) for k in chosen]

@@ -37,8 +37,8 @@ impl Tangents {
         Rows { by_y, by_directions, point }
     }
 
-    /// The derivatives of the equation of each variable on a face with respect to `y`, and to the directions of `rows`, the
-    /// last of which may be time.
+    /// The derivatives of the equation of each variable on a face with respect to `y`, and to the directions of `rows`. Time
+    /// may be the last direction.
     ///
     /// # Errors
     /// A variable that is prescribed from outside.

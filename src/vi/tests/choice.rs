@@ -34,8 +34,8 @@ fn pivoting_refuses_what_is_no_product_of_intervals() {
 
 #[test]
 fn the_story_names_every_solver_that_was_tried() {
-    // No point of the half plane z1 >= 1 minimises -z2: no solution exists, and every solver reports so. The sweeps over blocks
-    // are none where there is a single one.
+    // No point of the half plane z1 >= 1 minimises -z2: no solution exists, and every solver reports so. Sweeps over a
+    // single block are not tried.
     for (blocks, expected) in [
         (1, &[SolverKind::SemismoothNewton, SolverKind::Conic][..]),
         (2, &[SolverKind::SemismoothNewton, SolverKind::Conic, SolverKind::BlockGaussSeidel]),
