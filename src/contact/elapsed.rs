@@ -80,6 +80,10 @@ impl Mechanical for Elapsed {
         self.problem.may_jump(Interval::point(self.start) + t, x)
     }
 
+    fn may_pass_knot(&mut self, t: Interval, x: &[Interval]) -> bool {
+        self.problem.may_pass_knot(Interval::point(self.start) + t, x)
+    }
+
     fn breaks(&mut self, t: f64) -> &[f64] {
         self.problem.breaks(self.start + t)
     }

@@ -45,6 +45,33 @@ impl Tape {
         workspace: &mut IntervalWorkspace,
         outputs: &mut [Interval],
     ) {
+        self.enclose_sides((first, rest), workspace, outputs, |_, _, _, range| range);
+    }
+
+    /// The same near a point at which the program was evaluated last, on the side of each jump that was taken there: beside a
+    /// jump, where rounding leaves both sides open, the outputs are those of one of them, and not what is between.
+    pub fn enclose_as_evaluated(
+        &self,
+        first: Interval,
+        rest: &[Interval],
+        workspace: &mut IntervalWorkspace,
+        outputs: &mut [Interval],
+    ) {
+        self.enclose_sides((first, rest), workspace, outputs, |operator, operands, [a, b], range| {
+            let [of_a, of_b, value] = operands.map(|register| self.registers[register]);
+            operator.side_of(range, ([a, b], [of_a, of_b]), value)
+        });
+    }
+
+    /// Encloses the outputs; `side` may narrow the range of an operation, given its operator, the registers of both operands and
+    /// of the result, and the ranges of the operands.
+    fn enclose_sides(
+        &self,
+        (first, rest): (Interval, &[Interval]),
+        workspace: &mut IntervalWorkspace,
+        outputs: &mut [Interval],
+        side: impl Fn(Operator, [usize; 3], [Interval; 2], Interval) -> Interval,
+    ) {
         debug_assert_eq!(outputs.len(), self.program.outputs.len(), "as many outputs as were compiled");
         debug_assert_eq!(workspace.registers.len(), self.registers.len(), "a workspace of this program");
         let registers = workspace.registers.as_mut_slice();
@@ -54,7 +81,9 @@ impl Tape {
         }
         let mut next = self.program.first;
         self.for_each_operation(|operator, a, b| {
-            registers[next] = self.program.tables.enclose(operator, registers[a], registers[b], a == b);
+            let operands = [registers[a], registers[b]];
+            let range = self.program.tables.enclose(operator, operands[0], operands[1], a == b);
+            registers[next] = side(operator, [a, b, next], operands, range);
             next += 1;
         });
         for (output, &register) in outputs.iter_mut().zip(&self.program.outputs) {
@@ -64,6 +93,21 @@ impl Tape {
 }
 
 impl Operator {
+    /// The part of a range on the side of a jump on which these operands have this value.
+    fn side_of(self, range: Interval, (ranges, operands): ([Interval; 2], [f64; 2]), value: f64) -> Interval {
+        let is_open = range.lo < range.hi && range.contains(value);
+        match self {
+            Self::Sign | Self::Heaviside | Self::Floor | Self::Round | Self::Parity | Self::Greater if is_open => {
+                Interval::point(value).defined_if(range.defined)
+            }
+            Self::Modulo if is_open => {
+                let whole = Interval::point((operands[0] / operands[1]).floor());
+                (ranges[0] - product(ranges[1], whole)).defined_if(range.defined)
+            }
+            _ => range,
+        }
+    }
+
     /// Encloses the values at `(a, b)`; `same` states that both operands are the same term and thus have equal values.
     pub(super) fn enclose(self, a: Interval, b: Interval, same: bool) -> Interval {
         // A closed gate is 0 even if its operand is undefined; comparisons and some powers of NaN have a value.

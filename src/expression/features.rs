@@ -1,5 +1,5 @@
 //! Features that evaluation at a few points may miss: nonpolynomial dependence (or high degree) on the inputs after the
-//! first, and jumps.
+//! first, jumps, and the knots of tables.
 
 use super::enclosure::IntervalWorkspace;
 use super::graph::{Graph, Node, Term};
@@ -47,6 +47,48 @@ impl Jumps {
         }
         self.tape.enclose(t, rest, &mut self.workspace, &mut self.ranges);
         self.ranges.iter().any(|range| !range.defined || range.contains(0.0))
+    }
+}
+
+/// The knots of tables of inputs after the first, where one piece ends and the next begins: there a derivative of some order
+/// jumps.
+#[derive(Clone, Debug, Default)]
+pub struct Knots {
+    tape: Tape,
+    workspace: IntervalWorkspace,
+    ranges: Vec<Interval>,
+}
+
+impl Knots {
+    /// Compiles the numbers of the pieces of the tables in `nodes`.
+    pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
+        let piece = |node: Node| match graph.operation(node)? {
+            (Operator::Lookup, a, place) if graph.inputs(a).iter().any(|&input| input > 0) => {
+                let table = graph.table_of(Operator::Lookup, place)?.clone();
+                Some(graph.of_table(Operator::Piece, &table, a))
+            }
+            _ => None,
+        };
+        let mut pieces: Vec<Node> = graph.terms_below(nodes).into_iter().filter_map(piece).collect();
+        pieces.sort_unstable();
+        pieces.dedup();
+        let tape = Tape::compile(graph, &pieces);
+        Self { workspace: IntervalWorkspace::new(&tape), ranges: vec![Interval::LINE; pieces.len()], tape }
+    }
+
+    /// Binds new parameter values.
+    pub fn bind(&mut self, parameters: &[f64]) {
+        self.tape.bind(parameters);
+        self.workspace.bind(&self.tape);
+    }
+
+    /// Whether a knot may be passed for the first input in `t` and the others in `rest`.
+    pub fn may_be_in(&mut self, t: Interval, rest: &[Interval]) -> bool {
+        if self.ranges.is_empty() {
+            return false;
+        }
+        self.tape.enclose(t, rest, &mut self.workspace, &mut self.ranges);
+        self.ranges.iter().any(|range| !range.defined || range.lo < range.hi)
     }
 }
 

@@ -51,7 +51,7 @@ pub use breaks::Breaks;
 pub use cube_root::cube_root;
 pub use enclosure::IntervalWorkspace;
 pub use error::ExpressionError;
-pub use features::Jumps;
+pub use features::{Jumps, Knots};
 pub use graph::{Graph, Node};
 pub use kinks::{Kink, Kinks};
 pub use lipschitz::{Irregularities, Irregularity};

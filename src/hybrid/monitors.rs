@@ -28,6 +28,12 @@ pub trait Followed {
 
     /// Writes enclosures of the monitors over `[from, to]` within the step to `out`; returns false if there are none.
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool;
+
+    /// Writes enclosures of the monitors at time `t`, at which they were evaluated last, to `out`: where one jumps, on the side of
+    /// its value. Returns false if there are none.
+    fn enclose_at(&mut self, t: f64, out: &mut [Interval]) -> bool {
+        self.enclose(t, t, out)
+    }
 }
 
 /// A sign change of a monitor.
@@ -201,7 +207,7 @@ impl Monitors {
     /// Evaluates the monitors at `t`.
     fn evaluate(&mut self, step: &mut impl Followed, t: f64) {
         step.monitors(t, &mut self.values);
-        if !step.enclose(t, t, &mut self.points) {
+        if !step.enclose_at(t, &mut self.points) {
             self.points.fill(Interval::LINE);
         }
     }

@@ -13,7 +13,7 @@ mod coefficient;
 pub use coefficient::slip_speed_input;
 
 use coefficient::Coefficient;
-use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Jumps, Node, Tape};
+use expression::{Breaks, ExpressionError, Graph, IntervalWorkspace, Jumps, Knots, Node, Tape};
 use nalgebra::DMatrix;
 use numerics::Interval;
 use problem::{
@@ -80,6 +80,7 @@ pub struct SymbolicMechanics {
     coefficients: Vec<Option<Coefficient>>,
     breaks: Breaks,
     jumps: Jumps,
+    knots: Knots,
     /// The inputs after `t`: `q`, `v`, `a`, `lambda`.
     inputs: Vec<f64>,
     scratch: Vec<f64>,
@@ -286,6 +287,7 @@ impl SymbolicMechanics {
         };
         let values = Tape::compile(graph, &holonomic);
         let (breaks, jumps) = (Breaks::new(graph, &all), Jumps::new(graph, &of_motion));
+        let knots = Knots::new(graph, &of_motion);
         let mass = Tape::compile(graph, &rows.mass);
         let sensitivity = Sparse::compile(graph, sensitivity);
         let (drift, bias) = (Tape::compile(graph, &drift), Tape::compile(graph, &bias));
@@ -308,6 +310,7 @@ impl SymbolicMechanics {
             enclosures,
             breaks,
             jumps,
+            knots,
             values,
             drift,
             rows: jacobian,
@@ -345,6 +348,7 @@ impl SymbolicMechanics {
         self.coefficients.iter_mut().flatten().for_each(|coefficient| coefficient.bind(parameters));
         self.breaks.bind(parameters);
         self.jumps.bind(parameters);
+        self.knots.bind(parameters);
     }
 
     /// The rows whose derivatives with respect to parameters give those of motion: the balance `M a - f - J^T lambda`
@@ -548,6 +552,10 @@ impl Mechanical for SymbolicMechanics {
 
     fn may_jump(&mut self, t: Interval, x: &[Interval]) -> bool {
         self.jumps.may_be_in(t, x) || self.coefficients.iter_mut().flatten().any(|mu| mu.may_jump(t, x))
+    }
+
+    fn may_pass_knot(&mut self, t: Interval, x: &[Interval]) -> bool {
+        self.knots.may_be_in(t, x)
     }
 
     fn breaks(&mut self, t: f64) -> &[f64] {

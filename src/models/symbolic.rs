@@ -8,7 +8,8 @@
 
 use super::{Equations, Linear, LinearRows, ParametricTerms};
 use expression::{
-    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Jumps, Kink, Kinks, Node, Pace, Tape,
+    Assumption, Breaks, ExpressionError, Graph, IntervalWorkspace, Irregularities, Jumps, Kink, Kinks, Knots, Node,
+    Pace, Tape,
 };
 use numerics::Interval;
 use problem::{ConvexSet, Dvi, Mass, MovingBound, PLAIN_DEGREE, Structure};
@@ -69,6 +70,7 @@ pub struct Symbolic {
     pace: Pace,
     features: Vec<usize>,
     jumps: Jumps,
+    knots: Knots,
     kinks: Kinks,
     /// Interval workspaces of `values`, `derivatives` and `time_derivatives`.
     boxes: [IntervalWorkspace; 3],
@@ -203,6 +205,7 @@ impl Symbolic {
         Self {
             features: graph.beyond_degree(&outputs, PLAIN_DEGREE),
             jumps: Jumps::new(graph, &outputs),
+            knots: Knots::new(graph, &outputs),
             structure,
             values,
             derivatives,
@@ -225,6 +228,7 @@ impl Symbolic {
         }
         self.breaks.bind(parameters);
         self.jumps.bind(parameters);
+        self.knots.bind(parameters);
         self.pace.bind(parameters);
         self.kinks.bind(parameters);
         self.irregularities.bind(parameters);
@@ -260,6 +264,10 @@ impl Dvi for Symbolic {
 
     fn may_jump(&mut self, t: Interval, y: &[Interval]) -> bool {
         self.jumps.may_be_in(t, y)
+    }
+
+    fn may_pass_knot(&mut self, t: Interval, y: &[Interval]) -> bool {
+        self.knots.may_be_in(t, y)
     }
 
     fn evaluate(&mut self, t: f64, y: &[f64], values: &mut [f64]) {

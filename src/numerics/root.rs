@@ -30,6 +30,16 @@ impl Bracket {
         a + (b - a) * (fa / (fa - fb))
     }
 
+    /// The next guess, at least this far from both ends, or the middle of a bracket that is narrower: where a guess is as near
+    /// to an end as rounding, the next closes the bracket from the other side (Brent 1973, *Algorithms for minimization
+    /// without derivatives*, section 4.2).
+    pub fn guess_apart(&self, least: f64) -> f64 {
+        let (a, b) = (self.before.0 + least, self.behind.0 - least);
+        let guess = self.guess();
+        // False also where the guess is not finite.
+        if a <= b && guess.is_finite() { guess.clamp(a, b) } else { 0.5 * (self.before.0 + self.behind.0) }
+    }
+
     /// Distance between the ends.
     pub fn width(&self) -> f64 {
         self.behind.0 - self.before.0
@@ -66,6 +76,27 @@ mod tests {
                 (guess - root).abs() <= tolerance
             })
             .unwrap_or(usize::MAX)
+    }
+
+    #[test]
+    fn a_bracket_closes_where_values_are_rounding() {
+        // The square root of 2, and a jump there.
+        let close = |f: &dyn Fn(f64) -> f64| {
+            let mut bracket = Bracket::new((1.0, f(1.0)), (2.0, f(2.0)));
+            let count = (0..).take_while(|_| {
+                let t = bracket.guess_apart(f64::EPSILON);
+                let is_wide = bracket.width() > 2.0 * f64::EPSILON;
+                if is_wide {
+                    bracket.narrow(t, f(t));
+                }
+                is_wide
+            });
+            let count = count.count();
+            assert!((bracket.behind.0 - 2.0_f64.sqrt()).abs() <= 4.0 * f64::EPSILON, "{bracket:?}");
+            count
+        };
+        assert!(close(&|t| 2.0 - t * t) <= 10, "{}", close(&|t| 2.0 - t * t));
+        assert!(close(&|t| if t * t < 2.0 { 1.0 } else { -1e-9 }) <= 100);
     }
 
     #[test]

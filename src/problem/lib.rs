@@ -228,6 +228,11 @@ pub trait Dvi: Send {
         false
     }
 
+    /// Whether a row may pass a knot in a box: a value of `y` at which one of its derivatives of some order jumps.
+    fn may_pass_knot(&mut self, _t: Interval, _y: &[Interval]) -> bool {
+        false
+    }
+
     /// The time derivatives of the rows as sums of terms; `None` if they are unknown or depend on `y`.
     fn forcing_slopes(&self) -> Option<&ForcingSlopes> {
         None

@@ -261,6 +261,12 @@ pub trait Mechanical: Send {
         false
     }
 
+    /// Whether a term of the equations of motion may pass a knot in a box of `x = (q, v)`, at which one of its derivatives of some
+    /// order jumps.
+    fn may_pass_knot(&mut self, _t: Interval, _x: &[Interval]) -> bool {
+        false
+    }
+
     /// Event functions of time, evaluated at `t`: a term of the equations of motion has a kink or a jump, independent
     /// of `q` and `v`, where one of them changes sign.
     fn breaks(&mut self, _t: f64) -> &[f64] {

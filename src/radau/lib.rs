@@ -25,6 +25,7 @@ mod face;
 mod factors;
 mod footprint;
 mod free_variables;
+mod knots;
 mod law;
 mod layout;
 mod location;

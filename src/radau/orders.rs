@@ -36,6 +36,11 @@ impl Orders {
         self.methods.iter().map(|method| method.tableau.stages()).max().unwrap_or(1)
     }
 
+    /// Least number of stages of a step.
+    pub fn fewest_stages(&self) -> usize {
+        self.methods.iter().map(|method| method.tableau.stages()).min().unwrap_or(1)
+    }
+
     /// The method of the present step.
     pub fn current(&self) -> &Method {
         &self.methods[self.current]

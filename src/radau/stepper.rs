@@ -242,7 +242,7 @@ impl<'p> Radau<'p> {
     }
 
     /// Discards data that are valid for one number of stages only.
-    fn forget_order(&mut self) {
+    pub(super) fn forget_order(&mut self) {
         self.factored = None;
         self.contraction = Contraction::default();
         self.controller.order_changed();

@@ -45,6 +45,8 @@ pub struct System<'p> {
     pub tolerances: Vec<f64>,
     /// Whether the rows have kinks in `y`: derivatives may then change abruptly within a step.
     pub has_kinks: bool,
+    /// Whether rows pass knots for some values of the unknowns.
+    pub has_knots: bool,
     /// See [`Dvi::pace`].
     pub pace: f64,
     /// Rows of `F` and `G` that may vary within a step in ways that its stages do not show.
@@ -111,6 +113,7 @@ impl<'p> System<'p> {
         let (rows, nonzeros) = (structure.rows(), structure.pattern.len());
         let row_starts = (0..=rows).map(|row| structure.pattern.partition_point(|&(i, _)| i < row)).collect();
         let has_kinks = !problem.kinks(t, &vec![0.0; unknowns]).is_empty();
+        let has_knots = problem.may_pass_knot(Interval::LINE, &vec![Interval::LINE; unknowns]);
         let pace = problem.pace();
         let features = problem.features().to_vec();
         let layout = Arc::new(Layout::new(&structure, &bounded, t, outside)?);
@@ -128,6 +131,7 @@ impl<'p> System<'p> {
             intervals,
             tolerances: Vec::new(),
             has_kinks,
+            has_knots,
             pace,
             features,
             face,

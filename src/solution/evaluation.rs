@@ -55,16 +55,29 @@ impl EvaluationBuffer {
         (from, to): (f64, f64),
         uncertain: &[f64],
     ) -> Option<[&[Interval]; 2]> {
+        self.enclose_outputs(stepper, (from, to), uncertain)?;
         let Self { program, boxes, output_ranges, ranges, .. } = self;
-        output_ranges.fill(Interval::LINE);
-        if !stepper.enclose(from, to, output_ranges) {
-            return None;
-        }
-        for (range, by) in output_ranges.iter_mut().zip(uncertain) {
-            *range = *range + Interval::new(-by, *by);
-        }
         program.enclose(Interval::new(from, to), output_ranges, boxes, ranges);
         Some([output_ranges, ranges])
+    }
+
+    /// The same at the time of the last evaluation, with values on the side of their jumps that it took.
+    fn enclose_at(&mut self, stepper: &mut impl Stepper, t: f64, uncertain: &[f64]) -> Option<[&[Interval]; 2]> {
+        self.enclose_outputs(stepper, (t, t), uncertain)?;
+        let Self { program, boxes, output_ranges, ranges, .. } = self;
+        program.enclose_as_evaluated(Interval::point(t), output_ranges, boxes, ranges);
+        Some([output_ranges, ranges])
+    }
+
+    fn enclose_outputs(&mut self, stepper: &mut impl Stepper, (from, to): (f64, f64), uncertain: &[f64]) -> Option<()> {
+        self.output_ranges.fill(Interval::LINE);
+        if !stepper.enclose(from, to, &mut self.output_ranges) {
+            return None;
+        }
+        for (range, by) in self.output_ranges.iter_mut().zip(uncertain) {
+            *range = *range + Interval::new(-by, *by);
+        }
+        Some(())
     }
 
     /// Begins with the samples of a part of a step for integrals.
@@ -124,6 +137,12 @@ impl<S: Stepper> Followed for Along<'_, S> {
 
     fn enclose(&mut self, from: f64, to: f64, out: &mut [Interval]) -> bool {
         let Some(ranges) = self.place.enclose(self.stepper, (from, to), self.uncertain) else { return false };
+        out.iter_mut().zip(self.places).for_each(|(out, &place)| *out = of_both(ranges, place));
+        true
+    }
+
+    fn enclose_at(&mut self, t: f64, out: &mut [Interval]) -> bool {
+        let Some(ranges) = self.place.enclose_at(self.stepper, t, self.uncertain) else { return false };
         out.iter_mut().zip(self.places).for_each(|(out, &place)| *out = of_both(ranges, place));
         true
     }

@@ -91,15 +91,15 @@ pub(super) struct Integrals {
     uncertain: Vec<f64>,
     /// The integrals of the absolute values.
     sizes: Vec<f64>,
-    /// A function whose integral over an impulse is undefined, and the time of that, if there is one.
-    undefined: Option<(usize, f64)>,
+    /// The functions whose integrals over an impulse are undefined, and the time of the first.
+    undefined: Vec<(usize, f64)>,
 }
 
 impl Integrals {
     /// No integrals of `count` functions.
     pub fn new(count: usize) -> Self {
         let zeros = || vec![0.0; count];
-        Self { values: zeros(), uncertain: zeros(), sizes: zeros(), undefined: None }
+        Self { values: zeros(), uncertain: zeros(), sizes: zeros(), undefined: Vec::new() }
     }
 
     /// Adds the integrals over an impulse.
@@ -112,15 +112,20 @@ impl Integrals {
             if let Some(over) = over {
                 self.values[k] += over;
                 self.sizes[k] += over.abs();
-            } else {
-                self.undefined.get_or_insert((k, impulse.t));
+            } else if self.value(k).is_some() {
+                self.undefined.push((k, impulse.t));
             }
         }
     }
 
     /// The first function whose integral an impulse leaves undefined, and the time of that.
     pub fn undefined(&self) -> Option<(usize, f64)> {
-        self.undefined
+        self.undefined.first().copied()
+    }
+
+    /// The integral of a function; `None` where an impulse leaves it undefined.
+    pub fn value(&self, k: usize) -> Option<f64> {
+        self.undefined.iter().all(|(undefined, _)| *undefined != k).then(|| self.values[k])
     }
 
     /// The integrals of the absolute values.

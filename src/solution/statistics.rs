@@ -13,10 +13,10 @@ use utoipa::ToSchema;
 /// Statistics of an output over a time interval.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, ToSchema)]
 pub struct OverTime {
-    /// The mean.
-    pub mean: f64,
-    /// The root mean square.
-    pub rms: f64,
+    /// The mean; `null` where an impulse leaves it undefined, as that of a function that is not linear in the variable.
+    pub mean: Option<f64>,
+    /// The root mean square; `null` where an impulse leaves it undefined, as that of a variable with impulses.
+    pub rms: Option<f64>,
     /// The minimum.
     pub min: f64,
     /// The maximum.
@@ -84,13 +84,12 @@ impl Statistics {
 
     /// Returns the statistics of each field.
     pub fn finish(self) -> Vec<(usize, OverTime)> {
-        let (means, squares) = self.integrals.values.split_at(self.places.len());
-        let all = self.places.iter().zip(means.iter().zip(squares)).enumerate();
-        all.map(|(k, (place, (mean, square)))| {
+        let over_time = |k: usize| self.integrals.value(k).map(|integral| integral / self.time);
+        let of = |(k, place): (usize, &usize)| {
             let (min, max) = self.extremes.of(k);
-            let rms = (square / self.time).max(0.0).sqrt();
-            (*place, OverTime { mean: mean / self.time, rms, min, max, ripple: max - min })
-        })
-        .collect()
+            let rms = over_time(self.places.len() + k).map(|square| square.max(0.0).sqrt());
+            (*place, OverTime { mean: over_time(k), rms, min, max, ripple: max - min })
+        };
+        self.places.iter().enumerate().map(of).collect()
     }
 }

@@ -8,7 +8,7 @@
 //! - `G` affine, `b` empty and `J_aa` singular: solutions are all points `z + s v`, `J_aa v = 0`, near it. Otherwise these points
 //!   are where other solutions may be.
 
-use factorisation::{Singular, least_eigenvalue};
+use factorisation::{Singular, equilibrated, least_eigenvalue};
 use nalgebra::DMatrix;
 use problem::ConvexSet;
 
@@ -66,8 +66,15 @@ pub fn certificate(
         return Certificate::Nothing("its set couples variables, and G is not certified monotone");
     }
     let (mut inside, mut undecided) = (Vec::new(), Vec::new());
+    // A change of a variable by its size changes a row by its terms.
+    let size = |i: usize| {
+        let changes = (0..m).filter(|&row| jacobian[(row, i)] != 0.0 && terms[row] > 0.0);
+        changes.map(|row| terms[row] / jacobian[(row, i)].abs()).fold(f64::INFINITY, f64::min)
+    };
+    let sizes: Vec<f64> = (0..m).map(size).collect();
     for i in 0..m {
-        let distance = (z[i] - set.lower[i]).abs().min((z[i] - set.upper[i]).abs()) / (1.0 + z[i].abs());
+        let distance = (z[i] - set.lower[i]).abs().min((z[i] - set.upper[i]).abs());
+        let distance = distance / (sizes[i].min(1.0) + z[i].abs());
         let is_zero = g[i].abs() <= REST * terms[i].max(f64::MIN_POSITIVE);
         match (distance <= REST, is_zero) {
             _ if set.lower[i] == set.upper[i] => {}
@@ -82,7 +89,13 @@ pub fn certificate(
         }
     }
     let part = |rows: &[usize], columns: &[usize]| jacobian.select_rows(rows).select_columns(columns);
-    let Some(own) = Singular::of(&part(&inside, &inside)) else {
+    // In units in which all rows and columns are of one size: what is small beside others, as in other units, is not zero.
+    let unit = |size: f64| if size > 0.0 && size.is_finite() { size } else { 1.0 };
+    let mut own = part(&inside, &inside);
+    own.row_iter_mut().zip(&inside).for_each(|(mut row, &i)| row /= unit(terms[i]));
+    own.column_iter_mut().zip(&inside).for_each(|(mut column, &i)| column *= unit(sizes[i]));
+    let (own, _, of_columns) = equilibrated(own);
+    let Some(own) = Singular::of(&own) else {
         return Certificate::Nothing("the singular values of its Jacobian could not be computed");
     };
     let is_regular = own.rank(ZERO * m as f64) == inside.len();
@@ -90,8 +103,11 @@ pub fn certificate(
     if !is_regular {
         let Some(last) = own.v_t.nrows().checked_sub(1) else { return Certificate::Nothing(SINGULAR) };
         let mut direction = vec![0.0; m];
-        inside.iter().zip(own.v_t.row(last).iter()).for_each(|(&i, v)| direction[i] = *v);
-        // What is small beside the other rows alone, as in other units, is not zero.
+        let along = own.v_t.row(last).into_owned();
+        inside
+            .iter()
+            .zip(along.iter().zip(of_columns))
+            .for_each(|(&i, (v, scale))| direction[i] = v * scale * unit(sizes[i]));
         let is_zero = |&i: &usize| {
             let products = inside.iter().map(|&j| jacobian[(i, j)] * direction[j]);
             let (sum, terms) =
@@ -119,7 +135,8 @@ pub fn certificate(
     match is_convex {
         true => Certificate::UniqueOfConvex,
         false => {
-            Certificate::Isolated(own.values.last().copied().unwrap_or(f64::INFINITY), inside.len(), undecided.len())
+            let least = Singular::of(&part(&inside, &inside)).and_then(|own| own.values.last().copied());
+            Certificate::Isolated(least.unwrap_or(f64::INFINITY), inside.len(), undecided.len())
         }
     }
 }
@@ -153,8 +170,10 @@ mod tests {
         let Certificate::Continuum(v) = of(&[1.0; 4], true, &[1.5, 0.5], &[0.0; 2]) else { panic!("a continuum") };
         assert!((v[0] + v[1]).abs() < 1e-12 && v[0].abs() > 0.5);
         // Small in its unit, and not zero.
-        let small = of(&[1e-6, 0.0, 0.0, 1e6], true, &[3.0, 2.0], &[0.0; 2]);
-        assert!(matches!(small, Certificate::Singular(_)), "{small:?}");
+        let small = of(&[1e-9, 2.0, -1.0, 1e-9], true, &[3.0, 2.0], &[0.0; 2]);
+        assert!(matches!(small, Certificate::Isolated(_, 2, 0)), "{small:?}");
+        let small = of(&[-1e-9, 0.0, 0.0, 1e9], true, &[3.0, 2.0], &[0.0; 2]);
+        assert!(matches!(small, Certificate::Isolated(_, 2, 0)), "{small:?}");
         // All variables at an end, with G = 0 there.
         assert!(matches!(of(&[0.0], true, &[0.0], &[0.0]), Certificate::Nothing(_)));
         assert_eq!(of(&[1.0, 2.0, 2.0, 1.0], false, &[0.0; 2], &[3.0; 2]), Certificate::Isolated(f64::INFINITY, 0, 0));

@@ -23,6 +23,7 @@ mod josephy_newton;
 mod lemke;
 mod portfolio;
 mod residual;
+mod scaled;
 mod semismooth_newton;
 mod sparse_jacobian;
 mod sparse_newton;

@@ -5,6 +5,7 @@
 
 use super::auto::SolverKind;
 use super::interior_point::InteriorPoint;
+use super::scaled::{ScaledVi, Scales};
 use super::{ActiveSet, JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Terms, Worst};
 use factorisation::SparseMatrix;
 use faer::sparse::Triplet;
@@ -120,8 +121,30 @@ impl Portfolio {
         found
     }
 
-    /// From one start.
+    /// From one start; where the terms of `F` differ in size at what is found, from there on in units in which they do not.
     pub fn once(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
+        let mut found = self.as_given(vi, tolerance, z, control);
+        for _ in 0..ROUNDS {
+            let Some(scales) = (found.report.outcome == Outcome::Solved).then(|| scales(vi, z)).flatten() else {
+                break;
+            };
+            let mut scaled = ScaledVi::new(vi, scales);
+            scaled.scale(z);
+            let is_solved = worst(&mut scaled, z).relative() <= tolerance;
+            if !is_solved {
+                let next = self.as_given(&mut scaled, tolerance, z, control);
+                found = Found { iterations: found.iterations + next.iterations, ray: found.ray, ..next };
+            }
+            scaled.unscale(z);
+            if is_solved {
+                break;
+            }
+        }
+        found
+    }
+
+    /// From one start, in the units of the problem.
+    fn as_given(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let only_dense = vi.set().has_blocks() || self.kind != SolverKind::Auto;
         let order: &[Method] = match (only_dense, self.m) {
             (true, _) => &[Method::JosephyNewton],
@@ -278,6 +301,15 @@ fn active_set(vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Co
         outcome => outcome,
     };
     Report { outcome, residual: reached.largest, ..report }
+}
+
+/// The units in which the terms of `F` at a point are of one size, if they are not.
+fn scales(vi: &mut dyn SparseVi, z: &[f64]) -> Option<Scales> {
+    let mut f = vec![0.0; z.len()];
+    let mut derivatives = vec![0.0; vi.pattern().len()];
+    vi.evaluate(z, &mut f);
+    vi.derivatives(z, &mut derivatives);
+    Scales::of(vi, (z, &f), &derivatives)
 }
 
 /// How far a point is from a solution.

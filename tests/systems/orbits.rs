@@ -42,8 +42,8 @@ fn a_driven_oscillator_has_its_amplitude_and_its_multipliers() {
     let x = orbit.over_period["x"];
     assert_near(x.max, amplitude, 1e-9);
     assert_near(x.ripple, 2.0 * amplitude, 1e-9);
-    assert_near(x.rms, amplitude / 2.0_f64.sqrt(), 1e-9);
-    assert!(x.mean.abs() < 1e-10);
+    assert_near(x.rms.unwrap(), amplitude / 2.0_f64.sqrt(), 1e-9);
+    assert!(x.mean.unwrap().abs() < 1e-10);
     let [[re, im], _] = orbit.multipliers[..] else { panic!("two multipliers") };
     let turned = PI * (1.0 - d * d).sqrt();
     assert_near(re, (-d * PI).exp() * turned.cos(), 1e-9);
@@ -108,7 +108,7 @@ fn a_converter_balances_over_its_period_and_decays_as_its_load_makes_it() {
     assert!(orbit.shots <= 5, "{}", orbit.shots);
     // Continuous conduction: the mean is given by the duty, and the multipliers are exp(lambda T), of modulus
     // exp(-T/(2RC)).
-    assert_near(orbit.over_period["v(out)"].mean, 0.4 * 12.0, 1e-11);
+    assert_near(orbit.over_period["v(out)"].mean.unwrap(), 0.4 * 12.0, 1e-11);
     let [re, im] = orbit.multipliers[0];
     assert_near(re.hypot(im), (-0.5_f64).exp(), 1e-9);
     let phase = 2e-5 * (1.0 / (1e-4 * 1e-5) - 1.0 / (2.0_f64 * 2.0 * 1e-5).powi(2)).sqrt();
@@ -119,9 +119,10 @@ fn a_converter_balances_over_its_period_and_decays_as_its_load_makes_it() {
     let orbit = orbit_of(buck(200.0));
     assert!(orbit.shots <= 7, "from rest, by way of a state in continuous conduction: {}", orbit.shots);
     let of = |name: &str| orbit.over_period[name];
-    assert_near(of("v(x)").mean, of("v(out)").mean, 1e-9);
-    assert_near(of("i(L1)").mean, of("v(out)").mean / 200.0, 1e-8);
-    assert!(of("i(L1)").min.abs() < 1e-12 && of("v(out)").mean > 0.5 * 12.0);
+    let mean = |name: &str| of(name).mean.unwrap();
+    assert_near(mean("v(x)"), mean("v(out)"), 1e-9);
+    assert_near(mean("i(L1)"), mean("v(out)") / 200.0, 1e-8);
+    assert!(of("i(L1)").min.abs() < 1e-12 && mean("v(out)") > 0.5 * 12.0);
     assert!(orbit.multipliers[1][0].abs() < 1e-9, "the current is forgotten: {:?}", orbit.multipliers);
 }
 
@@ -438,11 +439,15 @@ fn means_over_a_period_take_impulses_and_see_pulses() {
     let orbit = lifted.orbit.expect("an orbit");
     let exact = 0.5 + 1.0 - (-0.5_f64).exp();
     for name in ["x", "z"] {
-        let mean = orbit.over_period[name].mean;
+        let mean = orbit.over_period[name].mean.unwrap();
         assert!((mean - exact).abs() < 1e-8, "{name}: {mean} for {exact}");
     }
-    // The square of an impulse has no mean.
-    assert!(lifted.verdict.because.iter().any(|reason| reason.message.contains("root mean square of `z`")));
+    // The square of an impulse has no mean, and all else has one.
+    assert!(lifted.verdict.trusted, "{:?}", lifted.verdict);
+    assert!(
+        lifted.verdict.caveats.iter().any(|caveat| caveat.code == "mean_undefined" && caveat.message.contains("`z`"))
+    );
+    assert!(orbit.over_period["z"].rms.is_none() && orbit.over_period["x"].rms.is_some());
 
     let pulsed = |d: &str| {
         let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": "sin(t) - x"}},
@@ -456,8 +461,8 @@ fn means_over_a_period_take_impulses_and_see_pulses() {
         ("exp(-((t - 2)/0.001)^2)", 0.001 * std::f64::consts::PI.sqrt(), 0.001 * std::f64::consts::FRAC_PI_2.sqrt()),
     ] {
         let over = pulsed(d);
-        assert!((over.mean / (area / period) - 1.0).abs() < 1e-7, "{d}: {over:?}");
-        assert!((over.rms / (square / period).sqrt() - 1.0).abs() < 1e-7, "{d}: {over:?}");
+        assert!((over.mean.unwrap() / (area / period) - 1.0).abs() < 1e-7, "{d}: {over:?}");
+        assert!((over.rms.unwrap() / (square / period).sqrt() - 1.0).abs() < 1e-7, "{d}: {over:?}");
         assert!((over.max - 1.0).abs() < 1e-8 && over.min.abs() < 1e-12, "{d}: {over:?}");
     }
 }

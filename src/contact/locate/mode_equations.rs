@@ -371,6 +371,11 @@ impl ModeEquations {
         }
     }
 
+    /// Computes the constraints alone at a state: all that monitors need in a mode that holds no row.
+    pub fn evaluate_constraints(&mut self, t: f64, q: &[f64]) {
+        self.problem.constraints(t, q, &mut self.constraints);
+    }
+
     /// Evaluates the equations at the middle of a box, and returns the middle of the states.
     fn evaluate_at_middle(&mut self, t: Interval, x: &[Interval]) -> Vec<f64> {
         let middle: Vec<f64> = x.iter().map(|x| x.ball().0).collect();
@@ -558,6 +563,10 @@ impl Dvi for ModeEquations {
 
     fn may_jump(&mut self, t: Interval, y: &[Interval]) -> bool {
         self.problem.may_jump(t, y)
+    }
+
+    fn may_pass_knot(&mut self, t: Interval, y: &[Interval]) -> bool {
+        self.problem.may_pass_knot(t, y)
     }
 
     fn enclose(&mut self, t: Interval, y: &[Interval], values: &mut [Interval]) -> bool {

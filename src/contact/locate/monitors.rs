@@ -55,9 +55,13 @@ pub fn monitors(
     (x, reached): (&[f64], &[f64]),
     out: &mut Vec<Monitor>,
 ) {
-    equations.evaluate_at(t, x);
-    let ticks = equations.problem().rounding_of_time(t);
     let (q, v) = x.split_at(structure.coordinates);
+    if equations.rows().is_empty() {
+        equations.evaluate_constraints(t, q);
+    } else {
+        equations.evaluate_at(t, x);
+    }
+    let ticks = equations.problem().rounding_of_time(t);
     let (reached_q, reached_v) = reached.split_at(structure.coordinates);
     out.clear();
     let constraints = equations.constraints();

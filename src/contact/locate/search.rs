@@ -205,11 +205,11 @@ impl SmoothPhase<'_, '_> {
         let mut slope = -range / bracket.width();
         for _ in 0..80 {
             let (a, b) = (bracket.before.0, bracket.behind.0);
-            if bracket.before.1 <= 0.0 || bracket.width() <= 2.0 * f64::EPSILON * b.abs() {
+            let resolution = f64::EPSILON * b.abs();
+            if bracket.before.1 <= 0.0 || bracket.width() <= 2.0 * resolution {
                 break;
             }
-            let t = bracket.guess();
-            let t = if t > a && t < b { t } else { 0.5 * (a + b) };
+            let t = bracket.guess_apart(resolution);
             if t <= a || t >= b {
                 break;
             }

@@ -264,6 +264,13 @@ impl Automaton for Radau<'_> {
             self.estimate_given_step(h, coupled);
             return Ok(true);
         }
+        if let Some(across) = self.step_across_knots(h) {
+            if coupled {
+                self.system.face.clone_from(&self.switching.before);
+            }
+            self.shrink(h, RejectionCause::Error, |_| across)?;
+            return Ok(false);
+        }
         let unlocated = if coupled { self.unlocated(h) } else { None };
         let is_blind = coupled && self.switching.locates() && self.varies_unseen(h);
         if is_blind || attempts.shortened.is_too_long(unlocated) {

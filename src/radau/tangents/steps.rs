@@ -39,7 +39,8 @@ impl Tangents {
     /// no other size may be taken.
     pub(super) fn shorter(&self, radau: &Radau<'_>) -> Option<f64> {
         let error = self.error.filter(|error| *error > 1.0 && radau.settings.step.is_none())?;
-        Some(radau.last.h * change_of_step(error, radau.orders.last().tableau).min(LARGEST_RETRIED))
+        let h = radau.last.h * change_of_step(error, radau.orders.last().tableau).min(LARGEST_RETRIED);
+        (h >= radau.shortest_of_derivatives()).then_some(h)
     }
 
     /// Bounds the first step behind a switch: derivatives may have jumped into a direction in which the states do not move.
@@ -96,8 +97,16 @@ impl Radau<'_> {
         let least =
             |per_size: f64, atol: f64, size: f64| (per_size.min(1.0) * atol + ROUNDING * per_size * size) / rtol;
         let error = self.norm_of_derivatives((lacking, largest), size_of, least) / (gamma * method.tolerance.rtol);
-        self.h = self.h.min(self.last.h * change_of_step(error, method.tableau));
+        let wished = self.last.h * change_of_step(error, method.tableau);
+        self.h = self.h.min(wished.max(self.shortest_of_derivatives()));
         Some(error)
+    }
+
+    /// The shortest step that is made for the sake of the derivatives: its length is known to half the digits that are asked
+    /// for, in which derivatives change little. Those of a motion that ends with a broken power of the time left, as of the
+    /// direction of a slip, are resolved by no step; at last the states alone decide.
+    fn shortest_of_derivatives(&self) -> f64 {
+        self.clock.rounding(0.0) / self.settings.rtol.sqrt()
     }
 
     /// Bounds the first step behind an event, where derivatives have these slopes.
@@ -113,7 +122,7 @@ impl Radau<'_> {
         let least = |per_size, atol, size| per_size * (size + atol / rtol);
         let speed = self.norm_of_derivatives((slopes, largest), size_of, least);
         if speed > 0.0 {
-            self.h = self.h.min(reach / speed);
+            self.h = self.h.min((reach / speed).max(self.shortest_of_derivatives()));
         }
     }
 

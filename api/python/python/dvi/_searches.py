@@ -153,9 +153,9 @@ class Orbit(Result, kind="orbit"):
         return self._found.get("stable")
 
     @property
-    def over_period(self) -> dict[str, dict[str, float]]:
-        """Mean, root mean square, least and largest value of each field over the period."""
-        found: dict[str, dict[str, float]] = self._found["over_period"]
+    def over_period(self) -> dict[str, dict[str, Optional[float]]]:
+        """Mean, root mean square, least and largest value of each field over the period; None where an impulse leaves one undefined."""
+        found: dict[str, dict[str, Optional[float]]] = self._found["over_period"]
         return found
 
     def _lines(self) -> list[tuple[str, str]]:

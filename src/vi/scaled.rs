@@ -1,0 +1,111 @@
+//! Variational inequalities over intervals in units of their own: with positive diagonal matrices `R` and `C`,
+//!
+//! ```text
+//! F'(z') = R F(C z'),    K' = C^-1 K
+//! ```
+//!
+//! has the solutions `C^-1 z`. `R` brings the terms of each row to one, and `C` a change of a variable by one to the largest that
+//! no row would notice as more than its terms; so that a row of small terms, as of costs beside a row of vehicles, is solved as
+//! exactly as the others. Both are powers of two: scaling is exact.
+
+use super::{SparseVi, Terms};
+use problem::ConvexSet;
+
+/// Rows, or columns, that differ by less than this factor are left as they are: so much is lost of the tolerance.
+const BALANCED: f64 = 64.0;
+
+/// The diagonals of `R` and `C`.
+#[derive(Clone, Debug)]
+pub(super) struct Scales {
+    pub rows: Vec<f64>,
+    pub columns: Vec<f64>,
+}
+
+impl Scales {
+    /// At a point `z` with `f = F(z)` and these derivatives; `None` where the terms of `F` are of one size, or not finite.
+    pub fn of(vi: &dyn SparseVi, (z, f): (&[f64], &[f64]), derivatives: &[f64]) -> Option<Self> {
+        let set = vi.set();
+        if set.has_blocks() {
+            return None;
+        }
+        let entries = || vi.pattern().iter().copied().zip(derivatives.iter().copied());
+        let Terms { sizes, .. } = Terms::of(set, (z, f), entries());
+        let mut columns = vec![f64::INFINITY; z.len()];
+        for ((i, j), a) in entries().filter(|((i, _), a)| *a != 0.0 && sizes[*i] > 0.0) {
+            columns[j] = columns[j].min(sizes[i] / a.abs());
+        }
+        let is_known = |size: f64| size > 0.0 && size.is_finite();
+        let spread = |sizes: &[f64]| {
+            let known = sizes.iter().copied().filter(|size| is_known(*size));
+            known.clone().fold(0.0, f64::max) / known.fold(f64::INFINITY, f64::min)
+        };
+        let is_uneven = spread(&sizes) > BALANCED || spread(&columns) > BALANCED;
+        let unit = |size: f64| if is_known(size) { size.log2().round().exp2() } else { 1.0 };
+        let rows: Vec<f64> = sizes.into_iter().map(|size| unit(size).recip()).collect();
+        let columns: Vec<f64> = columns.into_iter().map(unit).collect();
+        let are_finite = rows.iter().chain(&columns).all(|scale| is_known(*scale));
+        (is_uneven && are_finite).then_some(Self { rows, columns })
+    }
+}
+
+/// A problem in these units.
+pub(super) struct ScaledVi<'a> {
+    vi: &'a mut dyn SparseVi,
+    scales: Scales,
+    set: ConvexSet,
+    z: Vec<f64>,
+}
+
+impl<'a> ScaledVi<'a> {
+    pub fn new(vi: &'a mut dyn SparseVi, scales: Scales) -> Self {
+        let mut set = vi.set().clone();
+        for (j, scale) in scales.columns.iter().enumerate() {
+            set.lower[j] /= scale;
+            set.upper[j] /= scale;
+        }
+        let z = vec![0.0; scales.columns.len()];
+        Self { vi, scales, set, z }
+    }
+
+    /// Brings a point into these units.
+    pub fn scale(&self, z: &mut [f64]) {
+        z.iter_mut().zip(&self.scales.columns).for_each(|(z, scale)| *z /= scale);
+    }
+
+    /// Brings a point back into those of the problem.
+    pub fn unscale(&self, z: &mut [f64]) {
+        z.iter_mut().zip(&self.scales.columns).for_each(|(z, scale)| *z *= scale);
+    }
+
+    fn take(&mut self, z: &[f64]) {
+        let products = z.iter().zip(&self.scales.columns).map(|(z, scale)| z * scale);
+        self.z.iter_mut().zip(products).for_each(|(own, z)| *own = z);
+    }
+}
+
+impl SparseVi for ScaledVi<'_> {
+    fn set(&self) -> &ConvexSet {
+        &self.set
+    }
+
+    fn pattern(&self) -> &[(usize, usize)] {
+        self.vi.pattern()
+    }
+
+    fn is_affine(&self) -> bool {
+        self.vi.is_affine()
+    }
+
+    fn evaluate(&mut self, z: &[f64], f: &mut [f64]) {
+        self.take(z);
+        self.vi.evaluate(&self.z, f);
+        f.iter_mut().zip(&self.scales.rows).for_each(|(f, scale)| *f *= scale);
+    }
+
+    fn derivatives(&mut self, z: &[f64], values: &mut [f64]) {
+        self.take(z);
+        self.vi.derivatives(&self.z, values);
+        let Scales { rows, columns } = &self.scales;
+        values.iter_mut().zip(self.vi.pattern()).for_each(|(value, &(i, j))| *value *= rows[i] * columns[j]);
+    }
+}
