@@ -62,6 +62,7 @@ pub struct Knots {
 impl Knots {
     /// Compiles the numbers of the pieces of the tables in `nodes`.
     pub fn new(graph: &mut Graph, nodes: &[Node]) -> Self {
+        let terms = graph.terms_below(nodes);
         let piece = |node: Node| match graph.operation(node)? {
             (Operator::Lookup, a, place) if graph.inputs(a).iter().any(|&input| input > 0) => {
                 let table = graph.table_of(Operator::Lookup, place)?.clone();
@@ -69,7 +70,7 @@ impl Knots {
             }
             _ => None,
         };
-        let mut pieces: Vec<Node> = graph.terms_below(nodes).into_iter().filter_map(piece).collect();
+        let mut pieces: Vec<Node> = terms.into_iter().filter_map(piece).collect();
         pieces.sort_unstable();
         pieces.dedup();
         let tape = Tape::compile(graph, &pieces);

@@ -105,10 +105,11 @@ impl Extremes {
         if !of.enclose(from, to, &mut self.ranges) || self.exceeded().is_none() {
             return;
         }
-        if !of.enclose(from, from, &mut self.ranges) {
+        of.monitors(from, &mut self.samples.at_one);
+        if !of.enclose_at(from, &mut self.ranges) {
             return;
         }
-        // What cannot be enclosed at one time is not known over any.
+        // What cannot be enclosed at one time is not known over any; beside a jump, the one side is.
         self.rounding.iter_mut().zip(&self.ranges).for_each(|(rounding, range)| *rounding = range.width());
         self.found.fill([None; 2]);
         self.left.clear();

@@ -266,16 +266,20 @@ impl<'a> Run<'a> {
         let field = |place: usize| self.plan.name(place);
         let of_integrals = observed.as_ref().and_then(|observed| observed.undefined());
         let of_integrals = of_integrals.or_else(|| reducing.as_ref().and_then(|reducing| reducing.undefined()));
-        let of_integrals = of_integrals.map(|(name, t)| (format!("the integral `{name}`"), t));
-        let of_squares = statistics.as_ref().and_then(Statistics::undefined);
-        let of_squares = of_squares.map(|(place, t)| (format!("the root mean square of `{}`", field(place)), t));
-        if let Some((what, t)) = of_integrals.or(of_squares) {
+        let undefined = |what: &str, name: &str, t: f64| {
+            format!(
+                "the {what} `{name}` is undefined from t = {t:?} on: states jump there by an impulse, and the integrand is not \
+                 linear in it, or depends on a state that jumps beside it"
+            )
+        };
+        if let Some((name, t)) = of_integrals {
             self.diagnostics.checks.record(CheckCode::LocalError, f64::INFINITY, NEGLIGIBLE, || {
-                format!(
-                    "{what} is undefined from t = {t:?} on: states jump there by an impulse, and the integrand is \
-                     not linear in it, or depends on a state that jumps beside it; leave it out, or end before"
-                )
+                undefined("integral", name, t) + "; leave it out, or end before"
             });
+        }
+        if let Some((place, t)) = statistics.as_ref().and_then(Statistics::undefined) {
+            let message = undefined("mean or root mean square of", field(place), t) + ", and `null` in the answer";
+            self.diagnostics.checks.caveat("mean_undefined", message);
         }
         let of_statistics = statistics.as_ref().and_then(Statistics::open).map(|(place, by, t)| (field(place), by, t));
         let of_reductions = reducing.as_ref().and_then(|reducing| reducing.open());

@@ -5,7 +5,7 @@
 
 use super::auto::SolverKind;
 use super::interior_point::InteriorPoint;
-use super::scaled::{ScaledVi, Scales};
+use super::scaled::{ScaledVi, Sizes};
 use super::{ActiveSet, JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Terms, Worst};
 use factorisation::SparseMatrix;
 use faer::sparse::Triplet;
@@ -125,20 +125,33 @@ impl Portfolio {
     pub fn once(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let mut found = self.as_given(vi, tolerance, z, control);
         for _ in 0..ROUNDS {
-            let Some(scales) = (found.report.outcome == Outcome::Solved).then(|| scales(vi, z)).flatten() else {
+            if found.report.outcome != Outcome::Solved {
                 break;
-            };
+            }
+            let at = Sizes::at(vi, z);
+            let Some(scales) = at.scales(vi.pattern()) else { break };
             let mut scaled = ScaledVi::new(vi, scales);
-            scaled.scale(z);
-            let is_solved = worst(&mut scaled, z).relative() <= tolerance;
-            if !is_solved {
-                let next = self.as_given(&mut scaled, tolerance, z, control);
-                found = Found { iterations: found.iterations + next.iterations, ray: found.ray, ..next };
-            }
-            scaled.unscale(z);
-            if is_solved {
+            let mut point = z.to_vec();
+            scaled.scale(&mut point);
+            if worst(&mut scaled, &point).relative() <= tolerance {
                 break;
             }
+            let next = match self.m {
+                ..=PIVOTS_AT_MOST => self.as_given(&mut scaled, tolerance, &mut point, control),
+                // Near the solution this is all that is needed.
+                _ => {
+                    let report = self.newton(&mut scaled, tolerance, &mut point, false, control);
+                    Found { report, iterations: report.iterations, ..found }
+                }
+            };
+            found.iterations += next.iterations;
+            scaled.unscale(&mut point);
+            // What vanishes at infinity only loses its terms on the way there.
+            if next.report.outcome != Outcome::Solved || !Sizes::at(vi, &point).keep(&at) {
+                break;
+            }
+            z.copy_from_slice(&point);
+            found.report = next.report;
         }
         found
     }
@@ -301,15 +314,6 @@ fn active_set(vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Co
         outcome => outcome,
     };
     Report { outcome, residual: reached.largest, ..report }
-}
-
-/// The units in which the terms of `F` at a point are of one size, if they are not.
-fn scales(vi: &mut dyn SparseVi, z: &[f64]) -> Option<Scales> {
-    let mut f = vec![0.0; z.len()];
-    let mut derivatives = vec![0.0; vi.pattern().len()];
-    vi.evaluate(z, &mut f);
-    vi.derivatives(z, &mut derivatives);
-    Scales::of(vi, (z, &f), &derivatives)
 }
 
 /// How far a point is from a solution.

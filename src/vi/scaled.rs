@@ -14,24 +14,34 @@ use problem::ConvexSet;
 /// Rows, or columns, that differ by less than this factor are left as they are: so much is lost of the tolerance.
 const BALANCED: f64 = 64.0;
 
-/// The diagonals of `R` and `C`.
-#[derive(Clone, Debug)]
-pub(super) struct Scales {
-    pub rows: Vec<f64>,
-    pub columns: Vec<f64>,
+/// The sizes of the terms of `F` at a point.
+pub(super) struct Sizes {
+    rows: Vec<f64>,
+    derivatives: Vec<f64>,
+    is_of_intervals: bool,
 }
 
-impl Scales {
-    /// At a point `z` with `f = F(z)` and these derivatives; `None` where the terms of `F` are of one size, or not finite.
-    pub fn of(vi: &dyn SparseVi, (z, f): (&[f64], &[f64]), derivatives: &[f64]) -> Option<Self> {
-        let set = vi.set();
-        if set.has_blocks() {
-            return None;
-        }
-        let entries = || vi.pattern().iter().copied().zip(derivatives.iter().copied());
-        let Terms { sizes, .. } = Terms::of(set, (z, f), entries());
-        let mut columns = vec![f64::INFINITY; z.len()];
-        for ((i, j), a) in entries().filter(|((i, _), a)| *a != 0.0 && sizes[*i] > 0.0) {
+impl Sizes {
+    pub fn at(vi: &mut dyn SparseVi, z: &[f64]) -> Self {
+        let mut f = vec![0.0; z.len()];
+        let mut derivatives = vec![0.0; vi.pattern().len()];
+        vi.evaluate(z, &mut f);
+        vi.derivatives(z, &mut derivatives);
+        let entries = vi.pattern().iter().copied().zip(derivatives.iter().copied());
+        let Terms { sizes, .. } = Terms::of(vi.set(), (z, &f), entries);
+        Self { rows: sizes, derivatives, is_of_intervals: !vi.set().has_blocks() }
+    }
+
+    /// Whether no row has lost its terms since another point.
+    pub fn keep(&self, others: &Self) -> bool {
+        self.rows.iter().zip(&others.rows).all(|(size, other)| *size >= other / BALANCED)
+    }
+
+    /// The units in which they are of one size; `None` where they are, or not finite, or the set has blocks.
+    pub fn scales(&self, pattern: &[(usize, usize)]) -> Option<Scales> {
+        let Self { rows: sizes, derivatives, is_of_intervals } = self;
+        let mut columns = vec![f64::INFINITY; sizes.len()];
+        for (&(i, j), a) in pattern.iter().zip(derivatives).filter(|((i, _), a)| **a != 0.0 && sizes[*i] > 0.0) {
             columns[j] = columns[j].min(sizes[i] / a.abs());
         }
         let is_known = |size: f64| size > 0.0 && size.is_finite();
@@ -39,13 +49,20 @@ impl Scales {
             let known = sizes.iter().copied().filter(|size| is_known(*size));
             known.clone().fold(0.0, f64::max) / known.fold(f64::INFINITY, f64::min)
         };
-        let is_uneven = spread(&sizes) > BALANCED || spread(&columns) > BALANCED;
-        let unit = |size: f64| if is_known(size) { size.log2().round().exp2() } else { 1.0 };
-        let rows: Vec<f64> = sizes.into_iter().map(|size| unit(size).recip()).collect();
-        let columns: Vec<f64> = columns.into_iter().map(unit).collect();
+        let is_uneven = spread(sizes) > BALANCED || spread(&columns) > BALANCED;
+        let unit = |size: &f64| if is_known(*size) { size.log2().round().exp2() } else { 1.0 };
+        let rows: Vec<f64> = sizes.iter().map(|size| unit(size).recip()).collect();
+        let columns: Vec<f64> = columns.iter().map(unit).collect();
         let are_finite = rows.iter().chain(&columns).all(|scale| is_known(*scale));
-        (is_uneven && are_finite).then_some(Self { rows, columns })
+        (*is_of_intervals && is_uneven && are_finite).then_some(Scales { rows, columns })
     }
+}
+
+/// The diagonals of `R` and `C`.
+#[derive(Clone, Debug)]
+pub(super) struct Scales {
+    rows: Vec<f64>,
+    columns: Vec<f64>,
 }
 
 /// A problem in these units.

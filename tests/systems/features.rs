@@ -263,3 +263,24 @@ fn a_pulse_of_a_free_variable_is_integrated_at_every_tolerance() {
         assert!(off < 50.0 * 10_f64.powi(-digits), "rtol 1e-{digits}: {off:e}");
     }
 }
+
+#[test]
+fn a_table_of_a_state_is_integrated_across_its_knots() {
+    // Through (-2, 0), (-1, 0), (1, 1), (2, 1) the monotone cubic is 0, 1/2 + 3x/4 - x^3/4 and 1: its second derivative jumps at
+    // -1 and 1. Over half a turn of x = a sin t its integral is elementary, and over a whole turn half the period.
+    for a in [1.2_f64, 1.5, 1.7, 1.9] {
+        let c = (1.0 / a).asin();
+        let (of_sine, of_cube) = (1.0 - c.cos(), 2.0 / 3.0 - c.cos() + c.cos().powi(3) / 3.0);
+        let half = 2.0 * (0.5 * c + 0.75 * a * of_sine - 0.25 * a.powi(3) * of_cube + 0.5 * PI - c);
+        for rtol in [1e-6, 1e-9, 1e-11] {
+            let solution =
+                solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 0, "rate": format!("{a}*cos(t)")},
+                    "y": {"initial": 0, "rate": "f(x)"}},
+                "tables": {"f": {"x": [-2, -1, 1, 2], "y": [0, 0, 1, 1], "interpolation": "pchip"}}}},
+                "time": {"end": 7.0 * PI}, "method": {"rtol": rtol, "atol": 1e-2 * rtol}}));
+            assert_trusted(&solution);
+            let off = last(&solution, "y") - 3.0 * PI - half;
+            assert!(off.abs() < 200.0 * rtol, "{a} at {rtol:e}: {off:e}");
+        }
+    }
+}

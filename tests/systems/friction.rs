@@ -76,3 +76,18 @@ fn a_force_a_little_above_friction_moves_a_block_however_large_its_weight_is() {
         assert!(last(&solution, "x").abs() < 1e-6, "{force}: {}", last(&solution, "x"));
     }
 }
+
+#[test]
+fn a_force_that_turns_just_within_friction_moves_nothing_and_costs_little() {
+    // Of friction the turning force takes all but the part d, at every time: the block stays, in long steps.
+    for d in [1e-2, 1e-4, 1e-6] {
+        let solution = solve(&json!({"problem": {"dvi": {"parameters": {"A": 1.0 - d},
+            "states": {"x": {"initial": 0, "rate": "vx"}, "y": {"initial": 0, "rate": "vy"},
+                "vx": {"initial": 0, "rate": "A*cos(t) - Fx"}, "vy": {"initial": 0, "rate": "A*sin(t) - Fy"}},
+            "variables": {"Fx": {"inequality": "-vx"}, "Fy": {"inequality": "-vy"}},
+            "set": [{"ball": {"of": ["Fx", "Fy"], "radius": 1}}]}}, "time": {"end": 6.283185307179586}}));
+        assert!(solution.verdict.trusted, "{d:e}: {:?}", solution.verdict);
+        assert!(last(&solution, "x").abs() < 1e-9 && last(&solution, "vy").abs() < 1e-9, "{d:e}");
+        assert!(solution.diagnostics.steps.accepted <= 100, "{d:e}: {} steps", solution.diagnostics.steps.accepted);
+    }
+}

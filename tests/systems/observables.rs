@@ -474,3 +474,35 @@ fn an_impulse_whose_effect_depends_on_what_jumps_is_not_trusted() {
     let because = &solution.verdict.because;
     assert!(because.iter().any(|reason| reason.message.contains("jump at t = 1.0")), "{because:?}");
 }
+
+#[test]
+fn events_of_functions_with_jumps_are_those_of_their_formulas() {
+    // Both signs of a period T/n, whose edges fall on the end of the run and of its steps within rounding.
+    let counted = |monitor: &str, end: f64| {
+        let solution = solve(&json!({"problem": {"dvi": {"states": {"x": {"initial": 1, "rate": "-0.1*x"}}}},
+            "time": {"end": end}, "stop": [{"when": monitor, "record": true}], "output": {"times": {"count": 2}}}));
+        assert_trusted(&solution);
+        let before = 1.0 - 1e-9;
+        solution.trajectory.events.iter().map(|event| event.t).filter(|t| *t < before * end).collect::<Vec<f64>>()
+    };
+    for (end, n) in [(3.0, 5), (2.0, 13), (10.0, 200), (1e-6, 7), (7.0, 30)] {
+        let period = end / f64::from(n);
+        // A sawtooth rises through 1/2 in the middle of each period, and falls at its end.
+        let found = counted(&format!("sawtooth(t, {period}) - 0.5"), end);
+        assert_eq!(found.len(), 2 * n as usize - 1, "{end}, {n}");
+        for (k, t) in found.iter().enumerate() {
+            assert_near(*t, 0.5 * period * (k + 1) as f64, 1e-9 * end);
+        }
+        // A triangle passes 1/5 twice in each period, and a part of each is a pulse.
+        assert_eq!(counted(&format!("triangle(t, {period}) - 0.2"), end).len(), 2 * n as usize, "{end}, {n}");
+        assert_eq!(counted(&format!("pwm(t, {period}, 0.4) - 0.5"), end).len(), 2 * n as usize - 1, "{end}, {n}");
+        // What is 1 or 2 has no zero, and what is constant none.
+        for monitor in [
+            format!("if(sawtooth(t, {period}) < 0.2, 1, 2)"),
+            format!("if(mod(t, {period}) > {}, x, x + 1)", 0.3 * period),
+            format!("pwm(t, {period}, 1) - 0.3"),
+        ] {
+            assert!(counted(&monitor, end).is_empty(), "{monitor}");
+        }
+    }
+}

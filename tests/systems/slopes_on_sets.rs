@@ -102,6 +102,32 @@ fn a_point_that_friction_stops_in_a_plane_has_the_derivatives_of_its_way() {
 }
 
 #[test]
+fn a_point_that_friction_stops_beside_a_force_has_the_derivatives_of_its_way() {
+    // v' = F e - R v/|v|, with F < R, turns into the direction e of the force: with the speed s and the part u of v along e,
+    // (2 R s u + F (u^2 + s^2))' = -4 (R^2 - F^2) u, which integrates to the way along e. The direction of v has a rate without
+    // bound at the stop, a broken power of the time left.
+    for force in [0.5_f64, 1.0, 2.5, 4.0] {
+        let (r, u, w) = (5.0_f64, 4.0_f64, 3.0_f64);
+        let s = u.hypot(w);
+        let problem = json!({"parameters": {"F": force, "R": r, "u": u}, "set": [{"ball": {"of": ["f1", "f2"], "radius": "R"}}],
+            "states": {"x": {"initial": 0, "rate": "v1"}, "y": {"initial": 0, "rate": "v2"},
+                "v1": {"initial": w, "rate": "-f1"}, "v2": {"initial": "u", "rate": "F - f2"}},
+            "variables": {"f1": {"inequality": "-v1"}, "f2": {"inequality": "-v2"}}});
+        let (top, below) = (2.0 * r * s * u + force * (u * u + s * s), 4.0 * (r * r - force * force));
+        let of_force = ((u * u + s * s) + top * 8.0 * force / below) / below;
+        let of_friction = (2.0 * s * u - top * 8.0 * r / below) / below;
+        let of_speed = (2.0 * r * (s + u * u / s) + 4.0 * force * u) / below;
+        let asked = json!({"to": ["F", "R", "u"]});
+        let solution = derived(&problem, 9.0, &asked);
+        assert!((last(&solution, "y") - top / below).abs() < 1e-8, "{force}");
+        for (name, exact) in [("dy/dF", of_force), ("dy/dR", of_friction), ("dy/du", of_speed)] {
+            let found = last(&solution, name);
+            assert!((found - exact).abs() < 1e-6 * exact.abs(), "{force}: {name} is {found:e} for {exact:e}");
+        }
+    }
+}
+
+#[test]
 fn switches_at_one_time_that_commute_have_their_own_derivatives() {
     // Two blocks stop at t = 2, each after v^2/(2 mu); and the sum of two signs that change at t = 1.
     let problem = json!({"parameters": {"mu1": 1, "mu2": 2, "v1": 2, "v2": 4, "a1": -1, "a2": -2},

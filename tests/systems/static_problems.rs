@@ -484,3 +484,34 @@ fn what_is_a_solution_does_not_depend_on_units() {
     let (_, found) = solved(&routes);
     assert_point(&found, &[(7.0_f64.sqrt() - 1.0) / 2.0], 1e-9);
 }
+
+#[test]
+fn rows_of_any_size_are_solved_alike() {
+    // Routes with the costs c (1 + a_i f_i/N) share N vehicles at one price, c times the lambda of
+    // sum (lambda - 1)/a_i = 1.
+    let slopes = [1.0, 2.0, 4.0];
+    let lambda = 1.0 + 1.0 / slopes.iter().map(|a| 1.0 / a).sum::<f64>();
+    for (vehicles, cost) in [(1.0, 1.0), (1.0, 1e-9), (1e6, 1e-9), (1e9, 1e-3), (1e-6, 1e6), (1e6, 1e6), (1e-3, 1e-9)] {
+        for power in ["", "^4"] {
+            let root = |x: f64| if power.is_empty() { x } else { x.powf(0.25) };
+            // With fourth powers, sum ((lambda - 1)/a_i)^(1/4) = 1.
+            let of_powers = slopes.iter().map(|a: &f64| a.powf(-0.25)).sum::<f64>().powi(-4);
+            let lambda = if power.is_empty() { lambda } else { 1.0 + of_powers };
+            let row = |i: usize, a: f64| format!("{cost:e}*(1 + {a}*(f{i}/{vehicles:e}){power}) - p");
+            let rows: Vec<String> = slopes.iter().enumerate().map(|(i, a)| row(i, *a)).collect();
+            let balance = format!("{vehicles:e} - f0 - f1 - f2");
+            let variables =
+                [("f0", rows[0].as_str(), 0.0), ("f1", &rows[1], 0.0), ("f2", &rows[2], 0.0), ("p", &balance, 0.0)];
+            let set = json!([{"nonnegative": ["f0", "f1", "f2"]}, {"free": ["p"]}]);
+            let (solution, found) = solved(&problem(&variables, set));
+            let at = format!("{vehicles:e} vehicles, costs of {cost:e}{power}");
+            for (i, a) in slopes.iter().enumerate() {
+                let (value, exact) = (found.z[&format!("f{i}")] / vehicles, root((lambda - 1.0) / a));
+                assert!((value - exact).abs() < 1e-9, "{at}: {value} for {exact}");
+            }
+            assert!((found.z["p"] / cost / lambda - 1.0).abs() < 1e-9, "{at}: {:e}", found.z["p"]);
+            assert!(!is_told(&solution, "many_solutions"), "{at}");
+            assert!(found.certificate.starts_with("locally unique"), "{at}: {}", found.certificate);
+        }
+    }
+}

@@ -195,6 +195,20 @@ fn extremes_between_the_times_that_are_examined_are_found() {
 }
 
 #[test]
+fn extremes_are_found_where_a_run_begins_at_a_jump() {
+    // Each period the sawtooth comes to 1, where the state is 1 to 1.15 and back.
+    for (expression, exact) in
+        [("sawtooth(t, 0.1)^4*p", 1.0), ("sawtooth(t, 0.1)^2/x", 1.0), ("mod(t, 0.05)/0.05/x", 1.0)]
+    {
+        let row = table(&json!({"problem": {"dvi": {"parameters": {"p": 1},
+                "states": {"x": {"initial": "1", "rate": "0.3*p*(2*pwm(t, 1, 0.5) - 1)"}}}},
+            "time": {"end": 2}, "sweep": {"over": {"p": [1]}, "collect": {"m": {"max": expression}}}}));
+        let found = numbers(&row, "m")[0];
+        assert!((found - exact).abs() < 1e-6, "{expression}: {found}");
+    }
+}
+
+#[test]
 fn what_has_no_finite_value_is_not_trusted() {
     for collect in
         [json!({"max": "1/(t - 0.5)"}), json!({"final": "ln(x - p)"}), json!({"at": {"t": 0.5, "of": "1/(t - 0.5)"}})]

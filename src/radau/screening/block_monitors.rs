@@ -12,7 +12,10 @@ use super::watched::Combination;
 use crate::face::ActiveFace;
 use crate::system::System;
 use numerics::Interval;
-use problem::{Block, Face, FlatMonitor, MonitorRange};
+use problem::{Block, Face, FlatMonitor, MonitorRange, Shape};
+
+/// The rounding of a norm, relative to it.
+const NORM_ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// Workspace for the monitors of blocks.
 #[derive(Debug, Default)]
@@ -121,32 +124,34 @@ impl BlockMonitors {
         if system.face.holds(&block.members) {
             return true;
         }
-        let range = |(monitor, form): &(FlatMonitor, Reduced)| {
+        let form_of = |(monitor, form): &(FlatMonitor, Reduced)| {
             let sum = |terms: &[(usize, f64)], of: &[f64]| -> f64 {
                 terms.iter().map(|&(i, factor)| factor * of[n + block.members[i]]).sum()
             };
             let value = monitor.constant + sum(&monitor.of_z, &middle.y) + sum(&monitor.of_g, &middle.values);
             let (value, rounding) = form.value(system, value, middle);
             let error = if over.told == Told::ByHiddenConstraints { 0.0 } else { form.error(over.errors) };
-            let beside = 0.5 * form.slope(over.slopes, over.part, over.h).size() + rounding + error;
-            Interval::new(value - beside, value + beside)
+            Form { value, slope: form.slope(over.slopes, over.part, over.h), error: rounding + error }
         };
         match face {
             _ if block.shape.is_flat(face) => moving.iter().all(|moving| {
                 let limit = if moving.0.of_g.is_empty() { of_z } else { of_g };
-                range(moving).lo + limit >= 0.0
+                form_of(moving).range().lo + limit >= 0.0
             }),
             Face::Boundary(_) | Face::Edge(_) => false,
             Face::Interior | Face::Vertex => {
+                // These sets are of revolution: of the members around their axis the norm alone counts.
+                let forms: Vec<Form> = moving.iter().map(form_of).collect();
+                let (axis, around) = forms.split_at(usize::from(block.shape == Shape::SecondOrderCone));
+                let members = axis.iter().map(Form::range).chain([norm(around)]);
                 let Self { z, g, .. } = self;
                 z.clear();
                 g.clear();
-                let moving = moving.iter().map(range);
                 if *face == Face::Interior {
-                    z.extend(moving);
+                    z.extend(members);
                     g.resize(z.len(), Interval::point(0.0));
                 } else {
-                    g.extend(moving);
+                    g.extend(members);
                     z.resize(g.len(), Interval::point(0.0));
                 }
                 self.is_curved_proven(block, face, system.radius(b, over.rows), [of_z, of_g])
@@ -190,6 +195,38 @@ impl BlockMonitors {
             MonitorRange::Multiplier(range) => range.defined && range.lo + of_g >= 0.0,
         })
     }
+}
+
+/// A linear form over a part of a step.
+struct Form {
+    /// Its value at the midpoint.
+    value: f64,
+    /// Its slopes, with the part as the unit of time.
+    slope: Interval,
+    /// A bound on the error of its values.
+    error: f64,
+}
+
+impl Form {
+    fn range(&self) -> Interval {
+        let beside = 0.5 * self.slope.size() + self.error;
+        Interval::new(self.value - beside, self.value + beside)
+    }
+}
+
+/// The Euclidean norm of some forms over the part. It changes with the slopes along them alone, which are small where the forms
+/// turn about zero, as does a force of friction of one size.
+fn norm(forms: &[Form]) -> Interval {
+    let sum = |terms: &mut dyn Iterator<Item = Interval>| terms.fold(Interval::point(0.0), |sum, term| sum + term);
+    let by_box = sum(&mut forms.iter().map(|form| form.range().square())).sqrt();
+    if by_box.lo <= 0.0 {
+        return by_box;
+    }
+    let value = forms.iter().map(|form| form.value * form.value).sum::<f64>().sqrt();
+    let along = sum(&mut forms.iter().map(|form| form.range() * form.slope)) / by_box;
+    let errors = forms.iter().map(|form| form.error).sum::<f64>() + NORM_ROUNDING * value;
+    let beside = 0.5 * along.size() + errors;
+    Interval::new(by_box.lo.max(value - beside), by_box.hi.min(value + beside))
 }
 
 /// The linear forms of a block on a face: its monitors if they are linear, otherwise the quantities that enter them.

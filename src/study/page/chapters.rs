@@ -137,7 +137,8 @@ fn reference(chapter: &Chapter) -> String {
         (count, true) => format!("{count} switch{} known from outside.", if count == 1 { "" } else { "es" }),
         (count, false) => format!("{count} switch{} from that run.", if count == 1 { "" } else { "es" }),
     };
-    text + &switches
+    let times = format!(" Runs are compared at {} times.", reference.compared);
+    text + &switches + &times
 }
 
 fn caption(chapter: &Chapter) -> String {
@@ -178,7 +179,8 @@ fn meshes(chapter: &Chapter) -> String {
         + &table(&["elements", "error against the continuum", "order in the size of an element"], rows)
 }
 
-fn rung(run: &Run) -> String {
+/// The tolerance or the step of a run, in words.
+pub fn rung(run: &Run) -> String {
     match (run.rtol, run.step) {
         (Some(rtol), _) => format!("tolerance {rtol:.0e}"),
         (None, Some(step)) => format!("step {step:.2e}"),

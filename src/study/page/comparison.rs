@@ -1,9 +1,11 @@
-//! The time for an error: of each system the fastest run that is at least so accurate, here and of other programs.
+//! The time for an error: of each system the fastest run that is at least so accurate, here and of other programs; and how
+//! often verdicts are right.
 
+use super::chapters::rung;
 use super::{escaped, number, table};
-use crate::report::{Chapter, Ladder, chosen, first_order};
+use crate::report::{Chapter, Errors, Ladder, Run, chosen, first_order};
 
-/// The errors at the end that are asked for.
+/// The errors of states, at the end and before, that are asked for.
 const TARGETS: [f64; 2] = [1e-3, 1e-6];
 
 /// The table of the systems whose errors tell methods apart.
@@ -24,14 +26,14 @@ pub fn html<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     let head = [
         "system",
         "10⁻³: chosen",
-        "first order",
+        "implicit Euler or Moreau",
         "fastest other program",
         "10⁻⁶: chosen",
-        "first order",
+        "implicit Euler or Moreau",
         "fastest other program",
     ];
-    "<h2>Run time for an error at the end</h2><p>The shortest run time in seconds of the runs that are at least so accurate; a \
-     dash where none is.</p>"
+    "<h2>Run time for an error</h2><p>The shortest run time in seconds of the runs whose errors of states, at the end and over time, \
+     are at most so large and whose answers are trusted (other programs give no verdict); a dash where none is.</p>"
         .to_owned()
         + &table(&head, rows)
 }
@@ -39,7 +41,7 @@ pub fn html<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
 /// The shortest time of the runs with an error below a target, with the method where it is asked for.
 fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named: bool) -> String {
     let good =
-        |run: &&crate::report::Run| run.errors.as_ref().and_then(|errors| errors.end).is_some_and(|e| e <= target);
+        |run: &&Run| run.trusted != Some(false) && run.errors.as_ref().and_then(of_states).is_some_and(|e| e <= target);
     let all = ladders.into_iter().flat_map(|ladder| {
         ladder.runs.iter().filter(good).map(|run| (run.seconds, ladder.method.as_str())).collect::<Vec<_>>()
     });
@@ -48,4 +50,48 @@ fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named
         Some((seconds, _)) => number(&format!("{seconds:.1e}")),
         None => number("–"),
     }
+}
+
+/// The larger of the errors of states at the end and over time.
+fn of_states(errors: &Errors) -> Option<f64> {
+    errors.end.into_iter().chain(errors.states).reduce(f64::max)
+}
+
+/// Errors of states beyond which an answer is wrong, whatever was asked for, and up to which it is right.
+const WRONG: f64 = 1e-2;
+const RIGHT: f64 = 1e-3;
+
+/// How many right and wrong answers are trusted, with the runs whose wrong answers are.
+pub fn verdicts<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
+    let (mut counts, mut silent) = ([[0_usize; 2]; 3], Vec::new());
+    for chapter in chapters {
+        for (ladder, run) in chapter.ladders.iter().flat_map(|ladder| ladder.runs.iter().map(move |run| (ladder, run)))
+        {
+            let (Some(trusted), Some(error)) = (run.trusted, run.errors.as_ref().and_then(of_states)) else { continue };
+            let row = if error > WRONG { 2 } else { usize::from(error > RIGHT) };
+            counts[row][usize::from(!trusted)] += 1;
+            if row == 2 && trusted {
+                silent.push(format!(
+                    "{} ({}, {}: {error:.1e})",
+                    escaped(&chapter.name),
+                    escaped(&ladder.method),
+                    rung(run)
+                ));
+            }
+        }
+    }
+    let names = ["at most 10⁻³", "between", "more than 10⁻²"];
+    let rows = names
+        .iter()
+        .zip(counts)
+        .map(|(name, [trusted, not])| [(*name).to_owned(), number(&trusted.to_string()), number(&not.to_string())]);
+    let silent = match silent.as_slice() {
+        [] => "No answer with a larger error is trusted.".to_owned(),
+        silent => format!("Trusted, with errors above 10⁻²: {}.", silent.join("; ")),
+    };
+    "<h2>Verdicts against errors</h2><p>All runs that reached the end, by the larger of the errors of states at the end and over time. \
+     Fixed steps have no tolerance: their answers are trusted up to an estimated error of 10⁻³.</p>"
+        .to_owned()
+        + &table(&["error of states", "trusted", "not trusted"], rows)
+        + &format!("<p>{silent}</p>")
 }

@@ -33,6 +33,7 @@ pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &[Peer], fi
         if !fixed {
             page += &comparison::html(telling.iter().copied());
         }
+        page += &comparison::verdicts(chapters.iter());
         if !exact.is_empty() {
             page += include_str!("exact.html");
             page += &chapters::summary(exact.iter().copied());

@@ -42,6 +42,8 @@ fn chapter(name: &str, runs: Vec<Run>) -> Chapter {
             run: Some("the tolerance 1e-13".to_owned()),
             agreement: Some(3e-14),
             horizon: 4.0,
+            compared: 1,
+            zero: 1e-12,
         },
         semidiscrete: false,
         meshes: Vec::new(),

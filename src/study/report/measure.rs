@@ -1,7 +1,7 @@
 //! Ladders of runs: each solved once for its answer, then again for its time.
 
 use super::reference::{Reference, switch_times};
-use super::{Errors, Ladder, MOST_STEPS, Outcome, Run};
+use super::{Errors, Ladder, MOST_STEPS, Outcome, ROUNDING, Run};
 use crate::solve::solve_once;
 use problem::Control;
 use solution::{Solution, Status};
@@ -63,9 +63,9 @@ fn errors(solution: &Solution, reference: &Reference) -> Errors {
     reference.errors(&columns, Some(&switch_times(solution)))
 }
 
-/// The power of the step, or of the tolerance, by which the error changed.
+/// The power of the step, or of the tolerance, by which the error changed; none where an error is rounding.
 pub fn change(before: &Run, run: &Run) -> Option<f64> {
-    let error = |run: &Run| Some(run.errors.as_ref()?.end?.ln());
+    let error = |run: &Run| Some(run.errors.as_ref()?.end.filter(|error| *error > ROUNDING)?.ln());
     let rung = |run: &Run| Some(run.rtol.or(run.step)?.ln());
     Some((error(before)? - error(run)?) / (rung(before)? - rung(run)?)).filter(|power| power.is_finite())
 }

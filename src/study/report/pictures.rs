@@ -87,7 +87,7 @@ pub fn picture(chapters: &[Chapter], fixed: bool) -> String {
         .map(|chapter| {
             let curves = [
                 at_end(chosen(chapter), "tolerances from 1e-3 to 1e-9"),
-                at_end(first_order(chapter), "time stepping of first order"),
+                at_end(first_order(chapter), "implicit Euler or Moreau at fixed steps"),
             ];
             (chapter.name.as_str(), curves.into())
         })

@@ -2,7 +2,8 @@
 //!
 //! Values from outside are used wherever there are any. Between them, a run of this program to a tolerance beyond those that
 //! are measured is the reference; its distance from the outside values at the end is part of the report. The times of
-//! comparison have one distance, but none lies so near to a switch that rounding decides on which side of a jump it is.
+//! comparison are no multiples of any period, and each lies well within its span between two switches, so that rounding does not
+//! decide on which side of a jump it is.
 
 use super::known::Known;
 use super::{Errors, MOST_STEPS};
@@ -13,10 +14,11 @@ use solution::{Solution, Status};
 use specification::{By, Exact, Rung, Specification, Stages};
 use std::time::{Duration, Instant};
 
-/// Times of comparison before those near switches are left out.
-const TIMES: usize = 100;
-/// The distance of times of comparison from switches, as a part of the horizon, and as a part of the mean distance of switches.
-const APART: f64 = 1e-3;
+/// Times of comparison beside the end, before those near switches are left out: multiples of the golden section of the horizon,
+/// which are spread evenly and meet all phases of what is periodic.
+const TIMES: usize = 120;
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
+/// The distance of times of comparison from switches, as a part of the span between two of them.
 const BETWEEN: f64 = 0.1;
 /// The tolerances of the run of reference, the tightest first, with the seconds that it may take: where rounding or cost keep it
 /// from the end, the next one is tried. Methods of second order have none of the tighter ones.
@@ -28,9 +30,11 @@ const FINER: (f64, u64) = (16.0, 120);
 /// them: it is another solution, and no reference between them.
 const REFUTED: f64 = 1e-3;
 /// Outputs that describe the discretisation and not the solution.
-const OF_DISCRETISATION: [&str; 2] = ["contacts", "penetration"];
-/// A column this much smaller than the largest is what rounding leaves of zero.
+const OF_DISCRETISATION: [&str; 3] = ["contacts", "penetration", "normal_impulse"];
+/// A column this much smaller than the largest is what rounding leaves of zero; where steps have one size, what the tolerance of
+/// the contact problems leaves of it.
 const ZERO: f64 = 1e-12;
+const ZERO_AT_STEPS: f64 = 1e-8;
 
 /// Values to compare with. The values themselves are needed while a chapter is made, and are not kept with it.
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -60,6 +64,11 @@ pub struct Reference {
     pub agreement: Option<f64>,
     /// The span of time from start to end.
     pub horizon: f64,
+    /// The number of times of comparison.
+    pub compared: usize,
+    /// The part of the largest column up to which a column is zero.
+    #[serde(skip)]
+    pub zero: f64,
 }
 
 impl Reference {
@@ -68,13 +77,16 @@ impl Reference {
     pub fn new(specification: &Specification, known: &Known, finest: f64) -> Option<Self> {
         let time = specification.time();
         let horizon = time.end - time.start;
-        let even: Vec<f64> = (1..=TIMES).map(|k| time.start + horizon * (k as f64 / TIMES as f64)).collect();
+        let mut spread: Vec<f64> = (1..=TIMES).map(|k| time.start + horizon * (k as f64 * GOLDEN).fract()).collect();
+        spread.sort_by(f64::total_cmp);
+        spread.push(time.end);
         let model = specification.model();
+        let zero = if model.varied().tolerance { ZERO } else { ZERO_AT_STEPS };
         let names = model.output_names();
         let outside = OutsideValues::new(specification, known);
         let mut agreement: Option<f64> = None;
-        let found = runs(specification, &even, names.len(), finest).find(|(_, solution)| {
-            let Some(distance) = outside.distance(time.end, &columns_of(solution)) else { return true };
+        let found = runs(specification, &spread, names.len(), finest).find(|(_, solution)| {
+            let Some(distance) = outside.distance(time.end, &columns_of(solution), zero) else { return true };
             let is_refuted = distance > REFUTED && !known.mesh;
             agreement = Some(if is_refuted { agreement.unwrap_or(f64::INFINITY).min(distance) } else { distance });
             !is_refuted
@@ -82,12 +94,12 @@ impl Reference {
         let events: Vec<f64> = found.iter().flat_map(|(_, solution)| switch_times(solution)).collect();
         let switches_outside = !known.switches.is_empty();
         let switches = if switches_outside { known.switches.clone() } else { events };
-        let keep = kept(&even, &switches, horizon);
+        let keep = kept(&spread, &switches, time.start);
         let mut columns = match &found {
             Some((_, solution)) => columns_of(solution),
-            None => vec![vec![f64::NAN; even.len()]; names.len()],
+            None => vec![vec![f64::NAN; spread.len()]; names.len()],
         };
-        if columns.iter().any(|column| column.len() != even.len()) {
+        if columns.iter().any(|column| column.len() != spread.len()) {
             return None;
         }
         let run = found.map(|(words, _)| words);
@@ -95,12 +107,14 @@ impl Reference {
             return None;
         }
         if !known.mesh {
-            outside.write(&even, &mut columns);
+            outside.write(&spread, &mut columns);
         }
         let outside = if known.mesh { Vec::new() } else { outside.at_end(time.end).collect() };
         let pick = |column: Vec<f64>| column.into_iter().zip(&keep).filter_map(|(x, keep)| keep.then_some(x)).collect();
+        let times: Vec<f64> = pick(spread);
         Some(Self {
-            times: pick(even),
+            compared: times.len(),
+            times,
             columns: columns.into_iter().map(pick).collect(),
             states: model.initial().len(),
             names,
@@ -110,6 +124,7 @@ impl Reference {
             run,
             agreement,
             horizon,
+            zero,
         })
     }
 
@@ -125,7 +140,7 @@ impl Reference {
             let value = columns.get(k).copied().flatten()?.get(at)?;
             let exact = self.columns[k].get(at).filter(|exact| exact.is_finite())?;
             // What is no number is no small error.
-            Some(if value.is_finite() { relative(&self.columns, k, value - exact) } else { f64::INFINITY })
+            Some(if value.is_finite() { relative(&self.columns, k, value - exact, self.zero) } else { f64::INFINITY })
         };
         let over_time = |fields: Vec<usize>| {
             let all = fields.into_iter().flat_map(|k| (0..self.times.len()).map(move |at| (k, at)));
@@ -152,12 +167,12 @@ impl Reference {
 }
 
 /// A distance as a part of the largest value of its column, or of the largest of all where the column is zero.
-fn relative(columns: &[Vec<f64>], k: usize, distance: f64) -> f64 {
+fn relative(columns: &[Vec<f64>], k: usize, distance: f64, zero: f64) -> f64 {
     let size_of =
         |column: &Vec<f64>| column.iter().filter(|x| x.is_finite()).fold(0.0_f64, |size, x| size.max(x.abs()));
     let size = size_of(&columns[k]);
     let all = columns.iter().map(size_of).fold(0.0, f64::max);
-    let size = if size > ZERO * all { size } else { all };
+    let size = if size > zero * all { size } else { all };
     distance.abs() / if size > 0.0 { size } else { 1.0 }
 }
 
@@ -169,15 +184,17 @@ pub fn switch_times(solution: &Solution) -> Vec<f64> {
     times
 }
 
-/// Which times are far enough from all switches; the end is kept.
-fn kept(times: &[f64], switches: &[f64], horizon: f64) -> Vec<bool> {
-    let apart = (APART * horizon).min(BETWEEN * horizon / (switches.len() + 1) as f64);
-    let last = times.len().saturating_sub(1);
+/// Which times are far enough from the switches around them; the last, the end, is kept.
+fn kept(times: &[f64], switches: &[f64], start: f64) -> Vec<bool> {
+    let Some(&end) = times.last() else { return Vec::new() };
     let near = |t: f64| {
-        let after = switches.partition_point(|switch| *switch < t - apart);
-        switches.get(after).is_some_and(|switch| (switch - t).abs() <= apart)
+        let next = switches.partition_point(|switch| *switch < t);
+        let before = next.checked_sub(1).map_or(start, |last| switches[last]);
+        let behind = switches.get(next).copied().unwrap_or(end);
+        let apart = BETWEEN * (behind - before);
+        (next > 0 && t - before <= apart) || (next < switches.len() && behind - t <= apart)
     };
-    times.iter().enumerate().map(|(k, &t)| k == last || !near(t)).collect()
+    times.iter().map(|&t| t == end || !near(t)).collect()
 }
 
 /// The values of all outputs of a run.
@@ -245,9 +262,9 @@ impl OutsideValues {
     }
 
     /// The distance of the columns of a run from them at the end; `None` if there are none.
-    fn distance(&self, end: f64, columns: &[Vec<f64>]) -> Option<f64> {
+    fn distance(&self, end: f64, columns: &[Vec<f64>], zero: f64) -> Option<f64> {
         let last = |k: usize| columns.get(k).and_then(|column| column.last().copied()).unwrap_or(f64::NAN);
-        self.at_end(end).map(|(k, exact)| relative(columns, k, last(k) - exact)).reduce(f64::max)
+        self.at_end(end).map(|(k, exact)| relative(columns, k, last(k) - exact, zero)).reduce(f64::max)
     }
 
     fn at_end(&self, end: f64) -> impl Iterator<Item = (usize, f64)> {
