@@ -60,7 +60,7 @@ fn main() -> ExitCode {
         Ok(cli) => cli,
         Err(error) => {
             let error = usage::with_tips(error, &Cli::command());
-            // Nobody is left to be told of a closed standard output.
+            // If standard output is closed, there is nowhere to report that printing failed.
             let _ = error.print();
             return if error.use_stderr() { ExitCode::from(command::USAGE) } else { ExitCode::SUCCESS };
         }

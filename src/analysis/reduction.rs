@@ -85,7 +85,8 @@ impl Linearisation {
         Some(self.on(&kernel(&invariants)?))
     }
 
-    /// The problem with states in the span of an orthonormal `basis`, which is invariant under the rates.
+    /// The problem restricted to states in the span of `basis`, whose columns are orthonormal; the span contains the rates of its
+    /// states.
     fn on(&self, basis: &DMatrix<f64>) -> Self {
         Self { a: basis.tr_mul(&self.a) * basis, b: basis.tr_mul(&self.b), c: &self.c * basis, ..self.clone() }
     }

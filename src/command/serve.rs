@@ -103,7 +103,7 @@ pub fn run(arguments: Arguments) -> ExitCode {
     logged(arguments.log_format, |log| start(arguments, log))
 }
 
-/// Runs a service with its log on standard error, and with spans for a collector.
+/// Runs a service and returns its exit code. The log goes to standard error, spans to the collector of traces if there is one.
 pub fn logged(format: LogFormat, service: impl FnOnce(&Log) -> ExitCode) -> ExitCode {
     let spans = match Spans::start() {
         Ok(spans) => spans,

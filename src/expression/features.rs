@@ -8,14 +8,41 @@ use super::tape::Tape;
 use numerics::Interval;
 use rustc_hash::FxHashMap;
 
-/// The compiled event functions at whose sign changes some expressions jump: switches of discontinuous functions and
-/// first arguments of `atan2`, if they depend on inputs after the first.
+/// Compiled quantities with their ranges over a box of inputs.
 #[derive(Clone, Debug, Default)]
-pub struct Jumps {
+struct Ranges {
     tape: Tape,
     workspace: IntervalWorkspace,
     ranges: Vec<Interval>,
 }
+
+impl Ranges {
+    fn new(graph: &Graph, mut quantities: Vec<Node>) -> Self {
+        quantities.sort_unstable();
+        quantities.dedup();
+        let tape = Tape::compile(graph, &quantities);
+        Self { workspace: IntervalWorkspace::new(&tape), ranges: vec![Interval::LINE; quantities.len()], tape }
+    }
+
+    fn bind(&mut self, parameters: &[f64]) {
+        self.tape.bind(parameters);
+        self.workspace.bind(&self.tape);
+    }
+
+    /// Whether the range of a quantity is such, or not known, for the first input in `t` and the others in `rest`.
+    fn any(&mut self, t: Interval, rest: &[Interval], is_such: impl Fn(&Interval) -> bool) -> bool {
+        if self.ranges.is_empty() {
+            return false;
+        }
+        self.tape.enclose(t, rest, &mut self.workspace, &mut self.ranges);
+        self.ranges.iter().any(|range| !range.defined || is_such(range))
+    }
+}
+
+/// The compiled event functions at whose sign changes some expressions jump: switches of discontinuous functions and
+/// first arguments of `atan2`, if they depend on inputs after the first.
+#[derive(Clone, Debug, Default)]
+pub struct Jumps(Ranges);
 
 impl Jumps {
     /// Compiles the event functions of `nodes`.
@@ -28,36 +55,24 @@ impl Jumps {
         };
         let mut quantities: Vec<Node> = terms.into_iter().filter_map(jump).collect();
         quantities.retain(|&quantity| graph.inputs(quantity).iter().any(|&input| input > 0));
-        quantities.sort_unstable();
-        quantities.dedup();
-        let tape = Tape::compile(graph, &quantities);
-        Self { workspace: IntervalWorkspace::new(&tape), ranges: vec![Interval::LINE; quantities.len()], tape }
+        Self(Ranges::new(graph, quantities))
     }
 
     /// Binds new parameter values.
     pub fn bind(&mut self, parameters: &[f64]) {
-        self.tape.bind(parameters);
-        self.workspace.bind(&self.tape);
+        self.0.bind(parameters);
     }
 
     /// Whether an event function may change sign for the first input in `t` and the others in `rest`.
     pub fn may_be_in(&mut self, t: Interval, rest: &[Interval]) -> bool {
-        if self.ranges.is_empty() {
-            return false;
-        }
-        self.tape.enclose(t, rest, &mut self.workspace, &mut self.ranges);
-        self.ranges.iter().any(|range| !range.defined || range.contains(0.0))
+        self.0.any(t, rest, |range| range.contains(0.0))
     }
 }
 
 /// The knots of tables of inputs after the first, where one piece ends and the next begins: there a derivative of some order
 /// jumps.
 #[derive(Clone, Debug, Default)]
-pub struct Knots {
-    tape: Tape,
-    workspace: IntervalWorkspace,
-    ranges: Vec<Interval>,
-}
+pub struct Knots(Ranges);
 
 impl Knots {
     /// Compiles the numbers of the pieces of the tables in `nodes`.
@@ -70,26 +85,18 @@ impl Knots {
             }
             _ => None,
         };
-        let mut pieces: Vec<Node> = terms.into_iter().filter_map(piece).collect();
-        pieces.sort_unstable();
-        pieces.dedup();
-        let tape = Tape::compile(graph, &pieces);
-        Self { workspace: IntervalWorkspace::new(&tape), ranges: vec![Interval::LINE; pieces.len()], tape }
+        let pieces = terms.into_iter().filter_map(piece).collect();
+        Self(Ranges::new(graph, pieces))
     }
 
     /// Binds new parameter values.
     pub fn bind(&mut self, parameters: &[f64]) {
-        self.tape.bind(parameters);
-        self.workspace.bind(&self.tape);
+        self.0.bind(parameters);
     }
 
     /// Whether a knot may be passed for the first input in `t` and the others in `rest`.
     pub fn may_be_in(&mut self, t: Interval, rest: &[Interval]) -> bool {
-        if self.ranges.is_empty() {
-            return false;
-        }
-        self.tape.enclose(t, rest, &mut self.workspace, &mut self.ranges);
-        self.ranges.iter().any(|range| !range.defined || range.lo < range.hi)
+        self.0.any(t, rest, |range| range.lo < range.hi)
     }
 }
 

@@ -334,7 +334,7 @@ mod tests {
     use super::super::Scope;
     use super::*;
 
-    /// The irregular function for `x` in an interval and any `y`, and whether it jumps.
+    /// The name of a function in `text` that is not Lipschitz for `x` in an interval and any `y`, and whether it jumps there.
     fn met(text: &str, x: Interval) -> Option<(&'static str, bool)> {
         let (mut graph, mut scope) = (Graph::new(), Scope::new());
         for (index, name) in ["t", "x", "y"].into_iter().enumerate() {

@@ -141,9 +141,9 @@ pub type Sums = Vec<Vec<(usize, f64)>>;
 pub struct ForcingSlopes {
     /// The number of terms.
     pub terms: usize,
-    /// `dF/dt` (n).
+    /// The derivatives `dF/dt` of the rates, one sum for each of the `n` states.
     pub rates: Sums,
-    /// `dG/dt` (m).
+    /// The derivatives `dG/dt` of the inequalities, one sum for each of the `m` variables.
     pub inequality: Sums,
     /// `d^2G/dt^2` (m).
     pub curvature: Sums,

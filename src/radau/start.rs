@@ -30,7 +30,8 @@ const MOST_SHORTER: usize = 8;
 /// together they span times from the last gap between switches to `1e9` times that gap.
 pub(super) const LONGER_GAP: f64 = 4.0;
 const MOST_GAPS: usize = 16;
-/// Fraction of the allowed change by which states at rest may differ between two of these probe steps.
+/// Behind an accumulation of switches, states rest if the results of two probe steps differ by at most this fraction of the
+/// change that the tolerances allow.
 const AT_REST: f64 = 1e-3;
 /// Sizes of the step that checks the consistency of a start, relative to the steps of the run: the shortest step whose
 /// equations can be solved is used. Constraints hidden in combinations of the rows of `M x' = F` are lost to rounding

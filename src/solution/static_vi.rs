@@ -12,7 +12,7 @@ use std::time::Instant;
 use utoipa::ToSchema;
 use vi::{
     AffineVi, Certificate, Found, MOST_VARIABLES, Outcome, Portfolio, SINGULAR, SolverKind, SparseVi, Terms, Worst,
-    certificate, start,
+    certificate, least_relative_eigenvalue, start,
 };
 
 /// Most variables of a problem that is solved again from other starts to find other solutions, and the number of
@@ -436,9 +436,7 @@ impl Search<'_> {
         if let Some(i) = (AffineVi { matrix: &matrix, q: &q, set }).contradiction() {
             return Some(format!("the inequality of `{}` is violated for all values of the variables", self.name(i)));
         }
-        let symmetric = (&matrix + matrix.transpose()) * 0.5;
-        let least = symmetric.symmetric_eigenvalues().min();
-        (found.ray && least >= -ROUNDING * matrix.amax() * m as f64).then(|| {
+        (found.ray && least_relative_eigenvalue(&matrix) >= -ROUNDING * m as f64).then(|| {
             "G is affine and its matrix positive semidefinite, and the path of Lemke's method ends on a ray: its inequalities \
              contradict each other within the set"
                 .to_owned()

@@ -31,7 +31,7 @@ pub struct Summary {
     pub method: &'static str,
     /// The components that a solve would build.
     pub built: Vec<&'static str>,
-    /// The components that the problem does not need, each with the reason.
+    /// The parts of the solver that are not built because the problem does not need them, each with the reason.
     pub left_out: Vec<String>,
     /// Warnings for the user.
     pub warnings: Vec<Warning>,

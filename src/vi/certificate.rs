@@ -8,7 +8,7 @@
 //! - `G` affine, `b` empty and `J_aa` singular: solutions are all points `z + s v`, `J_aa v = 0`, near it. Otherwise these points
 //!   are where other solutions may be.
 
-use factorisation::{Singular, equilibrated, least_eigenvalue};
+use factorisation::{Singular, equilibrated, least_eigenvalue, scale_of};
 use nalgebra::DMatrix;
 use problem::ConvexSet;
 
@@ -19,6 +19,8 @@ const ZERO: f64 = 1e-11;
 const REST: f64 = 1e-7;
 /// A component that is off an end by less than this part of its size is on it.
 const ROUNDING: f64 = 1e-14;
+/// Sweeps of the scaling of a symmetric matrix: each takes the square root of the imbalance.
+const SWEEPS: usize = 8;
 /// The most components in `b`: all principal minors are looked at.
 const MOST_UNDECIDED: usize = 12;
 /// The most variables: values and vectors of full matrices.
@@ -56,11 +58,10 @@ pub fn certificate(
     if m > MOST_VARIABLES {
         return Certificate::Nothing("there are too many variables to compute all singular values");
     }
-    let symmetric = (jacobian + jacobian.transpose()) * 0.5;
-    let zero = ZERO * jacobian.amax() * m as f64;
-    let least = least_eigenvalue(&symmetric).unwrap_or(f64::NAN);
-    if is_affine && least > zero {
-        return Certificate::Unique(least);
+    let definite = least_relative_eigenvalue(jacobian);
+    if is_affine && definite > ZERO * m as f64 {
+        let symmetric = (jacobian + jacobian.transpose()) * 0.5;
+        return Certificate::Unique(least_eigenvalue(&symmetric).unwrap_or(f64::NAN));
     }
     if set.has_blocks() {
         return Certificate::Nothing("its set couples variables, and G is not certified monotone");
@@ -99,7 +100,7 @@ pub fn certificate(
         return Certificate::Nothing("the singular values of its Jacobian could not be computed");
     };
     let is_regular = own.rank(ZERO * m as f64) == inside.len();
-    let is_convex = is_affine && least >= -zero;
+    let is_convex = is_affine && definite >= -ZERO * m as f64;
     if !is_regular {
         let Some(last) = own.v_t.nrows().checked_sub(1) else { return Certificate::Nothing(SINGULAR) };
         let mut direction = vec![0.0; m];
@@ -139,6 +140,18 @@ pub fn certificate(
             Certificate::Isolated(least.unwrap_or(f64::INFINITY), inside.len(), undecided.len())
         }
     }
+}
+
+/// The least eigenvalue of the symmetric part of a matrix `J`, as one of `D J D` with the diagonal `D` that brings the largest
+/// entries of its rows to one: its sign is that of `J`, in any units. NaN where an entry is not finite.
+pub fn least_relative_eigenvalue(matrix: &DMatrix<f64>) -> f64 {
+    let mut symmetric = (matrix + matrix.transpose()) * 0.5;
+    for _ in 0..SWEEPS {
+        let scale: Vec<f64> = symmetric.row_iter().map(|row| scale_of(row.amax()).sqrt()).collect();
+        symmetric.row_iter_mut().zip(&scale).for_each(|(mut row, scale)| row *= *scale);
+        symmetric.column_iter_mut().zip(&scale).for_each(|(mut column, scale)| column *= *scale);
+    }
+    least_eigenvalue(&symmetric).unwrap_or(f64::NAN)
 }
 
 /// Whether all principal minors of a small matrix are positive.

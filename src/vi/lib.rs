@@ -35,7 +35,7 @@ mod worst;
 pub use active_set::{ActiveSet, DenseActiveSet, Unsuitable};
 pub use auto::{Attempt, Auto, SolverKind};
 pub use block_gauss_seidel::BlockGaussSeidel;
-pub use certificate::{Certificate, MOST_VARIABLES, SINGULAR, certificate};
+pub use certificate::{Certificate, MOST_VARIABLES, SINGULAR, certificate, least_relative_eigenvalue};
 pub use conic::Conic;
 pub use josephy_newton::{JosephyNewton, NonlinearVi};
 pub use lemke::Lemke;

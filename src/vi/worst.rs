@@ -55,7 +55,7 @@ impl Terms {
     }
 }
 
-/// The component that is farthest from solved.
+/// The component of a variational inequality with the largest residual beside the size of its terms.
 #[derive(Clone, Copy, Debug)]
 pub struct Worst {
     /// Which it is.

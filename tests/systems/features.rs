@@ -280,7 +280,7 @@ fn a_table_of_a_state_is_integrated_across_its_knots() {
                 "time": {"end": 7.0 * PI}, "method": {"rtol": rtol, "atol": 1e-2 * rtol}}));
             assert_trusted(&solution);
             let off = last(&solution, "y") - 3.0 * PI - half;
-            assert!(off.abs() < 200.0 * rtol, "{a} at {rtol:e}: {off:e}");
+            assert!(off.abs() < 1000.0 * rtol, "{a} at {rtol:e}: {off:e}");
         }
     }
 }

@@ -117,8 +117,11 @@ fn a_point_that_friction_stops_beside_a_force_has_the_derivatives_of_its_way() {
         let of_force = ((u * u + s * s) + top * 8.0 * force / below) / below;
         let of_friction = (2.0 * s * u - top * 8.0 * r / below) / below;
         let of_speed = (2.0 * r * (s + u * u / s) + 4.0 * force * u) / below;
-        let asked = json!({"to": ["F", "R", "u"]});
-        let solution = derived(&problem, 9.0, &asked);
+        let solution =
+            solve(&json!({"problem": {"dvi": problem}, "time": {"end": 9}, "method": {"rtol": 1e-8, "atol": 1e-10},
+            "output": {"times": {"count": 9}}, "sensitivities": {"to": ["F", "R", "u"]}}));
+        // Where the power is small, the direction turns faster than any step shows, and the law may be doubted there.
+        assert!(solution.verdict.trusted || force < 2.0, "{force}: {:?}", solution.verdict);
         assert!((last(&solution, "y") - top / below).abs() < 1e-8, "{force}");
         for (name, exact) in [("dy/dF", of_force), ("dy/dR", of_friction), ("dy/du", of_speed)] {
             let found = last(&solution, name);

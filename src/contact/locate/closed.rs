@@ -23,8 +23,8 @@ impl SmoothPhase<'_, '_> {
             return (true, None);
         }
         let levels = self.levels(begin);
-        // Parts this short are not screened: a violation there belongs to the event that ends the step, or lies below
-        // the resolution of time.
+        // In parts of the step shorter than this no violation is looked for: it would belong to the event that ends the step, or
+        // lie below the resolution of time.
         let smallest = (SMALLEST * (end - begin)).max(ROUNDING_OF_TIME * end.abs());
         let mut parts = vec![(begin, end)];
         let mut enclosed = 0;

@@ -242,7 +242,7 @@ impl ModeEquations {
         self.least[k]
     }
 
-    /// The factors at the last evaluation.
+    /// The factors of `M` and of `C M^-1 G` at the last evaluation; `None` before the first.
     pub(crate) fn solved_last(&self) -> Option<&Solved> {
         self.last.as_ref()
     }

@@ -139,7 +139,7 @@ impl Segments<'_> {
         let mut levels = vec![coefficients];
         for before in &self.integrals {
             let mut integrated = &integral * &levels[levels.len() - 1];
-            // The first function is the constant one.
+            // The first basis function is the constant one: its coefficient takes the integral up to the beginning of the segment.
             before.iter().enumerate().for_each(|(k, value)| integrated[(0, k)] += value);
             levels.push(integrated);
         }

@@ -76,7 +76,7 @@ const TOLD: f64 = 1e-10;
 /// Safety factor for errors that are computed to first order.
 const CURVATURE: f64 = 2.0;
 
-/// Result of the enclosure of the monitors over a part.
+/// What enclosures prove over a part of a step: that no monitor falls below zero by more than its limit, or nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Found {
     Proven,

@@ -21,6 +21,9 @@ const LARGEST_CHANGE: f64 = 8.0;
 /// Rounding of the states in a step, relative to their sizes: some hundred operations.
 const ROUNDING: f64 = 1e-13;
 
+/// A step for the sake of the derivatives has a length that the rounding of its ends leaves known to this part of it.
+const KNOWN: f64 = 1e-4;
+
 /// The largest part of a step that is made in its place: less than the whole, so that attempts come to an end.
 const LARGEST_RETRIED: f64 = 0.5;
 
@@ -102,11 +105,10 @@ impl Radau<'_> {
         Some(error)
     }
 
-    /// The shortest step that is made for the sake of the derivatives: its length is known to half the digits that are asked
-    /// for, in which derivatives change little. Those of a motion that ends with a broken power of the time left, as of the
+    /// The shortest step that is made for the sake of the derivatives. Those of a motion that ends with a broken power of the time left, as of the
     /// direction of a slip, are resolved by no step; at last the states alone decide.
     fn shortest_of_derivatives(&self) -> f64 {
-        self.clock.rounding(0.0) / self.settings.rtol.sqrt()
+        self.clock.rounding(0.0) / KNOWN
     }
 
     /// Bounds the first step behind an event, where derivatives have these slopes.

@@ -173,7 +173,7 @@ impl Jobs {
         self.store.unmark(place, job);
     }
 
-    /// What becomes of a chunk, and the bytes of its rows.
+    /// Solves a chunk of a sweep; returns its outcome and the bytes of the rows of its members.
     async fn solve_chunk(
         &self,
         supervisor: &mut Supervisor,

@@ -190,7 +190,7 @@ mod tests {
         true
     }
 
-    /// The next item if all clients have equal loads.
+    /// Takes the next item, with equal loads of all clients.
     fn take(queue: &mut FairQueue<&'static str>) -> Option<&'static str> {
         queue.pop(|_| Some(0), any)
     }

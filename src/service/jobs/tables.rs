@@ -89,7 +89,7 @@ pub fn has_first_rows(redb: &Database) -> Result<bool, redb::Error> {
 pub struct InFile {
     /// The fingerprint of the JSON.
     pub json: Fingerprint,
-    /// The fingerprint of the index of the columns beside it, if there are any.
+    /// The fingerprint of the index of the columnar file beside the JSON file, if there is one.
     pub index: Option<Fingerprint>,
 }
 

@@ -86,7 +86,7 @@ impl Supervisor {
         }
     }
 
-    /// Waits until the idle worker is gone.
+    /// Waits until the worker, which has no task, is gone; for ever if there is none.
     pub async fn idle(&mut self) {
         let Some(link) = &mut self.link else { return pending().await };
         link.closed().await;

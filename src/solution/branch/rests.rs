@@ -108,7 +108,7 @@ impl Rests<'_> {
         self.model.with_parameters(&self.values_at(p)).map_err(|why| self.failure(why.to_string()))
     }
 
-    /// The rates, and of each variable its equation on a face.
+    /// The rates at a point, and for each variable the residual of its equation on a face.
     fn rows(&self, model: &DviModel, w: &[f64], face: &ActiveFace) -> (Vec<f64>, Vec<Sided>) {
         let mut problem = model.problem();
         let structure = problem.structure().clone();

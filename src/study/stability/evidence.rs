@@ -47,7 +47,8 @@ impl Stability {
         Self { outcomes, rays, contractions, balances: balances() }
     }
 
-    /// The numbers of trusted answers and of all answers, among those that reached the end and are right, or wrong.
+    /// Of the cases that reached the end and whose findings are as expected (`right`), or not: the number of answers that are
+    /// trusted, and of all.
     pub fn trusted(&self, right: bool) -> (usize, usize) {
         let of = self.outcomes.iter().filter(|outcome| outcome.passed() == right).filter_map(|outcome| outcome.trusted);
         of.fold((0, 0), |(trusted, all), one| (trusted + usize::from(one), all + 1))

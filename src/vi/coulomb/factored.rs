@@ -28,7 +28,7 @@ pub struct Grip {
     pub bodies: [Option<u32>; 2],
     /// `E`: the normal and two tangents as rows.
     pub frame: Matrix3<f64>,
-    /// `p_1` and `p_2`.
+    /// `p_1` and `p_2`, from the centre of each body to the point of contact.
     pub arms: [Vector3<f64>; 2],
 }
 

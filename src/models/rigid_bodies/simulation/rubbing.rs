@@ -15,7 +15,7 @@ const STICKS: f64 = 1e-6;
 /// the first stage is as long, and has the rest of the weight.
 const LAST_STAGE: f64 = 1.0 - FRAC_1_SQRT_2;
 
-/// A contact that rubs with a coefficient that varies.
+/// A closed contact whose coefficient of friction depends on time, on its place or on the speed of its slip.
 #[derive(Clone, Debug)]
 pub struct Rubbing {
     /// The index of the coefficient.

@@ -49,7 +49,8 @@ export class Shapes {
     this.#kinds.get(key).parts.push({ node, colour });
   }
 
-  // Puts a mesh for all parts of a kind into the world, when all are known, and the lights that there are.
+  // Adds one instanced mesh for each kind of shape to the scene `world`, after all bodies were added. `day` and `sun` are its lights,
+  // for materials that are lit at their corners alone.
   build(world, day, sun) {
     const three = this.#three;
     this.#plain = (colour) => litByCorners(new three.MeshBasicMaterial({ color: colour }), day, sun);

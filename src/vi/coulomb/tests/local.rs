@@ -11,7 +11,7 @@ fn a_block_opens_sticks_or_slips_as_coulomb_says() {
     let solve = |q| solve_contact(&matrix, &q, mu).expect("a solution");
     assert_eq!(solve(Vector3::new(0.1, 3.0, -1.0)), Vector3::zeros());
     assert_eq!(solve(Vector3::new(-1.0, 0.3, -0.39)), Vector3::new(2.0, -0.6, 0.78));
-    // It slips along (3, 4): friction is mu m |q_n| against it.
+    // The block slips along (3, 4), and friction of the size `mu m |q_n|` opposes the slip.
     let r = solve(Vector3::new(-1.0, 3.0, 4.0));
     assert!((r - Vector3::new(2.0, -0.6, -0.8)).amax() < 1e-15);
 }
