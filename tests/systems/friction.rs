@@ -85,7 +85,7 @@ fn a_force_that_turns_just_within_friction_moves_nothing_and_costs_little() {
             "states": {"x": {"initial": 0, "rate": "vx"}, "y": {"initial": 0, "rate": "vy"},
                 "vx": {"initial": 0, "rate": "A*cos(t) - Fx"}, "vy": {"initial": 0, "rate": "A*sin(t) - Fy"}},
             "variables": {"Fx": {"inequality": "-vx"}, "Fy": {"inequality": "-vy"}},
-            "set": [{"ball": {"of": ["Fx", "Fy"], "radius": 1}}]}}, "time": {"end": 6.283185307179586}}));
+            "set": [{"ball": {"of": ["Fx", "Fy"], "radius": 1}}]}}, "time": {"end": std::f64::consts::TAU}}));
         assert!(solution.verdict.trusted, "{d:e}: {:?}", solution.verdict);
         assert!(last(&solution, "x").abs() < 1e-9 && last(&solution, "vy").abs() < 1e-9, "{d:e}");
         assert!(solution.diagnostics.steps.accepted <= 100, "{d:e}: {} steps", solution.diagnostics.steps.accepted);
