@@ -124,10 +124,10 @@ impl Radau<'_> {
         let mut bracket = Bracket::new(start, right);
         let mut values = Vec::new();
         for _ in 0..40 {
-            if bracket.width() <= 1e-9 * bracket.behind.0 {
+            let theta = bracket.guess();
+            if !theta.is_finite() || bracket.width() <= 1e-9 * bracket.behind.0 {
                 break;
             }
-            let theta = bracket.guess_apart(4.0 * f64::EPSILON * bracket.behind.0);
             self.monitors_at(theta, h, &mut values);
             let Monitor { value, .. } = values[index];
             bracket.narrow(theta, value);
