@@ -91,7 +91,7 @@ pub(super) struct Integrals {
     uncertain: Vec<f64>,
     /// The integrals of the absolute values.
     sizes: Vec<f64>,
-    /// The functions whose integrals over an impulse are undefined, and the time of the first.
+    /// The functions whose integrals over an impulse are undefined, each with the time of the impulse.
     undefined: Vec<(usize, f64)>,
 }
 

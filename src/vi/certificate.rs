@@ -8,6 +8,7 @@
 //! - `G` affine, `b` empty and `J_aa` singular: solutions are all points `z + s v`, `J_aa v = 0`, near it. Otherwise these points
 //!   are where other solutions may be.
 
+use super::worst::sizes_of_variables;
 use factorisation::{Singular, equilibrated, least_eigenvalue, scale_of};
 use nalgebra::DMatrix;
 use problem::ConvexSet;
@@ -67,12 +68,8 @@ pub fn certificate(
         return Certificate::Nothing("its set couples variables, and G is not certified monotone");
     }
     let (mut inside, mut undecided) = (Vec::new(), Vec::new());
-    // A change of a variable by its size changes a row by its terms.
-    let size = |i: usize| {
-        let changes = (0..m).filter(|&row| jacobian[(row, i)] != 0.0 && terms[row] > 0.0);
-        changes.map(|row| terms[row] / jacobian[(row, i)].abs()).fold(f64::INFINITY, f64::min)
-    };
-    let sizes: Vec<f64> = (0..m).map(size).collect();
+    let places = (0..m).flat_map(|j| (0..m).map(move |i| (i, j)));
+    let sizes = sizes_of_variables(terms, places.map(|place| (place, jacobian[place])));
     for i in 0..m {
         let distance = (z[i] - set.lower[i]).abs().min((z[i] - set.upper[i]).abs());
         let distance = distance / (sizes[i].min(1.0) + z[i].abs());

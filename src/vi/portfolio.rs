@@ -6,7 +6,8 @@
 use super::auto::SolverKind;
 use super::interior_point::InteriorPoint;
 use super::scaled::{ScaledVi, Sizes};
-use super::{ActiveSet, JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Terms, Worst};
+use super::sparse_jacobian::evaluated;
+use super::{ActiveSet, JosephyNewton, NonlinearVi, Outcome, Report, SparseNewton, SparseVi, Worst};
 use factorisation::SparseMatrix;
 use faer::sparse::Triplet;
 use nalgebra::DMatrix;
@@ -125,7 +126,7 @@ impl Portfolio {
     pub fn once(&mut self, vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Control) -> Found {
         let mut found = self.as_given(vi, tolerance, z, control);
         for _ in 0..ROUNDS {
-            if found.report.outcome != Outcome::Solved {
+            if found.report.outcome != Outcome::Solved || vi.set().has_blocks() {
                 break;
             }
             let at = Sizes::at(vi, z);
@@ -318,12 +319,8 @@ fn active_set(vi: &mut dyn SparseVi, tolerance: f64, z: &mut [f64], control: &Co
 
 /// How far a point is from a solution.
 fn worst(vi: &mut dyn SparseVi, z: &[f64]) -> Worst {
-    let mut f = vec![0.0; z.len()];
-    let mut derivatives = vec![0.0; vi.pattern().len()];
-    vi.evaluate(z, &mut f);
-    vi.derivatives(z, &mut derivatives);
-    let entries = vi.pattern().iter().copied().zip(derivatives.iter().copied());
-    Worst::of(vi.set(), (z, &f), &Terms::of(vi.set(), (z, &f), entries))
+    let (f, _, terms) = evaluated(vi, z);
+    Worst::of(vi.set(), (z, &f), &terms)
 }
 
 /// The largest size of an entry, or 1 if all are zero.

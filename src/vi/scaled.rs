@@ -8,7 +8,9 @@
 //! no row would notice as more than its terms; so that a row of small terms, as of costs beside a row of vehicles, is solved as
 //! exactly as the others. Both are powers of two: scaling is exact.
 
-use super::{SparseVi, Terms};
+use super::SparseVi;
+use super::sparse_jacobian::evaluated;
+use super::worst::sizes_of_variables;
 use problem::ConvexSet;
 
 /// Rows, or columns, that differ by less than this factor are left as they are: so much is lost of the tolerance.
@@ -18,18 +20,12 @@ const BALANCED: f64 = 64.0;
 pub(super) struct Sizes {
     rows: Vec<f64>,
     derivatives: Vec<f64>,
-    is_of_intervals: bool,
 }
 
 impl Sizes {
     pub fn at(vi: &mut dyn SparseVi, z: &[f64]) -> Self {
-        let mut f = vec![0.0; z.len()];
-        let mut derivatives = vec![0.0; vi.pattern().len()];
-        vi.evaluate(z, &mut f);
-        vi.derivatives(z, &mut derivatives);
-        let entries = vi.pattern().iter().copied().zip(derivatives.iter().copied());
-        let Terms { sizes, .. } = Terms::of(vi.set(), (z, &f), entries);
-        Self { rows: sizes, derivatives, is_of_intervals: !vi.set().has_blocks() }
+        let (_, derivatives, terms) = evaluated(vi, z);
+        Self { rows: terms.sizes, derivatives }
     }
 
     /// Whether no row has lost its terms since another point.
@@ -37,13 +33,10 @@ impl Sizes {
         self.rows.iter().zip(&others.rows).all(|(size, other)| *size >= other / BALANCED)
     }
 
-    /// The units in which they are of one size; `None` where they are, or not finite, or the set has blocks.
+    /// The units in which they are of one size; `None` where they are, or not finite.
     pub fn scales(&self, pattern: &[(usize, usize)]) -> Option<Scales> {
-        let Self { rows: sizes, derivatives, is_of_intervals } = self;
-        let mut columns = vec![f64::INFINITY; sizes.len()];
-        for (&(i, j), a) in pattern.iter().zip(derivatives).filter(|((i, _), a)| **a != 0.0 && sizes[*i] > 0.0) {
-            columns[j] = columns[j].min(sizes[i] / a.abs());
-        }
+        let Self { rows: sizes, derivatives } = self;
+        let columns = sizes_of_variables(sizes, pattern.iter().copied().zip(derivatives.iter().copied()));
         let is_known = |size: f64| size > 0.0 && size.is_finite();
         let spread = |sizes: &[f64]| {
             let known = sizes.iter().copied().filter(|size| is_known(*size));
@@ -54,7 +47,7 @@ impl Sizes {
         let rows: Vec<f64> = sizes.iter().map(|size| unit(size).recip()).collect();
         let columns: Vec<f64> = columns.iter().map(unit).collect();
         let are_finite = rows.iter().chain(&columns).all(|scale| is_known(*scale));
-        (*is_of_intervals && is_uneven && are_finite).then_some(Scales { rows, columns })
+        (is_uneven && are_finite).then_some(Scales { rows, columns })
     }
 }
 

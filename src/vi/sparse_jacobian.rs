@@ -34,6 +34,17 @@ pub trait SparseVi {
     fn derivatives(&mut self, z: &[f64], values: &mut [f64]);
 }
 
+/// `F(z)`, the entries of `F'(z)`, and the sizes of the terms of `F`.
+pub(super) fn evaluated(vi: &mut dyn SparseVi, z: &[f64]) -> (Vec<f64>, Vec<f64>, Terms) {
+    let mut f = vec![0.0; z.len()];
+    let mut derivatives = vec![0.0; vi.pattern().len()];
+    vi.evaluate(z, &mut f);
+    vi.derivatives(z, &mut derivatives);
+    let entries = vi.pattern().iter().copied().zip(derivatives.iter().copied());
+    let terms = Terms::of(vi.set(), (z, &f), entries);
+    (f, derivatives, terms)
+}
+
 /// `F'` and the factors of a system that it makes up.
 pub(super) struct SparseJacobian {
     /// `F'`, with a place for each entry of the diagonal.

@@ -55,6 +55,16 @@ impl Terms {
     }
 }
 
+/// The sizes of the variables, where the terms of the rows have sizes: a change of a variable by its size changes some row by
+/// its terms, and no row by more. Infinite for a variable that no row depends on.
+pub(super) fn sizes_of_variables(terms: &[f64], derivatives: impl Iterator<Item = ((usize, usize), f64)>) -> Vec<f64> {
+    let mut sizes = vec![f64::INFINITY; terms.len()];
+    for ((i, j), a) in derivatives.filter(|((i, _), a)| *a != 0.0 && terms[*i] > 0.0) {
+        sizes[j] = sizes[j].min(terms[i] / a.abs());
+    }
+    sizes
+}
+
 /// The component of a variational inequality with the largest residual beside the size of its terms.
 #[derive(Clone, Copy, Debug)]
 pub struct Worst {

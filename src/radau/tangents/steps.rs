@@ -105,8 +105,8 @@ impl Radau<'_> {
         Some(error)
     }
 
-    /// The shortest step that is made for the sake of the derivatives. Those of a motion that ends with a broken power of the time left, as of the
-    /// direction of a slip, are resolved by no step; at last the states alone decide.
+    /// The shortest step that is made for the sake of the derivatives. Derivatives of a motion that ends with a broken power of
+    /// the time left, as the direction of a slip does, are resolved by no step; at last the states alone decide.
     fn shortest_of_derivatives(&self) -> f64 {
         self.clock.rounding(0.0) / KNOWN
     }

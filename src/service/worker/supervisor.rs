@@ -86,7 +86,7 @@ impl Supervisor {
         }
     }
 
-    /// Waits until the worker, which has no task, is gone; for ever if there is none.
+    /// Waits until the process of the idle worker ends; without a worker, for ever.
     pub async fn idle(&mut self) {
         let Some(link) = &mut self.link else { return pending().await };
         link.closed().await;

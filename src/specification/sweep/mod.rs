@@ -48,7 +48,7 @@ const MOST_KEPT: usize = 10_000_000;
 const MOST_KEPT_OF_ONE: usize = 1_000_000;
 /// The most slices of a latin hypercube: four bytes each.
 const MOST_SLICES: u64 = 1 << 25;
-/// The largest number of names that a sweep may vary, each of which is a column of its table.
+/// The largest number of names that a sweep may vary: each varied name is a column of its table.
 const MOST_NAMES: usize = 256;
 
 /// The problem solved for many values of some of its numbers. The answer is `table`, with one row per member, and a
