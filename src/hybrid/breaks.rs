@@ -59,6 +59,15 @@ impl Breaking for dyn Mechanical + '_ {
     }
 }
 
+/// An interval of time over which enclosures prove that no function changes its sign.
+#[derive(Clone, Copy, Debug)]
+struct Unbroken {
+    from: f64,
+    until: f64,
+    /// The numbers before and at the sign change that ends the interval, if one was found.
+    change: Option<(f64, f64)>,
+}
+
 /// State of the search for breakpoints.
 #[derive(Clone, Debug)]
 pub struct Breaks {
@@ -68,6 +77,9 @@ pub struct Breaks {
     signs: Vec<f64>,
     /// Subintervals still to be enclosed, as a stack: the earliest is last.
     left: Vec<(f64, f64)>,
+    /// The interval that was enclosed last: a step that is repeated with another size, and a probe of its beginning, need
+    /// no enclosures of their own.
+    unbroken: Option<Unbroken>,
     /// Time of the last breakpoint, or of the start, and the time between it and the breakpoint before it.
     last: f64,
     gap: f64,
@@ -86,6 +98,7 @@ impl Breaks {
             window: (0, t),
             signs: Vec::new(),
             left: Vec::new(),
+            unbroken: None,
             last: t,
             gap: f64::INFINITY,
             before: t,
@@ -121,7 +134,7 @@ impl Breaks {
             return h;
         }
         let end_of = |h: f64| t + h + AT_END * f64::EPSILON * t.abs().max(h);
-        match self.first_enclosed(problem, begin, end_of(h), h) {
+        match self.first_proven(problem, begin, end_of(h), h) {
             Some(None) => h,
             Some(Some(found)) => self.end_before(problem, found, t, h),
             None => {
@@ -173,7 +186,39 @@ impl Breaks {
     }
 
     /// The numbers before and at the first sign change, `Some(None)` if no sign changes, and `None` if enclosures leave it
-    /// undecided.
+    /// undecided; what the last enclosures prove is not enclosed again.
+    fn first_proven(
+        &mut self,
+        problem: &mut (impl Breaking + ?Sized),
+        begin: f64,
+        end: f64,
+        h: f64,
+    ) -> Option<Option<(f64, f64)>> {
+        // A function that is zero at the beginning of an interval and positive behind may return to zero within it.
+        let known = self.unbroken.filter(|known| {
+            // Behind a breakpoint, where a search begins depends on the size of the step within its rounding.
+            let from = known.from - f64::EPSILON * (known.until - known.from);
+            (from..=known.until).contains(&begin) && self.signs.iter().all(|sign| *sign != 0.0)
+        });
+        let mut from = begin;
+        if let Some(known) = known {
+            match known.change {
+                _ if end <= known.until => return Some(None),
+                Some(change) if end >= change.1 => return Some(Some(change)),
+                Some(_) => {}
+                None => from = known.until,
+            }
+        }
+        let found = self.first_enclosed(problem, from, end, h);
+        self.unbroken = found.filter(|_| self.signs.iter().all(|sign| *sign != 0.0)).map(|change| Unbroken {
+            from: begin,
+            until: change.map_or(end, |(before, _)| before),
+            change,
+        });
+        found
+    }
+
+    /// Encloses the functions from `begin` to `end` and returns what [`first_proven`](Self::first_proven) does.
     fn first_enclosed(
         &mut self,
         problem: &mut (impl Breaking + ?Sized),
@@ -205,10 +250,23 @@ impl Breaks {
             if middle > a && middle < b && b - a > f64::EPSILON * h {
                 self.left.extend([(middle, b), (a, middle)]);
             } else if self.has_broken(problem, b) {
-                return Some(Some((a, b)));
+                return Some(Some(self.refined(problem, begin, (a, b))));
             }
         }
         Some(None)
+    }
+
+    /// Bisects an interval with a sign change to the resolution of its distance from `begin`, however long the step is.
+    fn refined(&self, problem: &mut (impl Breaking + ?Sized), begin: f64, interval: (f64, f64)) -> (f64, f64) {
+        let (mut before, mut after) = interval;
+        while before > begin && after - before > f64::EPSILON * (after - begin) {
+            let middle = before + 0.5 * (after - before);
+            if middle <= before || middle >= after {
+                break;
+            }
+            *if self.has_broken(problem, middle) { &mut after } else { &mut before } = middle;
+        }
+        (before, after)
     }
 
     /// The numbers before and at the first sign change that samples detect.
@@ -268,4 +326,59 @@ fn length(t: f64, end: f64) -> f64 {
         length = length.next_down();
     }
     length
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Breaking, Breaks};
+    use numerics::Interval;
+
+    /// `t - at` for each breakpoint, with the number of intervals that were enclosed.
+    struct Steps {
+        at: Vec<f64>,
+        values: Vec<f64>,
+        ranges: Vec<Interval>,
+        enclosed: usize,
+    }
+
+    impl Breaking for Steps {
+        fn breaks(&mut self, t: f64) -> &[f64] {
+            self.values = self.at.iter().map(|at| t - at).collect();
+            &self.values
+        }
+
+        fn enclose_breaks(&mut self, t: Interval) -> &[Interval] {
+            self.enclosed += 1;
+            self.ranges = self.at.iter().map(|at| t - Interval::point(*at)).collect();
+            &self.ranges
+        }
+    }
+
+    #[test]
+    fn what_is_proved_of_an_interval_is_not_proved_again() {
+        let mut problem = Steps { at: vec![1.0, 1.25], values: vec![], ranges: vec![], enclosed: 0 };
+        let mut breaks = Breaks::new(0.0);
+        assert_eq!(breaks.up_to_break(&mut problem, 0.0, 0.5), 0.5);
+        assert_eq!(problem.enclosed, 1);
+        // A probe, a step that was rejected, and the next step up to where the first ended.
+        assert_eq!(breaks.clone().part_before(&mut problem, 0.0, 0.1), 0.1);
+        assert_eq!(breaks.up_to_break(&mut problem, 0.0, 0.25), 0.25);
+        assert_eq!(breaks.up_to_break(&mut problem, 0.25, 0.25), 0.25);
+        assert_eq!(problem.enclosed, 1);
+
+        // A longer step meets the first breakpoint, before which it ends, from wherever it begins.
+        let first = 0.5 + breaks.up_to_break(&mut problem, 0.5, 2.0);
+        assert!(first < 1.0 && 1.0 - first < 1e-15, "{first}");
+        let enclosed = problem.enclosed;
+        assert_eq!(0.75 + breaks.up_to_break(&mut problem, 0.75, 0.75), first);
+        assert_eq!(breaks.up_to_break(&mut problem, 0.75, 0.125), 0.125);
+        assert_eq!(problem.enclosed, enclosed);
+        // Behind it, the second is found.
+        breaks.up_to_break(&mut problem, first, 2.0);
+        let after = breaks.after().unwrap_or(1.0);
+        breaks.pass(after);
+        let second = after + breaks.up_to_break(&mut problem, after, 2.0);
+        assert!(second < 1.25 && 1.25 - second < 1e-15, "{second}");
+        assert!(problem.enclosed > enclosed);
+    }
 }

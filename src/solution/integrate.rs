@@ -69,9 +69,9 @@ pub(super) fn integrate_once(
         let audit = Audit::new(plan, model.has_kinks());
         let tolerances = (settings.rtol, settings.atol.as_slice());
         let lipschitz = LipschitzWatch::new(model, analysis, tolerances, (radau.t(), radau.y()));
-        let faces = FaceWatch::new(model.structure(), analysis);
-        let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let rtol = settings.step.is_none().then_some(settings.rtol);
+        let faces = FaceWatch::new(model.structure(), analysis, rtol.unwrap_or(0.0));
+        let (kinks, outputs) = (&model.kinks, model.outputs.clone());
         let followed =
             plan.sensitivities.as_ref().map(|asked| Followed::new(model, plan, asked, tolerances)).transpose();
         let followed = followed.map_err(|why| sensitivities::failure(&why, plan.start, &plan.initial))?;

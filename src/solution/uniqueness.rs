@@ -2,7 +2,7 @@
 //! start need not hold later. The run therefore monitors whether it reaches points where the equations are not
 //! Lipschitz, and whether the certificate holds on the faces and at the states that it visits.
 
-use super::Diagnostics;
+use super::{CheckCode, Diagnostics};
 use analysis::{Analysis, Uniqueness, analyse_face};
 use expression::{Irregularities, Irregularity};
 use hybrid::OneStep;
@@ -73,29 +73,50 @@ impl<'p> LipschitzWatch<'p> {
 /// than a step and is made only at switches.
 const MOST_AT_EVERY_STEP: usize = 40;
 
-/// Detects faces on which a certificate of uniqueness no longer holds: where an attractive surface becomes repulsive, a
-/// solution may leave it at any time.
+/// Detects faces on which a certificate of uniqueness no longer holds, and faces on which other solutions are proven:
+/// where an attractive surface becomes repulsive, a solution may leave it at any time.
 pub(super) struct FaceWatch {
+    /// Whether a certificate may be lost.
+    may_lose: bool,
     at_every_step: bool,
+    /// The relative tolerance of the states; zero at steps of a given size.
+    rtol: f64,
     /// The time and the analysis of the face on which the certificate was lost.
     lost: Option<(f64, Analysis)>,
+    /// The first time at which other solutions are proven, with the determinant that proves them and the least of a face
+    /// whose solution is the only one.
+    others: Option<(f64, [f64; 2])>,
 }
 
 impl FaceWatch {
-    /// Begins at the start; `None` if nothing is certified, or the Jacobian is constant.
-    pub(super) fn new(structure: &Structure, analysis: &Analysis) -> Option<Self> {
-        let may_lose = analysis.uniqueness.is_certified() && structure.variables > 0 && !structure.constant_jacobian;
-        may_lose.then(|| Self { at_every_step: structure.unknowns() <= MOST_AT_EVERY_STEP, lost: None })
+    /// Begins at the start; `None` if no certificate can be lost, and none is missing.
+    pub(super) fn new(structure: &Structure, analysis: &Analysis, rtol: f64) -> Option<Self> {
+        let is_certified = analysis.uniqueness.is_certified();
+        let may_lose = is_certified && !structure.constant_jacobian;
+        let is_small = structure.unknowns() <= MOST_AT_EVERY_STEP;
+        // Without a certificate the matrices of a face may have either sign, also where they are constant.
+        let may_prove = !is_certified && is_small && (0..structure.variables).any(|k| structure.is_bounded(k));
+        (structure.variables > 0 && (may_lose || may_prove)).then_some(Self {
+            may_lose,
+            at_every_step: is_small && !structure.constant_jacobian,
+            rtol,
+            lost: None,
+            others: None,
+        })
     }
 
     /// Examines the face at the end of a step; `known` is its analysis, if that exists already.
     pub(super) fn observe(&mut self, radau: &mut Radau<'_>, switched: bool, known: Option<&Analysis>) {
         let moves = radau.face().places.iter().any(|place| place.equations() < usize::MAX);
-        if self.lost.is_some() || !moves || !(self.at_every_step || switched) {
+        let is_decided = self.others.is_some() && (self.lost.is_some() || !self.may_lose);
+        if is_decided || !moves || !(self.at_every_step || switched) {
             return;
         }
         let analysis = known.cloned().unwrap_or_else(|| analysis_of_face(radau));
-        if !analysis.uniqueness.is_certified() && analysis.uniqueness != Uniqueness::NotAnalysed {
+        let found = analysis.orientation.map(|face| [face.determinant, face.least_determinant(self.rtol)]);
+        self.others = self.others.or(found.filter(|[found, least]| found < least).map(|found| (radau.t(), found)));
+        let is_lost = !analysis.uniqueness.is_certified() && analysis.uniqueness != Uniqueness::NotAnalysed;
+        if self.may_lose && is_lost && self.lost.is_none() {
             self.lost = Some((radau.t(), analysis));
         }
     }
@@ -105,6 +126,15 @@ impl FaceWatch {
         if let Some((t, Analysis { uniqueness, because, .. })) = &self.lost {
             let because = format!("on the face that became active at t = {t}: {because}");
             take_back(diagnostics, |analysis| Analysis { uniqueness: *uniqueness, because, ..analysis });
+        }
+        if let Some((t, [determinant, least])) = self.others {
+            diagnostics.checks.record(CheckCode::OtherSolutions, least - determinant, 0.0, || {
+                format!(
+                    "at t = {t} the law holds with other values of the variables too: on the active face the determinant \
+                     of CB (or G_z) relative to its terms is {determinant:.1e}; the solution may leave the face at any \
+                     time, and the time at which this one does was chosen"
+                )
+            });
         }
     }
 }

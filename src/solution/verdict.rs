@@ -38,6 +38,8 @@ pub enum CheckCode {
     FitDistance,
     /// Distance by which an accumulation of events was stepped over.
     AccumulationPassed,
+    /// How far the determinant of an active face is below the least one of a face whose solution is the only one.
+    OtherSolutions,
     /// Number of members of a sweep that are not trusted.
     UntrustedMembers,
     /// Time missing to the requested end.
@@ -46,7 +48,7 @@ pub enum CheckCode {
 
 impl CheckCode {
     /// All codes, in the order in which they are reported.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::LawResidual,
         Self::ConstraintResidual,
         Self::JointDrift,
@@ -58,6 +60,7 @@ impl CheckCode {
         Self::ReturnResidual,
         Self::FitDistance,
         Self::AccumulationPassed,
+        Self::OtherSolutions,
         Self::UntrustedMembers,
         Self::NotAtEnd,
     ];
@@ -76,6 +79,7 @@ impl CheckCode {
             Self::ReturnResidual => "return_residual",
             Self::FitDistance => "fit_distance",
             Self::AccumulationPassed => "accumulation_passed",
+            Self::OtherSolutions => "other_solutions",
             Self::UntrustedMembers => "untrusted_members",
             Self::NotAtEnd => "not_at_end",
         }
@@ -131,6 +135,11 @@ impl CheckCode {
             Self::AccumulationPassed => {
                 "Distance of an accumulation of events (Zeno) from its limit when the run stepped over it: a distance \
                  of the states, or a fraction of the largest energy. Allowed: the tolerance."
+            }
+            Self::OtherSolutions => {
+                "How far the determinant of `CB` (or of `G_z`) on an active face, relative to its terms, is below the least \
+                 one of a solution that may be the only one: zero, or the tolerance for one variable. Below, the law holds \
+                 with other values of the variables too, as on a surface that repels. Allowed: zero."
             }
             Self::UntrustedMembers => {
                 "Number of members of a sweep that reached their end and are not trusted; none is allowed."

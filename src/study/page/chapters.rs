@@ -1,7 +1,9 @@
 //! The chapters of a report: each system as a paper would state it, then what was measured.
 
 use super::{escaped, number, table, trusted};
-use crate::report::{Chapter, Errors, LONG, LONGEST, Ladder, Outcome, REPEATS, Run, chapter_picture};
+use crate::report::{
+    Chapter, Errors, FINER_STEPS, LONG, LONGEST, Ladder, Outcome, REPEATS, Run, WRONG, chapter_picture,
+};
 use serde_json::Value;
 use std::fmt::Write as _;
 
@@ -33,6 +35,34 @@ pub fn summary<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     });
     let head = ["system", "reference", "end", "over time", "switches", "runs without an answer", "trusted"];
     table(&head, rows)
+}
+
+/// A table of the systems of which other programs were reported to give a wrong answer, or none: the thread, what happens
+/// there, and the least error here.
+pub fn reported(chapters: &[Chapter]) -> String {
+    let rows = chapters.iter().filter_map(|chapter| {
+        let reported = chapter.reported.as_ref()?;
+        let (title, address) = (escaped(&reported.title), escaped(&reported.address));
+        let errors = chapter.ladders.iter().flat_map(|ladder| &ladder.runs).filter(|run| run.trusted == Some(true));
+        let least = errors.filter_map(|run| run.errors.as_ref()?.of_states()).reduce(f64::min);
+        let name = escaped(&chapter.name);
+        Some([
+            format!("<a href=\"#{name}\">{name}</a>"),
+            format!("<a href=\"{address}\">{title}</a>"),
+            escaped(&reported.what),
+            number(&least.map_or_else(|| "–".to_owned(), |least| format!("{least:.0e}"))),
+            chapter
+                .source
+                .as_ref()
+                .map_or_else(|| "<em>a run of this program</em>".to_owned(), |source| escaped(&source.what)),
+        ])
+    });
+    let rows: Vec<[String; 5]> = rows.collect();
+    if rows.is_empty() {
+        return String::new();
+    }
+    let head = ["system", "reported in", "what happens there", "error of states here, trusted", "against"];
+    include_str!("reported.html").to_owned() + &table(&head, rows.into_iter())
 }
 
 /// A system: statement, solution, reference, errors.
@@ -74,6 +104,9 @@ pub fn section(page: &mut String, chapter: &Chapter, fixed: bool) {
     let _ = write!(page, "<details><summary>Numbers</summary>{}</details></section>", table(&head, rows));
 }
 
+/// The largest number of initial values that are listed beside the equations.
+const MOST_STATES: usize = 12;
+
 /// Equations, parameters and horizon, and the specification to repeat it.
 fn statement(chapter: &Chapter) -> String {
     let mut text = format!("<pre class=\"equations\">{}</pre>", escaped(&chapter.equations.join("\n")));
@@ -84,6 +117,17 @@ fn statement(chapter: &Chapter) -> String {
     let start = time.get("start").map_or_else(|| "0".to_owned(), value);
     told.push(format!("t from {start} to {}", time.get("end").map_or_else(String::new, value)));
     let _ = write!(text, "<p>{}.</p>", escaped(&told.join(", ")));
+    if chapter.start.len() <= MOST_STATES {
+        let values: Vec<String> = chapter.start.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        let _ = write!(text, "<p>At the start: {}.</p>", escaped(&values.join(", ")));
+    } else {
+        let _ = write!(text, "<p>{} states; their initial values are in the specification.</p>", chapter.start.len());
+    }
+    let (least, most) = chapter.atol;
+    let parts = if least == most { format!("{least:.0e}") } else { format!("{least:.0e} to {most:.0e}") };
+    if most > 0.0 {
+        let _ = write!(text, "<p>Absolute tolerances: {parts} times the relative tolerance.</p>");
+    }
     let whole = serde_json::to_string_pretty(&chapter.specification).unwrap_or_default();
     text + "<details><summary>Specification</summary><pre>" + &escaped(&whole) + "</pre></details>"
 }
@@ -132,6 +176,14 @@ fn reference(chapter: &Chapter) -> String {
             None => text += "No run of reference reached the end, so that errors over time are left out. ",
         },
     }
+    if let Some(coarser) = reference.coarser {
+        let _ = write!(
+            text,
+            "A run with steps twice as long differs from it by {coarser:.1e} over time: smaller errors here mean \
+             nothing{}. ",
+            if coarser > WRONG { ", and time stepping does not converge to one solution" } else { "" }
+        );
+    }
     let switches = match (reference.switches.len(), reference.switches_outside) {
         (0, _) => "There are no switches.".to_owned(),
         (count, true) => format!("{count} switch{} known from outside.", if count == 1 { "" } else { "es" }),
@@ -157,6 +209,8 @@ fn caption(chapter: &Chapter) -> String {
     }
     if chapter.peers.is_empty() && chapter.is_exact_for_all() {
         text += ". Other programs were not asked: implicit Euler is exact here";
+    } else if chapter.is_exact_between_switches() {
+        text += ". The loosest tolerance is exact to rounding: switches are located, and nothing is shown of the order";
     }
     text + "."
 }
@@ -237,8 +291,11 @@ pub fn conditions(chapters: &[Chapter], fixed: bool) -> String {
     format!(
         "{table}<p>A run time is the median of {REPEATS} solves after one that is not counted, on one thread, without reading the \
          specification; thin lines in the figures reach from the least to the largest. Runs of more than {LONG} s are not repeated. \
-         A run is stopped after {} s, and finer ones of its ladder are not tried then.</p>",
-        LONGEST.as_secs()
+         A run is stopped after {} s, and finer ones of its ladder are not tried then. Fixed steps whose answers are wrong at all of \
+         four sizes go on to a {}th and a {}th of the horizon.</p>",
+        LONGEST.as_secs(),
+        FINER_STEPS[0],
+        FINER_STEPS[1]
     )
 }
 

@@ -3,7 +3,7 @@
 
 use super::chapters::rung;
 use super::{escaped, number, table};
-use crate::report::{Chapter, Errors, Ladder, Run, chosen, first_order};
+use crate::report::{Chapter, Errors, Ladder, Run, WRONG, chosen, first_order};
 
 /// The errors of states, at the end and before, that are asked for.
 const TARGETS: [f64; 2] = [1e-3, 1e-6];
@@ -40,8 +40,9 @@ pub fn html<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
 
 /// The shortest time of the runs with an error below a target, with the method where it is asked for.
 fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named: bool) -> String {
-    let good =
-        |run: &&Run| run.trusted != Some(false) && run.errors.as_ref().and_then(of_states).is_some_and(|e| e <= target);
+    let good = |run: &&Run| {
+        run.trusted != Some(false) && run.errors.as_ref().and_then(Errors::of_states).is_some_and(|e| e <= target)
+    };
     let all = ladders.into_iter().flat_map(|ladder| {
         ladder.runs.iter().filter(good).map(|run| (run.seconds, ladder.method.as_str())).collect::<Vec<_>>()
     });
@@ -52,13 +53,7 @@ fn fastest<'a>(ladders: impl IntoIterator<Item = &'a Ladder>, target: f64, named
     }
 }
 
-/// The larger of the errors of states at the end and over time.
-fn of_states(errors: &Errors) -> Option<f64> {
-    errors.end.into_iter().chain(errors.states).reduce(f64::max)
-}
-
-/// Errors of states beyond which an answer is wrong, whatever was asked for, and up to which it is right.
-const WRONG: f64 = 1e-2;
+/// Error of the states up to which an answer is right, whatever its tolerance or step.
 const RIGHT: f64 = 1e-3;
 
 /// How many right and wrong answers are trusted, with the runs whose wrong answers are.
@@ -67,7 +62,9 @@ pub fn verdicts<'a>(chapters: impl Iterator<Item = &'a Chapter>) -> String {
     for chapter in chapters {
         for (ladder, run) in chapter.ladders.iter().flat_map(|ladder| ladder.runs.iter().map(move |run| (ladder, run)))
         {
-            let (Some(trusted), Some(error)) = (run.trusted, run.errors.as_ref().and_then(of_states)) else { continue };
+            let (Some(trusted), Some(error)) = (run.trusted, run.errors.as_ref().and_then(Errors::of_states)) else {
+                continue;
+            };
             let row = if error > WRONG { 2 } else { usize::from(error > RIGHT) };
             counts[row][usize::from(!trusted)] += 1;
             if row == 2 && trusted {

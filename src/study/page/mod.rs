@@ -34,6 +34,7 @@ pub fn html(chapters: &[Chapter], limits: Option<&Stability>, peers: &[Peer], fi
             page += &comparison::html(telling.iter().copied());
         }
         page += &comparison::verdicts(chapters.iter());
+        page += &chapters::reported(chapters);
         if !exact.is_empty() {
             page += include_str!("exact.html");
             page += &chapters::summary(exact.iter().copied());

@@ -1,7 +1,7 @@
 //! Ladders of runs: each solved once for its answer, then again for its time.
 
 use super::reference::{Reference, switch_times};
-use super::{Errors, Ladder, MOST_STEPS, Outcome, ROUNDING, Run};
+use super::{Errors, Ladder, MOST_STEPS, Outcome, ROUNDING, Run, WRONG};
 use crate::solve::solve_once;
 use problem::Control;
 use solution::{Solution, Status};
@@ -15,16 +15,20 @@ pub const LONG: f64 = 0.5;
 /// The longest that one run may take.
 pub const LONGEST: Duration = Duration::from_secs(20);
 
-/// Runs one ladder from its coarsest rung. Beyond a run that was stopped, finer ones are not tried.
+/// Runs one ladder from its coarsest rung. Beyond a run that was stopped, finer ones are not tried; the second rungs
+/// follow the first where the answers of these are still [`WRONG`].
 pub fn ladder(
     method: String,
     specification: &Specification,
-    rungs: &[Rung],
+    (rungs, finer): (&[Rung], &[Rung]),
     stages: Stages,
     reference: &Reference,
 ) -> Ladder {
     let mut runs: Vec<Run> = Vec::with_capacity(rungs.len());
-    for &rung in rungs {
+    for &rung in rungs.iter().chain(finer) {
+        if runs.len() >= rungs.len() && !runs.last().is_some_and(needs_finer) {
+            break;
+        }
         let mut run = match runs.last() {
             Some(Run { outcome: Outcome::Stopped | Outcome::NotTried, .. }) => Run::not_tried(rung),
             _ => measure(specification, rung, stages, reference),
@@ -33,6 +37,12 @@ pub fn ladder(
         runs.push(run);
     }
     Ladder { method, runs }
+}
+
+/// Whether a run was not stopped and has no answer, or a wrong one.
+fn needs_finer(run: &Run) -> bool {
+    let error = run.errors.as_ref().and_then(Errors::of_states);
+    !matches!(run.outcome, Outcome::Stopped | Outcome::NotTried) && error.is_none_or(|error| error > WRONG)
 }
 
 fn measure(specification: &Specification, rung: Rung, stages: Stages, reference: &Reference) -> Run {

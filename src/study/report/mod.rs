@@ -31,6 +31,11 @@ use std::time::Instant;
 pub const TOLERANCES: [f64; 4] = [1e-3, 1e-5, 1e-7, 1e-9];
 /// Fixed steps in the horizon. With one stage this is implicit Euler, the first-order time stepping of other programs.
 pub const STEPS: [f64; 4] = [100.0, 400.0, 1600.0, 6400.0];
+/// Finer fixed steps in the horizon, for methods whose answers are still wrong at all of [`STEPS`], as where a problem is
+/// stiff.
+pub const FINER_STEPS: [f64; 2] = [25_600.0, 102_400.0];
+/// The error of the states from which an answer is wrong, whatever its tolerance or step.
+pub const WRONG: f64 = 1e-2;
 /// The most steps of a run.
 const MOST_STEPS: u64 = 1_000_000;
 /// An error that is rounding: a system whose every run is below proves nothing about methods.
@@ -49,6 +54,10 @@ pub struct Chapter {
     pub equations: Vec<String>,
     /// The specification as it was run, but for the method.
     pub specification: Value,
+    /// The initial value of each state, by name.
+    pub start: Vec<(String, f64)>,
+    /// The smallest and the largest absolute tolerance of a state, as parts of the relative tolerance.
+    pub atol: (f64, f64),
     /// The solution over time, in SVG.
     pub solution: String,
     /// Where the values from outside are from, where there are any.
@@ -127,10 +136,19 @@ pub struct Errors {
     pub states: Option<f64>,
     /// The largest of all other outputs over time: variables, forces, energies.
     pub variables: Option<f64>,
-    /// The largest distance of a switch of the reference from the nearest of the run, as a part of the horizon.
+    /// The distance between the switch times of the run and of the reference (Hausdorff), as a part of the horizon: the
+    /// largest distance of a switch of either from the nearest of the other, so that a lost switch counts, and one too
+    /// many.
     pub switches: Option<f64>,
     /// Switches of the run.
     pub switches_found: Option<usize>,
+}
+
+impl Errors {
+    /// The larger of the errors of states at the end and over time.
+    pub fn of_states(&self) -> Option<f64> {
+        self.end.into_iter().chain(self.states).reduce(f64::max)
+    }
 }
 
 impl Run {
@@ -177,17 +195,23 @@ pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
     }
     let horizon = specification.time().end - specification.time().start;
     let steps = STEPS.map(|steps| Rung::Step(horizon / steps));
+    let finer = FINER_STEPS.map(|steps| Rung::Step(horizon / steps));
     let tolerances = TOLERANCES.map(Rung::Tolerance);
     let reference = Reference::new(&specification, &known, horizon / STEPS[STEPS.len() - 1])?;
     let own = [specification.method().stages];
     let of_ladder = |ladder: &specification::Ladder| {
-        let rungs = if ladder.by == By::Tolerance { tolerances } else { steps };
+        let (rungs, finer): (_, &[Rung]) = if ladder.by == By::Tolerance { (tolerances, &[]) } else { (steps, &finer) };
         let stages = if ladder.stages.is_empty() { &own } else { ladder.stages };
         let name = |stages| specification.model().method_name(stages) + ladder.name;
-        let run = |&stages| measure::ladder(name(stages), &specification, &rungs, stages, &reference);
+        let run = |&stages| measure::ladder(name(stages), &specification, (&rungs, finer), stages, &reference);
         stages.iter().map(run).collect::<Vec<_>>()
     };
     let ladders = ladders.iter().flat_map(of_ladder).collect();
+    let states = specification.model().output_names().into_iter();
+    let start = states.zip(specification.model().initial().iter().copied()).collect();
+    let rtol = specification.method().rtol;
+    let parts = || specification.absolute_tolerances().iter().map(|atol| atol / rtol);
+    let atol = (parts().fold(f64::INFINITY, f64::min), parts().fold(0.0, f64::max));
     Some(Chapter {
         name: example.name.to_owned(),
         title: specification.label().unwrap_or(example.name).to_owned(),
@@ -195,6 +219,8 @@ pub fn chapter(example: &Example, date: &str) -> Option<Chapter> {
         meshes: if known.mesh { mesh::meshes(&shown, &known) } else { Vec::new() },
         semidiscrete: known.mesh,
         specification: shown,
+        start,
+        atol,
         equations: known.equations,
         source: known.source,
         reported: known.reported,
@@ -263,9 +289,16 @@ impl Chapter {
         first.is_some_and(|ladder| {
             ladder.runs.iter().all(|run| {
                 let errors = run.errors.as_ref();
-                errors.and_then(|errors| Some(errors.end?.max(errors.states?))).is_some_and(|error| error < ROUNDING)
+                errors.and_then(Errors::of_states).is_some_and(|error| error < ROUNDING)
             })
         })
+    }
+
+    /// Whether the loosest tolerance solves it to rounding already, as where the solution is a polynomial of low degree
+    /// between switches: the runs show that switches are located, and nothing of the order of the method.
+    pub fn is_exact_between_switches(&self) -> bool {
+        let first = chosen(self).and_then(|ladder| ladder.runs.first()).and_then(|run| run.errors.as_ref());
+        first.and_then(Errors::of_states).is_some_and(|error| error < ROUNDING)
     }
 
     /// The number of trusted answers, and the number of runs of the system that reached the end.

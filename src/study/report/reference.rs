@@ -62,6 +62,9 @@ pub struct Reference {
     /// The distance of the run of reference from the outside values at the end, in the norm of the errors; without such a run
     /// that of the best run.
     pub agreement: Option<f64>,
+    /// The largest error over time of the states of a run with steps twice as long, where the run of reference has steps
+    /// of one size: what the reference may be off by.
+    pub coarser: Option<f64>,
     /// The span of time from start to end.
     pub horizon: f64,
     /// The number of times of comparison.
@@ -110,9 +113,10 @@ impl Reference {
             outside.write(&spread, &mut columns);
         }
         let outside = if known.mesh { Vec::new() } else { outside.at_end(time.end).collect() };
+        let is_by_step = run.is_some() && !model.varied().tolerance;
         let pick = |column: Vec<f64>| column.into_iter().zip(&keep).filter_map(|(x, keep)| keep.then_some(x)).collect();
         let times: Vec<f64> = pick(spread);
-        Some(Self {
+        let mut reference = Self {
             compared: times.len(),
             times,
             columns: columns.into_iter().map(pick).collect(),
@@ -123,9 +127,26 @@ impl Reference {
             switches_outside,
             run,
             agreement,
+            coarser: None,
             horizon,
             zero,
-        })
+        };
+        if is_by_step {
+            reference.coarser = reference.error_of_coarser(specification, finest);
+        }
+        Some(reference)
+    }
+
+    /// The largest error over time of the states of a run with steps twice those of the reference; infinite if it does not
+    /// reach the end.
+    fn error_of_coarser(&self, specification: &Specification, finest: f64) -> Option<f64> {
+        let (finer, seconds) = FINER;
+        let rung = Rung::Step(2.0 * finest / finer);
+        let solution = run_to(specification, rung, &self.times, self.names.len(), seconds);
+        let Some(solution) = solution else { return Some(f64::INFINITY) };
+        let columns = columns_of(&solution);
+        let columns: Vec<Option<&[f64]>> = columns.iter().map(|column| Some(column.as_slice())).collect();
+        self.errors(&columns, None).of_states()
     }
 
     /// The outputs that are no states.
@@ -152,9 +173,11 @@ impl Reference {
             false => self.outside.iter().filter_map(|&(k, _)| distance(k, last)).reduce(f64::max),
         };
         let nearest = |t: &f64, of: &[f64]| of.iter().map(|other| (other - t).abs()).reduce(f64::min);
-        let missed = switches.map(|found| self.switches.iter().map(|t| nearest(t, found)).collect::<Vec<_>>());
-        let largest =
-            missed.and_then(|missed| missed.into_iter().map(|one| one.unwrap_or(self.horizon)).reduce(f64::max));
+        let largest = switches.and_then(|found| {
+            let lost = self.switches.iter().map(|t| nearest(t, found));
+            let surplus = found.iter().map(|t| nearest(t, &self.switches));
+            lost.chain(surplus).map(|one| one.unwrap_or(self.horizon)).reduce(f64::max)
+        });
         let finite = |error: Option<f64>| error.filter(|error| error.is_finite());
         Errors {
             end: finite(end),
@@ -220,11 +243,16 @@ fn runs(
         }
     };
     rungs.into_iter().filter_map(move |(rung, words, seconds)| {
-        let variant = specification.variant(rung, Stages::Auto, times.to_vec(), (0..outputs).collect());
-        let control = Control::with_deadline(Instant::now() + Duration::from_secs(seconds));
-        let solution = solve_once(&variant.within_steps(MOST_STEPS), &control);
-        (solution.status == Status::Completed).then_some((words, solution))
+        run_to(specification, rung, times, outputs, seconds).map(|solution| (words, solution))
     })
+}
+
+/// A run with all outputs at these times, if it reaches the end within so many seconds.
+fn run_to(specification: &Specification, rung: Rung, times: &[f64], outputs: usize, seconds: u64) -> Option<Solution> {
+    let variant = specification.variant(rung, Stages::Auto, times.to_vec(), (0..outputs).collect());
+    let control = Control::with_deadline(Instant::now() + Duration::from_secs(seconds));
+    let solution = solve_once(&variant.within_steps(MOST_STEPS), &control);
+    (solution.status == Status::Completed).then_some(solution)
 }
 
 /// Values from outside.

@@ -1,0 +1,122 @@
+//! Whether the variables on an active face of a bounded set are the only ones that meet their inequality.
+//!
+//! The natural map of a variational inequality over a compact convex set has degree one: the signs of the determinants
+//! of its derivative at all solutions, if none is degenerate, add up to one (Facchinei and Pang 2003, *Finite-Dimensional
+//! Variational Inequalities and Complementarity Problems*, sections 2.2 and 3.3). At a solution on an active face the sign
+//! is that of the determinant of `D` on the face, or of `C B` if `D` vanishes, where the inequality is one of the rates of
+//! `G`. A negative determinant therefore proves that there are other solutions: a surface that repels may be left at any
+//! time and to either side.
+
+use super::linearisation::Linearisation;
+use nalgebra::DMatrix;
+
+/// The determinant of the matrix of an active face of intervals, each row divided by the sum of the absolute values of
+/// its terms.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Orientation {
+    /// The relative determinant, at most one in absolute value.
+    pub determinant: f64,
+    /// Number of variables on the face.
+    pub variables: usize,
+}
+
+impl Orientation {
+    /// The orientation of a face of intervals; `None` if the set is not such a face, or a bound moves with the states.
+    pub(super) fn of(problem: &Linearisation) -> Option<Self> {
+        let eliminated = problem.without_free();
+        let problem = eliminated.as_ref().unwrap_or(problem);
+        let variables = problem.variables();
+        if variables == 0 || problem.free.contains(&true) || !problem.is_box || problem.set_moves_with_states {
+            return None;
+        }
+        let (matrix, terms): (DMatrix<f64>, DMatrix<f64>) = if problem.d.amax() > 0.0 {
+            (problem.d.clone(), problem.d.abs())
+        } else {
+            (&problem.c * &problem.b, problem.c.abs() * problem.b.abs())
+        };
+        let sums: Vec<f64> = terms.row_iter().map(|row| row.sum()).collect();
+        let scaled = DMatrix::from_fn(variables, variables, |i, j| matrix[(i, j)] / sums[i]);
+        let determinant = scaled.determinant();
+        determinant.is_finite().then_some(Self { determinant, variables })
+    }
+
+    /// The least determinant of a solution that may be the only one: zero, less rounding. Of one variable the determinant
+    /// is the cosine between a rate and the normal of a surface, which is known to the `tolerance` of the states: it must
+    /// be above.
+    pub fn least_determinant(self, tolerance: f64) -> f64 {
+        let rounding = (self.variables * self.variables) as f64 * f64::EPSILON;
+        if self.variables == 1 && tolerance > 0.0 { tolerance } else { -rounding }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A problem of rates with `B = I` on a face of bounded intervals, for the matrix `C`.
+    fn face(c: &[f64]) -> Linearisation {
+        let m = c.len().isqrt();
+        Linearisation {
+            a: DMatrix::zeros(m, m),
+            b: DMatrix::identity(m, m),
+            c: DMatrix::from_row_slice(m, m, c),
+            d: DMatrix::zeros(m, m),
+            free: vec![false; m],
+            set_moves_with_states: false,
+            is_orthant: false,
+            is_box: true,
+            is_constant: true,
+        }
+    }
+
+    /// Number of solutions of `0 in C z + q + N(z)`, with the normal cone `N` of `[-1, 1]^2`, over all nine faces.
+    fn solutions(c: &[f64], q: [f64; 2]) -> usize {
+        let ends = [-1.0, 0.0, 1.0];
+        let all = ends.iter().flat_map(|&first| ends.iter().map(move |&second| [first, second]));
+        let is_solution = |ends: &[f64; 2]| {
+            let inside: Vec<usize> = (0..2).filter(|&i| ends[i] == 0.0).collect();
+            let of = |i: usize, j: usize| c[2 * i + j];
+            let matrix = DMatrix::from_fn(inside.len(), inside.len(), |i, j| of(inside[i], inside[j]));
+            let known = |i: usize| q[i] + (0..2).map(|j| of(i, j) * ends[j]).sum::<f64>();
+            let right = nalgebra::DVector::from_iterator(inside.len(), inside.iter().map(|&i| -known(i)));
+            let Some(found) = matrix.lu().solve(&right) else { return false };
+            let mut z = *ends;
+            inside.iter().zip(&found).for_each(|(&i, &value)| z[i] = value);
+            let g = |i: usize| q[i] + (0..2).map(|j| of(i, j) * z[j]).sum::<f64>();
+            (0..2).all(|i| match ends[i] {
+                -1.0 => g(i) >= 0.0,
+                1.0 => g(i) <= 0.0,
+                _ => z[i].abs() < 1.0,
+            })
+        };
+        all.filter(is_solution).count()
+    }
+
+    #[test]
+    fn a_negative_determinant_on_a_face_is_never_alone() {
+        let determinant = |c: &[f64]| Orientation::of(&face(c)).expect("a face").determinant;
+        // Of all solutions of a matrix the orientations add up to one: here one inside and others at the ends.
+        for (c, q, count) in [
+            ([1.0, 0.5, 0.5, 1.0], [0.1, 0.2], 1),
+            ([0.5, 1.0, 1.0, 0.5], [0.1, 0.2], 3),
+            ([-1.0, 0.0, 0.0, 1.0], [0.1, 0.2], 3),
+            ([-1.0, 0.1, 0.1, -1.0], [0.1, 0.2], 9),
+        ] {
+            assert_eq!(solutions(&c, q), count, "{c:?}");
+            let negative = determinant(&c) < Orientation::of(&face(&c)).expect("a face").least_determinant(1e-6);
+            assert!(!negative || count > 1, "{c:?}");
+            assert_eq!(negative, c[0] * c[3] < c[1] * c[2], "{c:?}");
+        }
+    }
+
+    #[test]
+    fn the_determinant_has_no_units() {
+        for unit in [1e-9, 1.0, 1e9] {
+            let found = Orientation::of(&face(&[-unit])).expect("a face");
+            assert_eq!((found.determinant, found.variables), (-1.0, 1));
+        }
+        let mut cone = face(&[1.0]);
+        cone.is_box = false;
+        assert_eq!(Orientation::of(&cone), None);
+    }
+}
